@@ -1,0 +1,51 @@
+"""Two-phase analysis of prestressed cable structures in JAX, with exact gradients.
+
+>>> import jax; jax.config.update("jax_enable_x64", True)
+>>> import jaxcable as jc
+>>> structure, phases = jc.scenes.flat_net(load=15.0)
+>>> solution = jc.solve(structure, phases)
+>>> jc.describe(solution.status)
+'converged'
+>>> print(f"{solution.displacement[3, 2]:.9f} m")
+-0.012838093 m
+"""
+
+from . import plots, scenes
+from ._tree import replace
+from .elements import Bars, Cables
+from .equilibrium import Newton
+from .incremental import Incremental
+from .loads import NodalLoads, SelfWeight
+from .materials import Elastic
+from .phases import Phase
+from .solution import Path, PhaseResult, Solution, State
+from .solver import solve
+from .status import AnalysisError, describe, raise_if_failed
+from .structure import Structure, Supports, pinned
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "AnalysisError",
+    "Bars",
+    "Cables",
+    "Elastic",
+    "Incremental",
+    "Newton",
+    "NodalLoads",
+    "Path",
+    "Phase",
+    "PhaseResult",
+    "SelfWeight",
+    "Solution",
+    "State",
+    "Structure",
+    "Supports",
+    "describe",
+    "pinned",
+    "plots",
+    "raise_if_failed",
+    "replace",
+    "scenes",
+    "solve",
+]

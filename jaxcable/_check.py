@@ -1,0 +1,80 @@
+"""Argument checks shared by the constructors: shapes always, values when they are concrete."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def concrete(x):
+    """Return `x` as a NumPy array, or None while it is being traced."""
+    return None if isinstance(x, jax.core.Tracer) else np.asarray(x)
+
+
+def floats(value, name):
+    """Return `value` as an array of floats; integers become the default float type."""
+    if isinstance(value, jax.Array):
+        array = value
+    else:
+        try:
+            array = np.asarray(value)
+        except ValueError as error:
+            raise ValueError(f"{name}: not a rectangular array of numbers") from error
+    if array.dtype == object and not isinstance(value, jax.Array):
+        array = jnp.asarray(value)  # a list that holds tracers
+    if not (np.issubdtype(array.dtype, np.number) or jnp.issubdtype(array.dtype, jnp.floating)):
+        raise ValueError(f"{name}: expected numbers, got {array.dtype}")
+    if jnp.issubdtype(array.dtype, jnp.complexfloating):
+        raise ValueError(f"{name}: expected real numbers, got {array.dtype}")
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        array = array.astype(float)
+    return array
+
+
+def per_element(value, n_elem, name):
+    """Return `value` (scalar or [n_elem]) as floats [n_elem]; None stays None."""
+    if value is None:
+        return None
+    array = floats(value, name)
+    if array.shape not in ((), (n_elem,)):
+        raise ValueError(
+            f"{name}: expected a scalar or shape ({n_elem},), one value per element, "
+            f"got shape {array.shape}"
+        )
+    if array.shape == ():
+        array = (jnp if isinstance(array, jax.Array) else np).broadcast_to(array, (n_elem,))
+    return array
+
+
+def require(array, rule, name, text):
+    """Raise ValueError naming the first index where `rule(array)` is False (NaN passes).
+
+    NaN is not an error here but a status of the analysis, so that a batch survives it.
+    """
+    value = concrete(array)
+    if value is None:
+        return
+    bad = ~(rule(value) | np.isnan(value))
+    if bad.any():
+        index = tuple(int(i) for i in np.argwhere(bad)[0])
+        where = f"[{', '.join(map(str, index))}]" if index else ""
+        raise ValueError(f"{name}{where} = {value[index]!s}: {text}")
+
+
+def integers(value, name, width=None):
+    """Return `value` as a NumPy array of int32, [n] or [n, width]."""
+    if isinstance(value, jax.core.Tracer):
+        raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
+    array = np.asarray(value)
+    if array.size == 0:
+        array = array.astype(np.int32).reshape((0,) if width is None else (0, width))
+    if not np.issubdtype(array.dtype, np.integer):
+        raise ValueError(f"{name}: expected integers, got {array.dtype}")
+    if width is None:
+        array = np.atleast_1d(array)
+    if array.ndim != (1 if width is None else 2) or (width and array.shape[1] != width):
+        shape = "[n]" if width is None else f"[n, {width}]"
+        raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
+    if (array < 0).any():
+        index = int(np.argwhere(array < 0)[0][0])
+        raise ValueError(f"{name}[{index}] = {array[index]}: node numbers start at 0")
+    return array.astype(np.int32)

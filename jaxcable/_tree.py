@@ -1,0 +1,145 @@
+"""Frozen dataclasses as pytrees, with topology kept apart from numbers.
+
+Numbers (coordinates, stiffness, loads) are leaves; topology (which node, which support) is
+static metadata in an `Indices`, hashed by digest. Before the compiled core is entered `thaw`
+takes the index arrays out of the metadata and hands them over as arguments, so that two nets
+of equal shape share one compilation and no index array becomes a constant of a program.
+"""
+
+import dataclasses
+import hashlib
+
+import jax
+import numpy as np
+
+
+class Indices:
+    """An immutable NumPy array of integers or booleans that can be static pytree metadata.
+
+    Compares and hashes by content, so that equal topologies are equal cache keys.
+    """
+
+    __slots__ = ("_digest", "array")
+
+    def __init__(self, array):
+        array = np.array(array)
+        array.setflags(write=False)
+        self.array = array
+        self._digest = hashlib.blake2b(
+            repr((array.shape, array.dtype.str)).encode() + array.tobytes(), digest_size=16
+        ).digest()
+
+    @property
+    def shape(self):
+        """Shape of the array."""
+        return self.array.shape
+
+    def __len__(self):
+        return len(self.array)
+
+    def __getitem__(self, key):
+        return self.array[key]
+
+    def __array__(self, dtype=None, copy=None):
+        return np.array(self.array, dtype=dtype)
+
+    def __hash__(self):
+        return hash(self._digest)
+
+    def __eq__(self, other):
+        return isinstance(other, Indices) and self._digest == other._digest
+
+    def __repr__(self):
+        return f"Indices{self.array.shape}"
+
+
+@dataclasses.dataclass(frozen=True)
+class _Slot:
+    """Stands in a thawed object for the index array of this number."""
+
+    number: int
+
+
+def pytree(cls=None, *, static=(), indices=()):
+    """Make `cls` a frozen dataclass and a pytree; `static` and `indices` fields are metadata.
+
+    Unlike `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`:
+    constructors may validate values, while transformations may put any leaf in a field.
+    """
+    if cls is None:
+        return lambda c: pytree(c, static=static, indices=indices)
+    cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    meta = tuple(static) + tuple(indices)
+    data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
+    cls._index_fields = tuple(indices)
+
+    def flatten(obj):
+        return [getattr(obj, n) for n in data], tuple(getattr(obj, n) for n in meta)
+
+    def flatten_with_keys(obj):
+        children, aux = flatten(obj)
+        return [(jax.tree_util.GetAttrKey(n), c) for n, c in zip(data, children, strict=True)], aux
+
+    def unflatten(aux, children):
+        obj = object.__new__(cls)
+        for name, value in zip(data + meta, (*children, *aux), strict=True):
+            object.__setattr__(obj, name, value)
+        return obj
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
+    return cls
+
+
+def copy(obj, **changes):
+    """Copy a `pytree` object with some fields changed, without running its constructor."""
+    new = object.__new__(type(obj))
+    for field in dataclasses.fields(obj):
+        object.__setattr__(new, field.name, changes.get(field.name, getattr(obj, field.name)))
+    return new
+
+
+def replace(obj, **changes):
+    """Return a copy of a structure, group, phase or load with some fields changed.
+
+    The constructor's checks run again. Example: ``replace(structure, nodes=new_nodes)``.
+    """
+    unknown = set(changes) - {f.name for f in dataclasses.fields(obj) if f.init}
+    if unknown:
+        raise ValueError(f"replace: {type(obj).__name__} has no field {sorted(unknown)[0]!r}")
+    return dataclasses.replace(obj, **changes)
+
+
+def _holds_indices(obj):
+    return bool(getattr(type(obj), "_index_fields", ()))
+
+
+def thaw(tree):
+    """Split `tree` into (the same tree with slots for its indices, list of index arrays)."""
+    arrays = []
+
+    def visit(obj):
+        if not _holds_indices(obj):
+            return obj
+        slots = {}
+        for name in obj._index_fields:
+            value = getattr(obj, name)
+            if value is not None:
+                slots[name] = _Slot(len(arrays))
+                arrays.append(value.array)
+        return copy(obj, **slots)
+
+    return jax.tree.map(visit, tree, is_leaf=_holds_indices), arrays
+
+
+def fill(tree, arrays):
+    """Undo `thaw`, putting (possibly traced) arrays where the slots are."""
+
+    def visit(obj):
+        if not _holds_indices(obj):
+            return obj
+        values = {n: getattr(obj, n) for n in obj._index_fields}
+        return copy(
+            obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _Slot)}
+        )
+
+    return jax.tree.map(visit, tree, is_leaf=_holds_indices)

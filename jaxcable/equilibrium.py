@@ -1,0 +1,219 @@
+"""Newton's method for one state of loading, globalised so that cable nets converge from anywhere.
+
+Each iteration factorises once:
+
+1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. The shift
+   dies with the residual, so that convergence stays quadratic even where loose nodes leave ``K``
+   singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not positive
+   definite, only ``kappa`` grows.
+2. Line search on the directional derivative ``g(a) = R(x + a p).p``, a quantity that keeps its
+   digits near the solution where the energy has lost them. Along any line the energy of a
+   cable-only structure is convex, so ``g`` grows and ``g <= 0`` means that energy fell all the way.
+   A full step is taken unless it overshoots; then the zero of ``g`` is bracketed.
+
+The energy of a tension-only structure under dead load is convex (physics: a non-decreasing convex
+function of lengths), hence the iteration converges from any start.
+"""
+
+import jax.numpy as jnp
+from jax import lax
+
+from . import _check, linear, status
+from ._tree import copy, pytree
+
+_OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
+_SHORT = 0.5  # in a bracket, come at least this close from below
+_MAX_SEARCH = 60  # residuals per line search: a bisection of 60 exhausts float64
+_KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
+_KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
+_RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
+
+
+def default_tolerance(dtype):
+    """Relative tolerance that a dtype can be expected to reach: 1e-10, or 1e-5 in float32."""
+    return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
+
+
+@pytree
+class Newton:
+    """Iterate every increment to equilibrium.
+
+    Args:
+        tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
+            absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5.
+        max_steps: factorisations allowed per increment; beyond it the status is NOT_CONVERGED.
+    """
+
+    tol: object = None
+    max_steps: object = 200
+
+    def __post_init__(self):
+        _require_positive(self.tol, "tol")
+        _require_positive(self.max_steps, "max_steps")
+
+
+@pytree
+class _Iterate:
+    """Where the iteration stands."""
+
+    x: object  # unknowns
+    residual: object  # R(x)
+    scale: object  # force that R is judged by
+    kappa: object  # Levenberg shift, in |R| / length
+    steps: object  # factorisations so far
+    code: object  # OK while nothing has gone wrong
+
+
+@pytree
+class Outcome:
+    """What an increment ended with.
+
+    Attributes:
+        x: unknowns, [n_free]; those it began with if it failed.
+        code: status.
+        steps: factorisations.
+        residual: largest unbalanced force at a free freedom, N.
+        scale: the force that it is judged by, N.
+        equilibrated: whether it was iterated to equilibrium.
+    """
+
+    x: object
+    code: object
+    steps: object
+    residual: object
+    scale: object
+    equilibrated: object
+
+
+def limit(method, dtype):
+    """The relative residual that counts as converged."""
+    tol = default_tolerance(dtype) if method.tol is None else method.tol
+    return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
+
+
+def newton(system, x, method, active):
+    """Bring `system` to equilibrium from `x`.
+
+    Args:
+        system: `System` of one load factor.
+        x: start, [n_free].
+        method: `Newton`.
+        active: False to return at once (an earlier increment has failed).
+
+    Returns:
+        `Outcome`. Not differentiable: `implicit.attach` gives the derivative.
+    """
+    tol = limit(method, x.dtype)
+    length, extent = system.length_scale(), system.extent()
+
+    def converged(it):
+        return _largest(it.residual) <= tol * it.scale
+
+    def unfinished(it):
+        return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)
+
+    def iterate(it):
+        shift = it.kappa * _largest(it.residual) / length
+        matrix = system.tangent(it.x) + shift * jnp.eye(x.shape[0], dtype=x.dtype)
+        step, definite = linear.solve_definite(matrix, -it.residual)
+        slope = it.residual @ step
+        usable = definite & jnp.isfinite(slope) & (slope < 0)
+        step = jnp.where(usable, step, 0.0)
+        new, residual, scale, length_taken, found = _search(system, it, step, slope, usable)
+        kappa = jnp.where(
+            found,
+            it.kappa * jnp.where(length_taken >= 1, 0.1, jnp.where(length_taken < 0.1, 10.0, 1.0)),
+            it.kappa * 100,
+        )
+        runaway = jnp.max(jnp.abs(new), initial=0.0) > _RUNAWAY * extent
+        return _Iterate(
+            new,
+            residual,
+            scale,
+            jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX),
+            it.steps + 1,
+            jnp.where(runaway, status.MECHANISM, status.OK).astype(jnp.int32),
+        )
+
+    residual, scale = system.residual_and_scale(x)
+    bad_start = ~(jnp.all(jnp.isfinite(residual)) & jnp.isfinite(scale))
+    code = jnp.where(bad_start & active, status.NONFINITE, status.OK).astype(jnp.int32)
+    kappa = jnp.asarray(_KAPPA, x.dtype)
+    start = _Iterate(x, residual, scale, kappa, jnp.int32(0), code)
+    end = lax.while_loop(lambda it: active & unfinished(it), iterate, start)
+    stuck = (end.code == status.OK) & ~converged(end)
+    code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)
+    good = active & (code == status.OK)
+    x = jnp.where(good, end.x, x)
+    return Outcome(x, code, end.steps, _largest(end.residual), end.scale, good)
+
+
+def march(ramp, x, factors, method, code):
+    """Bring a phase to equilibrium at each load factor in turn, each from the one before.
+
+    Args:
+        ramp: the phase, `ramp.at(factor)` a `System`; not differentiated.
+        x: start, [n_free].
+        factors: load factors, [n_inc].
+        method: `Newton`.
+        code: status so far; if it is a failure, or from the first failure on, nothing moves.
+
+    Returns:
+        `Outcome` with a leading axis [n_inc]; codes are latched.
+    """
+
+    def step(carry, factor):
+        x, code = carry
+        outcome = newton(ramp.at(factor), x, method, code == status.OK)
+        code = status.first_failure(code, outcome.code)
+        return (outcome.x, code), copy(outcome, code=code)
+
+    return lax.scan(step, (x, code), factors)[1]
+
+
+def _search(system, it, step, slope, usable):
+    """Find a step length; returns unknowns, residual, scale, the length and success."""
+
+    def trial(a):
+        residual, scale = system.residual_and_scale(it.x + a * step)
+        g = residual @ step
+        return residual, scale, jnp.where(jnp.isfinite(g) & jnp.isfinite(scale), g, jnp.inf)
+
+    # state: a, its residual, scale and g; the bracket (low, g_low), (high, g_high); count
+    def searching(s):
+        a, _, _, g, low, _, high, _, count = s
+        too_far = g > _OVERSHOOT * -slope
+        too_short = (a < 1) & (g < -_SHORT * -slope)
+        return (too_far | too_short) & (count < _MAX_SEARCH) & (high > low)
+
+    def narrow(s):
+        a, _, _, g, low, g_low, high, g_high, count = s
+        below = g <= 0
+        low, g_low = jnp.where(below, a, low), jnp.where(below, g, g_low)
+        high, g_high = jnp.where(below, high, a), jnp.where(below, g_high, g)
+        # secant through the bracket, every other time bisection: neither end can stall
+        secant = low + (high - low) * (-g_low / (g_high - g_low))
+        middle = 0.5 * (low + high)
+        inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (count % 2 == 0)
+        a = jnp.where(inside, secant, middle)
+        residual, scale, g = trial(a)
+        return a, residual, scale, g, low, g_low, high, g_high, count + 1
+
+    one = jnp.ones((), step.dtype)
+    residual, scale, g = trial(one)
+    count = jnp.where(usable, 0, _MAX_SEARCH)
+    s = (one, residual, scale, g, 0 * one, slope, one, jnp.inf * one, count)
+    a, residual, scale, g, *_ = lax.while_loop(searching, narrow, s)
+    found = usable & (g <= _OVERSHOOT * -slope)
+    keep = lambda new, old: jnp.where(found, new, old)  # noqa: E731
+    x = keep(it.x + a * step, it.x)
+    return x, keep(residual, it.residual), keep(scale, it.scale), a, found
+
+
+def _largest(residual):
+    return jnp.max(jnp.abs(residual), initial=0.0)
+
+
+def _require_positive(value, name):
+    if value is not None:
+        _check.require(value, lambda v: v > 0, name, "must be positive")

@@ -1,0 +1,107 @@
+"""Dense direct solves, each wrapped in `lax.custom_linear_solve`.
+
+The wrapper is what gives derivatives: it differentiates ``A x = b`` and not the factorisation,
+which would cost several times the solve itself.
+"""
+
+import jax.numpy as jnp
+import jax.scipy.linalg as jsl
+from jax import lax
+
+from .._tree import copy, pytree
+
+
+def solve_definite(matrix, rhs):
+    """Solve with a symmetric matrix by Cholesky.
+
+    Args:
+        matrix: symmetric, [n, n].
+        rhs: [n].
+
+    Returns:
+        Solution [n] and whether the matrix is (numerically) positive definite; if it is not, the
+        solution is not to be used.
+    """
+    factor = jnp.linalg.cholesky(lax.stop_gradient(matrix))
+    pivots = jnp.diagonal(factor)
+    definite = jnp.all(jnp.isfinite(pivots)) & jnp.all(pivots > 0)
+
+    def back_substitute(_, b):
+        return jsl.cho_solve((factor, True), b)
+
+    x = lax.custom_linear_solve(lambda v: matrix @ v, rhs, solve=back_substitute, symmetric=True)
+    return x, definite
+
+
+@pytree
+class Factor:
+    """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.
+
+    Attributes:
+        lu, pivot: factor of the scaled matrix.
+        size: scaling, [n].
+        loose: unknowns without a value, [n] bool.
+        regular: whether the rest of the matrix is regular to working precision.
+    """
+
+    lu: object
+    pivot: object
+    size: object
+    loose: object
+    regular: object
+
+    def solve(self, rhs, matvec):
+        """Solve for `rhs` [n]; derivatives go through the linear function `matvec`.
+
+        All NaN if the matrix is singular. A loose unknown has no value: NaN, and NaN also where
+        its adjoint is asked for (right side not zero); the others are exact.
+        """
+        nan_if_singular = jnp.where(self.regular, 1.0, jnp.nan).astype(self.lu.dtype)
+
+        def back_substitute(b, trans):
+            b = jnp.where(self.loose, 0.0, b) / self.size
+            return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size * nan_if_singular
+
+        def forward(_, b):
+            return jnp.where(self.loose, jnp.nan, back_substitute(b, 0))
+
+        def backward(_, b):
+            # not linear, on purpose: a loose unknown nobody asks about must not spoil the others
+            return jnp.where(self.loose & (b != 0), jnp.nan, back_substitute(b, 1))
+
+        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
+
+    def or_identity(self):
+        """This factor, or that of the identity if the matrix is singular."""
+        n = self.lu.shape[0]
+        return copy(
+            self,
+            lu=jnp.where(self.regular, self.lu, jnp.eye(n, dtype=self.lu.dtype)),
+            pivot=jnp.where(self.regular, self.pivot, jnp.arange(n, dtype=self.pivot.dtype)),
+            size=jnp.where(self.regular, self.size, 1.0),
+            regular=jnp.ones((), bool),
+        )
+
+
+def factorize(matrix, loose=None):
+    """Factorise a general (indefinite or unsymmetric) matrix [n, n] by LU.
+
+    Args:
+        matrix: [n, n]; no derivative is taken of it.
+        loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
+
+    The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps of the
+    largest: scaling first, so that a stiffness of 1e-12 of the others is still a stiffness.
+    """
+    n = matrix.shape[0]
+    matrix = lax.stop_gradient(matrix)
+    if loose is None:
+        loose = jnp.zeros(n, bool)
+    matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
+    size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
+    size = jnp.where(size > 0, size, 1.0)
+    lu, pivot = jsl.lu_factor(matrix / size[:, None] / size[None, :])
+    pivots = jnp.abs(jnp.diagonal(lu))
+    limit = n * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
+    regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
+    return Factor(lu, pivot, size, loose, regular)

@@ -1,0 +1,145 @@
+"""A phase: what is added to the structure, in how many increments."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import _check
+from ._tree import pytree
+from .loads import as_list
+from .structure import Supports
+
+ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "jacking")
+INCREMENTS = ("shortening", "temperature")
+
+_RULES = {
+    "rest_length": (lambda v: v > 0, "an unstressed length must be positive"),
+    "prestrain": (lambda v: v > -1, "a prestrain must be above -1"),
+}
+_CABLE_RULES = {
+    name: (lambda v: v >= 0, "a cable carries tension only; must not be negative")
+    for name in ("pretension", "force_density", "jacking", "prestrain")
+}
+
+
+@pytree(static=("increments",))
+class Phase:
+    """One phase of the analysis: everything is scaled by a load factor that goes from 0 to 1.
+
+    Ways to state prestress, each a scalar (all bars and cables), an array [n_elem], or a prefix
+    pytree of the structure's elements. Absolute, referred to the initial nodes; one per element:
+
+    - pretension: axial force in the initial geometry, N.
+    - force_density: pretension over initial length, N/m.
+    - prestrain: strain in the initial geometry, on the unstressed length.
+    - rest_length: unstressed length, m (has only the digits of a length: a relative error of
+      eps EA/N in the force).
+    - jacking: force held in the element during this phase whatever its length, N; at the end of the
+      phase the jack is anchored: the unstressed length that it left is locked in.
+
+    Increments, which may be combined with them: shortening (turnbuckle), m; temperature (change;
+    the group needs `expansion`), K.
+
+    Args:
+        loads: one load or a list; they add to those of earlier phases.
+        supports: replaces the set of supports. A freedom that becomes fixed is held where it is,
+            and nodal loads on it end (an anchored jack does not also pull); one that becomes free
+            starts with its reaction, which is ramped out.
+        increments: number of equal steps of the load factor.
+    """
+
+    loads: object = None
+    increments: int = 1
+    supports: object = None
+    pretension: object = None
+    force_density: object = None
+    prestrain: object = None
+    rest_length: object = None
+    jacking: object = None
+    shortening: object = None
+    temperature: object = None
+
+    def __post_init__(self):
+        if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
+            raise ValueError(f"increments = {self.increments!r}: expected an integer")
+        if self.increments < 1:
+            raise ValueError(f"increments = {self.increments}: a phase has at least 1 increment")
+        if self.supports is not None and not isinstance(self.supports, Supports):
+            raise ValueError("supports: expected pinned(nodes) or Supports(mask)")
+        as_list(self.loads)
+        for name in ABSOLUTE + INCREMENTS:
+            value = getattr(self, name)
+            checked = jax.tree.map(lambda v, name=name: _check.floats(v, name), value, **_LEAF)
+            object.__setattr__(self, name, checked)
+
+    def inputs(self, structure):
+        """Prestress statements per group: a list of dicts from name to array [n_elem]."""
+        per_group = [{} for _ in structure.groups]
+        for name in ABSOLUTE + INCREMENTS:
+            values = _spread(getattr(self, name), structure, name)
+            for statement, group, value in zip(per_group, structure.groups, values, strict=True):
+                if value is not None:
+                    statement[name] = _checked(value, group, name)
+        for k, statement in enumerate(per_group):
+            absolute = [name for name in ABSOLUTE if name in statement]
+            if len(absolute) > 1:
+                raise ValueError(
+                    f"{absolute[0]}, {absolute[1]}: both state the prestress of group {k}; "
+                    "give one absolute statement per element"
+                )
+            if "jacking" in statement and len(statement) > 1:
+                raise ValueError(
+                    f"jacking: group {k} has its force held in this phase; "
+                    f"{next(n for n in INCREMENTS if n in statement)} must go into another phase"
+                )
+        return per_group
+
+
+def _is_value(x):
+    """Whether `x` is one value of a prefix pytree: None, or a list of numbers."""
+    return x is None or (isinstance(x, list) and all(isinstance(v, int | float) for v in x))
+
+
+_LEAF = {"is_leaf": lambda x: _is_value(x) and x is not None}
+
+
+def _spread(value, structure, name):
+    """A prefix pytree of the elements as a list with one entry per group."""
+    if value is None:
+        return [None] * len(structure.groups)
+    numbers = structure.arrange(list(range(len(structure.groups))))
+    values = [None] * len(structure.groups)
+
+    def assign(v, subtree):
+        for number in jax.tree.leaves(subtree):
+            values[number] = v
+
+    try:
+        jax.tree.map(assign, value, numbers, is_leaf=lambda x: x is None)
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(
+            f"{name}: expected a scalar, an array [n_elem], or a prefix pytree of the structure's "
+            f"elements, got {jax.tree.structure(value)}"
+        ) from error
+    return values
+
+
+def _checked(value, group, name):
+    if not hasattr(group, "restate"):
+        raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
+    value = _check.per_element(value, len(group.links), name)
+    rules = [_RULES[name]] if name in _RULES else []
+    if getattr(group, "tension_only", False) and name in _CABLE_RULES:
+        rules.append(_CABLE_RULES[name])
+    for rule, text in rules:
+        _check.require(value, rule, name, text)
+    if name == "temperature" and group.expansion is None:
+        raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
+    if name == "shortening" and group.rest_length is not None:
+        _check.require(
+            jnp.asarray(group.rest_length) - value,
+            lambda v: v > 0,
+            "rest_length - shortening",
+            "an unstressed length must stay positive",
+        )
+    return value

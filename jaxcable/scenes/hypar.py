@@ -1,0 +1,94 @@
+"""The hyperbolic paraboloid net of the paper, and the published deflections.
+
+The geometry stood in a figure; the text does not give it. The plan here (0.4 m spacing, last link
+of each row 0.795 m, of each column 1.084 m) was identified from the published deflections, so
+agreement with them is an identification and not a validation. Heights cannot be identified from
+vertical deflections; the plan is flat.
+"""
+
+import numpy as np
+
+from ..elements import Cables
+from ..loads import NodalLoads
+from ..phases import Phase
+from ..structure import Structure, pinned
+from .nets import Scene, grid
+
+NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)
+"""Names of the free nodes in the paper, row by row."""
+
+UNLOADED = (17, 21, 22)
+
+PUBLISHED = {
+    "Experiment, Lewis [5]": (
+        19.5, 25.3, 22.8, 25.4, 33.6, 28.8, 25.2, 30.6, 21.0, 21.0, 19.8, 14.2,
+    ),
+    "Krishna [7]": (19.6, 25.9, 23.7, 25.3, 33.0, 28.2, 25.8, 31.3, 21.4, 22.0, 21.1, 15.7),
+    "Sufian [9]": (19.3, 25.5, 23.1, 25.8, 34.0, 29.4, 25.7, 31.2, 21.1, 21.1, 19.9, 14.3),
+    "Lewis [20]": (19.3, 25.3, 23.0, 25.9, 33.8, 29.4, 26.4, 31.7, 21.9, 21.9, 20.5, 14.8),
+    "Kwan [15] a": (
+        19.38, 25.62, 22.95, 25.57, 33.79, 29.32, 25.43, 31.11, 21.28, 21.16, 19.79, 14.29,
+    ),
+    "Kwan [15] b": (
+        19.52, 25.35, 23.31, 25.86, 34.05, 29.49, 25.79, 31.31, 21.42, 21.48, 20.0, 14.4,
+    ),
+    "the paper": (19.0, 25.3, 22.8, 25.7, 34.4, 29.5, 25.5, 31.5, 21.5, 20.8, 19.9, 14.1),
+}  # fmt: skip
+"""Deflections of the free nodes in the order of `NODE_NAMES`, mm, downward.
+
+Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference numbers.
+"""
+
+
+def plan():
+    """The identified plan: nodes [26, 3], links [31, 2], free node numbers [12]."""
+    places, links, free = grid(3, 4)
+    nodes = np.zeros((len(places), 3))
+    nodes[:, :2] = 0.4 * places
+    nodes[places[:, 0] == 4, 0] = 1.2 + 0.795
+    nodes[places[:, 1] == 5, 1] = 1.6 + 1.084
+    return nodes, links, free
+
+
+def disturbance(places):
+    """How the default scene disturbs the plan: up to 30 mm in plan and 40 mm in height, [n, 3], m.
+
+    ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)`` at column i and row j.
+    """
+    i, j = places.T
+    return np.column_stack(
+        [
+            0.03 * np.sin(2 * i + 3 * j),
+            0.03 * np.cos(3 * i + j),
+            0.04 * np.sin(i + 2 * j + 1),
+        ]
+    )
+
+
+def hypar_net(disturbed=True, increments=(100, 10)):
+    """Hyperbolic paraboloid net, 31 links, 26 nodes, 12 of them free.
+
+    EA 100.72 kN. Phase 1 holds 200 N in every link (`jacking`) and so finds the form, whatever it
+    starts from; phase 2 puts 15.7 N on every free node but 17, 21 and 22.
+
+    Args:
+        disturbed: start phase 1 from the plan plus `disturbance`; otherwise from the plan, which is
+            in equilibrium already.
+        increments: of the two phases; the paper's are 100 and 10.
+
+    Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.2; for the plan see the module.
+    """
+    nodes, links, free = plan()
+    if disturbed:
+        places = grid(3, 4)[0]
+        nodes[free] += disturbance(places[free])
+    loaded = [n for n, name in zip(free, NODE_NAMES, strict=True) if name not in UNLOADED]
+    anchors = np.setdiff1d(np.arange(len(nodes)), free)
+    structure = Structure(nodes, Cables(links, axial_stiffness=100.72e3), supports=pinned(anchors))
+    return Scene(
+        structure,
+        [
+            Phase(jacking=200.0, increments=increments[0]),
+            Phase(loads=NodalLoads(loaded, (0.0, 0.0, -15.7)), increments=increments[1]),
+        ],
+    )

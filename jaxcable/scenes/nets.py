@@ -1,0 +1,101 @@
+"""Orthogonal nets: the flat net of the paper and parametric saddles."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..elements import Cables
+from ..loads import NodalLoads
+from ..phases import Phase
+from ..structure import Structure, pinned
+
+
+class Scene(NamedTuple):
+    """A structure and the phases of its analysis."""
+
+    structure: Structure
+    phases: list
+
+
+def grid(n_x, n_y):
+    """Topology of an orthogonal net without corners, `n_x` by `n_y` free nodes.
+
+    Returns:
+        places: column and row of every node, [n_node, 2], row by row.
+        links: row cables first, then column cables, [n_elem, 2].
+        free: numbers of the free nodes, [n_x n_y], row by row.
+    """
+    corners = {(0, 0), (n_x + 1, 0), (0, n_y + 1), (n_x + 1, n_y + 1)}
+    places = [(i, j) for j in range(n_y + 2) for i in range(n_x + 2) if (i, j) not in corners]
+    number = {place: k for k, place in enumerate(places)}
+    rows = [(number[i, j], number[i + 1, j]) for j in range(1, n_y + 1) for i in range(n_x + 1)]
+    columns = [(number[i, j], number[i, j + 1]) for i in range(1, n_x + 1) for j in range(n_y + 1)]
+    free = [number[i, j] for j in range(1, n_y + 1) for i in range(1, n_x + 1)]
+    return np.array(places), np.array(rows + columns), np.array(free)
+
+
+def flat_net(load=150.0, increments=(1, 10)):
+    """Flat net of 3 x 3 cells, 12 links, four free nodes.
+
+    Cell 0.4 m, EA 97.97 kN, pretension 200 N in phase 1; phase 2 loads every free node.
+
+    Args:
+        load: downward force on each free node, N; the paper's ultimate load is 150 N.
+        increments: of the two phases.
+
+    Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.1.
+    """
+    places, links, free = grid(2, 2)
+    nodes = np.column_stack([0.4 * places, np.zeros(len(places))])
+    anchors = np.setdiff1d(np.arange(len(nodes)), free)
+    structure = Structure(nodes, Cables(links, axial_stiffness=97.97e3), supports=pinned(anchors))
+    return Scene(
+        structure,
+        [
+            Phase(pretension=200.0, increments=increments[0]),
+            Phase(loads=NodalLoads(free, (0.0, 0.0, -load)), increments=increments[1]),
+        ],
+    )
+
+
+def saddle(
+    n_x,
+    n_y,
+    spacing=1.0,
+    rise=0.1,
+    axial_stiffness=16e6,
+    pretension=20e3,
+    load=500.0,
+    increments=(1, 1),
+):
+    """Saddle net with straight edges in plan, anchored all round.
+
+    The initial surface is ``z = rise (L_x (2x/L_x - 1)^2 - L_y (2y/L_y - 1)^2)``.
+
+    Args:
+        n_x, n_y: free nodes along x and y; spans are ``L = spacing (n + 1)``.
+        spacing: m.
+        rise: height of the edge over its middle, as a part of the span.
+        axial_stiffness: EA, N.
+        pretension: of every cable in phase 1, N.
+        load: downward force on every free node in phase 2, N.
+        increments: of the two phases.
+    """
+    if n_x < 1 or n_y < 1:
+        raise ValueError(f"n_x, n_y = {n_x}, {n_y}: a saddle has at least one free node a side")
+    places, links, free = grid(n_x, n_y)
+    x, y = spacing * places.T
+    span_x, span_y = spacing * (n_x + 1), spacing * (n_y + 1)
+    z = rise * (span_x * (2 * x / span_x - 1) ** 2 - span_y * (2 * y / span_y - 1) ** 2)
+    nodes = np.column_stack([x, y, z])
+    anchors = np.setdiff1d(np.arange(len(nodes)), free)
+    structure = Structure(
+        nodes, Cables(links, axial_stiffness=axial_stiffness), supports=pinned(anchors)
+    )
+    return Scene(
+        structure,
+        [
+            Phase(pretension=pretension, increments=increments[0]),
+            Phase(loads=NodalLoads(free, (0.0, 0.0, -load)), increments=increments[1]),
+        ],
+    )

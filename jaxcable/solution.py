@@ -1,0 +1,113 @@
+"""What an analysis returns, and how good it is."""
+
+from ._tree import pytree
+
+
+@pytree(static=("fixed",))
+class State:
+    """A converged state: the end of an analysis, or where it stopped.
+
+    Attributes:
+        displacement: from the initial nodes, over all phases, [n_node, 3], m.
+        positions: [n_node, 3], m.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        rest_length: unstressed length per element, likewise, m.
+        reactions: forces of the supports on the structure, [n_node, 3], N.
+        load: all loads that act, [n_node, 3], N.
+        phase: number of the phase it belongs to, from 0; -1 before the first increment.
+        load_factor: load factor of that phase.
+        carry: what a further phase starts from.
+        fixed: supported freedoms before the first phase and in each phase, [n_node, 3] each.
+    """
+
+    displacement: object
+    positions: object
+    tension: object
+    rest_length: object
+    reactions: object
+    load: object
+    phase: object
+    load_factor: object
+    carry: object
+    fixed: object
+
+
+@pytree
+class Path:
+    """The increments of a phase, one row each.
+
+    Attributes:
+        load_factor: [n_inc].
+        displacement: from the initial nodes, [n_inc, n_node, 3], m; NaN from a failure on.
+        tension: in the shape of `elements`, each [n_inc, n_elem], N; NaN from a failure on.
+        status: codes, [n_inc]; from a failure on its code.
+        iterations: factorisations, [n_inc].
+        residual: largest unbalanced force at a free freedom, [n_inc], N.
+        relative_residual: the same over the force it is judged by (see `Newton.tol`), [n_inc].
+        n_slack: number of slack elements, [n_inc].
+        n_loose: number of nodes that touch only slack elements, [n_inc].
+        equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
+    """
+
+    load_factor: object
+    displacement: object
+    tension: object
+    status: object
+    iterations: object
+    residual: object
+    relative_residual: object
+    n_slack: object
+    n_loose: object
+    equilibrated: object
+
+
+@pytree
+class PhaseResult:
+    """The end of a phase and its path; NaN if it, or a phase before it, failed.
+
+    Attributes:
+        status: code at the end of the phase.
+        displacement: from the geometry in which the phase began, [n_node, 3], m.
+        positions, tension, rest_length, reactions: as in `State`.
+        path: `Path`.
+    """
+
+    status: object
+    displacement: object
+    positions: object
+    tension: object
+    rest_length: object
+    reactions: object
+    path: Path
+
+
+@pytree
+class Solution:
+    """Result of `solve`.
+
+    Everything but `status`, `last` and the counts in `phases` is NaN, with NaN derivatives, unless
+    the status is OK. To use failed cases of a batch, compute from `last` first and select by
+    status after that: ``jnp.where(s.status == 0, f(s.last), 0.0)``; selecting between values of the
+    solution itself would multiply a NaN derivative by zero.
+
+    Attributes:
+        status: code of the first failure, or 0; `describe` has the texts.
+        displacement: from the initial nodes, over all phases, [n_node, 3], m.
+        positions: [n_node, 3], m.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        rest_length: unstressed lengths at the end: the cutting list, likewise, m.
+        reactions: forces of the supports on the structure, [n_node, 3], N.
+        load: all loads that act at the end, [n_node, 3], N.
+        last: the last converged `State`.
+        phases: one `PhaseResult` per phase.
+    """
+
+    status: object
+    displacement: object
+    positions: object
+    tension: object
+    rest_length: object
+    reactions: object
+    load: object
+    last: State
+    phases: tuple

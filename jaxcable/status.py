@@ -1,0 +1,81 @@
+"""Outcome codes of an analysis, their texts, and the rule that the first failure wins."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+OK = 0
+NOT_CONVERGED = 1
+MECHANISM = 2
+NONFINITE = 3
+SINGULAR = 4
+DRIFTED = 5
+
+_TEXTS = {
+    OK: "converged",
+    NOT_CONVERGED: (
+        "no equilibrium found within the allowed Newton steps; try more increments, a larger "
+        "max_steps, or check that the residual is not already at rounding level (then raise tol)"
+    ),
+    MECHANISM: (
+        "the structure moves without limit under its loads: a part is not held by any taut "
+        "element; add supports or elements, or prestress it before it is loaded"
+    ),
+    NONFINITE: (
+        "a number became NaN or infinite; look for NaN in nodes, stiffness, pretension or loads, "
+        "or for an element whose ends coincide"
+    ),
+    SINGULAR: (
+        "the stiffness of an increment is singular, so the incremental scheme cannot step; "
+        "use Newton(), or prestress the structure before it is loaded"
+    ),
+    DRIFTED: (
+        "the unbalanced force of the incremental scheme exceeds its tol; use more increments, "
+        "more corrections, or a larger tol to see the drifted result"
+    ),
+}
+
+
+class AnalysisError(RuntimeError):
+    """An analysis did not end in equilibrium; raised by `raise_if_failed`."""
+
+
+def describe(code):
+    """Return the text for a status code: what happened and what to do next."""
+    code = int(code)
+    if code not in _TEXTS:
+        raise ValueError(f"code = {code}: not a jaxcable status; codes are 0 to {max(_TEXTS)}")
+    return _TEXTS[code]
+
+
+def first_failure(earlier, later):
+    """Latch: `earlier` if that is a failure, else `later`."""
+    return jnp.where(earlier != OK, earlier, later)
+
+
+def raise_if_failed(solution):
+    """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
+
+    The text names the phase (counted from 1), the increment, its load factor, the residual in
+    newtons and what to try. Cannot be used while tracing.
+    """
+    if isinstance(solution.status, jax.core.Tracer):
+        raise ValueError("raise_if_failed: the solution is being traced; call it outside of jit")
+    status = np.asarray(solution.status)
+    if (status == OK).all():
+        return
+    case = tuple(int(i) for i in np.argwhere(status != OK)[0])
+    prefix = f"case {case if len(case) > 1 else case[0]}: " if case else ""
+    code = int(status[case])
+    for number, phase in enumerate(solution.phases, 1):
+        codes = np.asarray(phase.path.status)[case]
+        failed = np.flatnonzero(codes != OK)
+        if failed.size:
+            k = failed[0]
+            factor = np.asarray(phase.path.load_factor)[case][k]
+            residual = np.asarray(phase.path.residual)[case][k]
+            raise AnalysisError(
+                f"{prefix}phase {number}, increment {k + 1} of {codes.size} (load factor "
+                f"{factor:.6g}), residual {residual:.3g} N: {describe(code)}"
+            )
+    raise AnalysisError(f"{prefix}the analysis that this one starts from failed: {describe(code)}")
