@@ -138,8 +138,6 @@ def fill(tree, arrays):
         if not _holds_indices(obj):
             return obj
         values = {n: getattr(obj, n) for n in obj._index_fields}
-        return copy(
-            obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _Slot)}
-        )
+        return copy(obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _Slot)})
 
     return jax.tree.map(visit, tree, is_leaf=_holds_indices)

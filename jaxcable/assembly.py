@@ -7,7 +7,7 @@ unknowns ``x`` are the free displacements, [n_free]; held ones are not among the
 import jax
 import jax.numpy as jnp
 
-from ._tree import pytree
+from ._tree import copy, pytree
 from .elements.bar import element
 
 
@@ -133,6 +133,15 @@ class System:
             held_up = held_up.at[group.links].max(~slack[:, None])
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
 
+    @property
+    def tension_only(self):
+        """Whether all groups are: then the energy is convex under dead load."""
+        return all(group.tension_only for group in self.groups)
+
+    def softened(self, compliance):
+        """The same system with a spring in series with every element, strain per force, 1/N."""
+        return copy(self, groups=[group.softened(compliance) for group in self.groups])
+
     def length_scale(self):
         """A length to measure steps by: the mean initial element length, m."""
         lengths = [
@@ -154,4 +163,3 @@ def each(method, group, state, nodes, displacement):
 
     ends, motion = nodes[group.links], displacement[group.links]
     return jax.vmap(one)(group.properties(), state, ends, motion)
-

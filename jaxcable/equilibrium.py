@@ -10,9 +10,14 @@ Each iteration factorises once:
    digits near the solution where the energy has lost them. Along any line the energy of a
    cable-only structure is convex, so ``g`` grows and ``g <= 0`` means that energy fell all the way.
    A full step is taken unless it overshoots; then the zero of ``g`` is bracketed.
+3. Stiff cables that swing: a step sideways lengthens a cable in second order, and at EA/N = 1e5
+   the search then allows only tiny ones. After fifteen short steps a tension-only structure is softened
+   by a spring in series with every element (strain 1 under the largest load), which keeps the
+   energy convex, and stiffened by tens as it settles. It costs an ordinary net nothing.
 
-The energy of a tension-only structure under dead load is convex (physics: a non-decreasing convex
-function of lengths), hence the iteration converges from any start.
+The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
+of lengths), hence the iteration converges from any start, until the rounding of the displacements
+themselves (EA eps) shows in the residual.
 """
 
 import jax.numpy as jnp
@@ -26,6 +31,10 @@ _SHORT = 0.5  # in a bracket, come at least this close from below
 _MAX_SEARCH = 60  # residuals per line search: a bisection of 60 exhausts float64
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
 _KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
+_PATIENCE = 15  # short steps before a tension-only structure is softened
+_SETTLED = 0.1  # relative residual at which the added softness is taken back a step
+_HARDEN = 0.1  # by this factor
+_STIFF = 0.01  # added strain, relative to the elastic one, that is dropped altogether
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -60,6 +69,8 @@ class _Iterate:
     residual: object  # R(x)
     scale: object  # force that R is judged by
     kappa: object  # Levenberg shift, in |R| / length
+    softness: object  # compliance added to every element for the time being
+    short: object  # short steps so far
     steps: object  # factorisations so far
     code: object  # OK while nothing has gone wrong
 
@@ -107,39 +118,53 @@ def newton(system, x, method, active):
     length, extent = system.length_scale(), system.extent()
 
     def converged(it):
-        return _largest(it.residual) <= tol * it.scale
+        return (it.softness == 0) & (_largest(it.residual) <= tol * it.scale)
 
     def unfinished(it):
         return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)
 
+    soften = system.tension_only
+
+    def at_softness(c):
+        return system.softened(c) if soften else system
+
     def iterate(it):
+        working = at_softness(it.softness)
         shift = it.kappa * _largest(it.residual) / length
-        matrix = system.tangent(it.x) + shift * jnp.eye(x.shape[0], dtype=x.dtype)
+        matrix = working.tangent(it.x) + shift * jnp.eye(x.shape[0], dtype=x.dtype)
         step, definite = linear.solve_definite(matrix, -it.residual)
         slope = it.residual @ step
         usable = definite & jnp.isfinite(slope) & (slope < 0)
         step = jnp.where(usable, step, 0.0)
-        new, residual, scale, length_taken, found = _search(system, it, step, slope, usable)
+        new, residual, scale, taken, found = _search(working, it, step, slope, usable)
         kappa = jnp.where(
             found,
-            it.kappa * jnp.where(length_taken >= 1, 0.1, jnp.where(length_taken < 0.1, 10.0, 1.0)),
+            it.kappa * jnp.where(taken >= 1, 0.1, jnp.where(taken < 0.1, 10.0, 1.0)),
             it.kappa * 100,
         )
+        kappa = jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX)
+        softness, short = it.softness, it.short
+        if soften:
+            short = short + jnp.where((taken < _SHORT) | ~found, 1, 0)
+            begin = (short == _PATIENCE) & (softest > 0)
+            settled = _largest(residual) <= _SETTLED * scale
+            stiffness = jnp.max(jnp.diagonal(matrix), initial=0.0) * length
+            harder = jnp.where(softness * stiffness < _STIFF, 0.0, softness * _HARDEN)
+            softness = jnp.where(begin, softest, jnp.where(settled, harder, softness))
+            short = jnp.where(begin, short + 1, short)
+            kappa = jnp.where(softness != it.softness, _KAPPA, kappa)
+            residual, scale = at_softness(softness).residual_and_scale(new)
         runaway = jnp.max(jnp.abs(new), initial=0.0) > _RUNAWAY * extent
-        return _Iterate(
-            new,
-            residual,
-            scale,
-            jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX),
-            it.steps + 1,
-            jnp.where(runaway, status.MECHANISM, status.OK).astype(jnp.int32),
-        )
+        code = jnp.where(runaway, status.MECHANISM, status.OK).astype(jnp.int32)
+        return _Iterate(new, residual, scale, kappa, softness, short, it.steps + 1, code)
 
+    load = jnp.max(jnp.sqrt(jnp.sum(system.load**2, axis=-1)))
+    softest = 1 / jnp.where(load > 0, load, jnp.inf)  # strain 1 under the largest load
     residual, scale = system.residual_and_scale(x)
     bad_start = ~(jnp.all(jnp.isfinite(residual)) & jnp.isfinite(scale))
     code = jnp.where(bad_start & active, status.NONFINITE, status.OK).astype(jnp.int32)
-    kappa = jnp.asarray(_KAPPA, x.dtype)
-    start = _Iterate(x, residual, scale, kappa, jnp.int32(0), code)
+    zero = jnp.zeros((), x.dtype)
+    start = _Iterate(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code)
     end = lax.while_loop(lambda it: active & unfinished(it), iterate, start)
     stuck = (end.code == status.OK) & ~converged(end)
     code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)

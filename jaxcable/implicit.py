@@ -18,7 +18,6 @@ def gate(open_, tree):
     A select, so that a NaN on its way back is stopped and not multiplied by zero.
     """
 
-
     def one(x):
         x = jnp.asarray(x)
         floating = jnp.issubdtype(x.dtype, jnp.floating)
@@ -49,18 +48,19 @@ def attach(system, x, valid):
     return lax.custom_root(system.residual, x, lambda f, start: start, tangent_solve)
 
 
-def undifferentiated(x, parameters):
-    """Return `x` with derivative NaN with respect to every one of `parameters`.
+def undifferentiated(tree, parameters):
+    """Return `tree` with derivative NaN with respect to every one of `parameters`.
 
     For results whose derivative was not asked for: an honest NaN instead of a silent zero.
     """
-    return jax.tree.map(lambda leaf: _opaque(leaf, touch(parameters)), lax.stop_gradient(x))
+    touched = touch(parameters)
+    return jax.tree.map(lambda x: _constant(lax.stop_gradient(x), touched), tree)
 
 
 def nan_unless(ok, tree, parameters):
     """Make `tree` NaN, in value and in derivative, unless `ok`."""
-    factor = jnp.where(ok, 1.0, jnp.nan * gate(~ok, touch(parameters)))
-    return jax.tree.map(lambda x: x * factor.astype(x.dtype), tree)
+    touched = touch(parameters)
+    return jax.tree.map(lambda x: _poison(ok, x, touched), tree)
 
 
 def touch(parameters):
@@ -70,11 +70,33 @@ def touch(parameters):
     return sum((jnp.sum(x) for x in floats), start=jnp.ones(()))
 
 
+def _poison(ok, x, touched):
+    """A linear map: the identity on the array `x` where `ok`, else NaN.
+
+    Backwards it is NaN, to `x` and through `touched` to every parameter, only where a cotangent is
+    not zero. A product with NaN would spoil what a batch shares by 0 NaN for cases that nobody
+    asked about. Such a pair of maps cannot be had by tracing; `lax.custom_linear_solve` of the
+    identity takes it as a black box and has all transformations.
+    """
+
+    def forward(_, b):
+        return jnp.where(ok, b, jnp.nan)
+
+    def backward(_, b):
+        spoilt = jnp.where(ok | (b == 0), b, jnp.nan)
+        return spoilt.at[-1].set(jnp.where(ok | jnp.all(b == 0), b[-1], jnp.nan))
+
+    both = jnp.append(x.ravel(), touched.astype(x.dtype))
+    identity = lambda v: v  # noqa: E731
+    return lax.custom_linear_solve(identity, both, forward, backward)[:-1].reshape(x.shape)
+
+
 @jax.custom_jvp
-def _opaque(x, touched):
+def _constant(x, touched):
     return x
 
 
-@_opaque.defjvp
-def _opaque_jvp(primals, tangents):
-    return primals[0], jnp.full_like(primals[0], jnp.nan) * tangents[1].astype(primals[0].dtype)
+@_constant.defjvp
+def _constant_jvp(primals, tangents):
+    x = primals[0]
+    return x, _poison(False, jnp.zeros_like(x), tangents[1])

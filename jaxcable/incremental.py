@@ -45,9 +45,7 @@ class Incremental:
         if not isinstance(self.corrections, int | np.integer) or self.corrections < 0:
             raise ValueError(f"corrections = {self.corrections!r}: expected an integer >= 0")
         if self.stiffness not in ("tangent", "secant"):
-            raise ValueError(
-                f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"'
-            )
+            raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
         _check.require(self.tol, lambda v: v > 0, "tol", "must be positive")
 
 

@@ -1,11 +1,12 @@
 """Uniaxial laws: stress from strain.
 
-A law is a pytree with `stress(strain)`, `energy(strain)` (stress integrated over strain) and
-`strain(stress)` (its inverse on the rising branch from zero). All act on arrays of any shape.
+A law is a pytree with `stress(strain)`, `energy(strain)` (stress integrated over strain),
+`strain(stress)` (its inverse on the rising branch from zero), all on arrays of any shape, and
+`softened(compliance)`: the law of the same material in series with a spring (strain per stress).
 """
 
 from . import _check
-from ._tree import pytree
+from ._tree import copy, pytree
 
 
 @pytree
@@ -36,3 +37,7 @@ class Elastic:
     def strain(self, stress):
         """Strain at `stress`, Pa."""
         return stress / self.E
+
+    def softened(self, compliance):
+        """The law in series with a spring of `compliance`, 1/Pa."""
+        return copy(self, E=self.E / (1 + compliance * self.E))

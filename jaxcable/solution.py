@@ -86,9 +86,9 @@ class Solution:
     """Result of `solve`.
 
     Everything but `status`, `last` and the counts in `phases` is NaN, with NaN derivatives, unless
-    the status is OK. To use failed cases of a batch, compute from `last` first and select by
-    status after that: ``jnp.where(s.status == 0, f(s.last), 0.0)``; selecting between values of the
-    solution itself would multiply a NaN derivative by zero.
+    the status is OK. In a batch, compute from `last` first and select by status after that:
+    ``jnp.where(s.status == 0, f(s.last), 0.0)``. (Selecting between values of the solution itself
+    works only while ``f`` is linear; a derivative of ``f`` at NaN, times zero, is NaN.)
 
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.

@@ -94,8 +94,9 @@ def _begin(structure, start):
     fixed = last.fixed[-1]
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):
-            raise ValueError("start: which supports a traced .last had is not known; use the "
-                             "solution itself")
+            raise ValueError(
+                "start: which supports a traced .last had is not known; use the solution itself"
+            )
         fixed = last.fixed[int(last.phase) + 1]
     return last.carry, code, fixed
 
@@ -129,13 +130,24 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
             where,
         )
         began = problem[2].displacement
-        values = (end.displacement - began, end.positions, end.tension, end.rest_length,
-                  end.reactions)
+        values = (
+            end.displacement - began,
+            end.positions,
+            end.tension,
+            end.rest_length,
+            end.reactions,
+        )
         ok = code == status.OK
         results.append(PhaseResult(code, *implicit.nan_unless(ok, values, parameters), path))
     last = copy(end, phase=where[0], load_factor=where[1], carry=carry)
-    final = (last.displacement, last.positions, last.tension, last.rest_length, last.reactions,
-             last.load)
+    final = (
+        last.displacement,
+        last.positions,
+        last.tension,
+        last.rest_length,
+        last.reactions,
+        last.load,
+    )
     final = implicit.nan_unless(code == status.OK, final, parameters)
     return Solution(code, *final, last, tuple(results))
 
@@ -172,8 +184,9 @@ def _end(ramp, factor, x, valid, before, data):
     """State and carry at the end of a phase; those before it if it has no good increment."""
     system = ramp.at(factor)
     after = ramp.leave(factor, system.displacement(x))
-    nothing = [(jax.tree.map(jnp.zeros_like, load), jnp.zeros_like(factor))
-               for load in data.element_loads]
+    nothing = [
+        (jax.tree.map(jnp.zeros_like, load), jnp.zeros_like(factor)) for load in data.element_loads
+    ]
     before = copy(before, element_loads=[*before.element_loads, *nothing])
     carry = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
     nodes, groups = ramp.nodes, ramp.groups

@@ -16,7 +16,15 @@ import numpy as np
 from .. import _check
 from .._tree import Indices, copy, pytree
 
-_PROPERTIES = ("axial_stiffness", "area", "rest_length", "weight", "expansion", "strength")
+_PROPERTIES = (
+    "axial_stiffness",
+    "area",
+    "rest_length",
+    "weight",
+    "expansion",
+    "strength",
+    "compliance",
+)
 
 
 @pytree
@@ -48,6 +56,8 @@ class Bars:
             has `SelfWeight`.
         expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
         strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
+        compliance: strain per force of a spring in series, scalar or [n_elem], 1/N (soft end
+            fittings); the equilibrium iteration softens a net for a while by it.
 
     Raises:
         ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
@@ -62,6 +72,7 @@ class Bars:
     weight: object = None
     expansion: object = None
     strength: object = None
+    compliance: object = None
 
     tension_only = False
 
@@ -92,21 +103,31 @@ class Bars:
 
     def force(self, strain):
         """Axial force, N, at `strain`."""
-        if self.law is None:
-            return self.axial_stiffness * strain
-        return self.area * self.law.stress(strain)
+        stiffness, law = self._section()
+        return stiffness * strain if law is None else self.area * law.stress(strain)
 
     def energy_per_length(self, strain):
         """Stored energy per unstressed length, J/m."""
-        if self.law is None:
-            return 0.5 * self.axial_stiffness * strain**2
-        return self.area * self.law.energy(strain)
+        stiffness, law = self._section()
+        return 0.5 * stiffness * strain**2 if law is None else self.area * law.energy(strain)
 
     def strain_at(self, force):
         """Strain at an axial force, N."""
+        stiffness, law = self._section()
+        return force / stiffness if law is None else law.strain(force / self.area)
+
+    def _section(self):
+        """Axial stiffness or law, with the series compliance in it."""
+        if self.compliance is None:
+            return self.axial_stiffness, self.law
         if self.law is None:
-            return force / self.axial_stiffness
-        return self.law.strain(force / self.area)
+            return self.axial_stiffness / (1 + self.compliance * self.axial_stiffness), None
+        return None, self.law.softened(self.compliance * self.area)
+
+    def softened(self, compliance):
+        """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
+        own = 0.0 if self.compliance is None else self.compliance
+        return copy(self, compliance=own + jnp.broadcast_to(compliance, len(self.links)))
 
     # --- the group
 
@@ -248,4 +269,3 @@ def _links(links):
             "add their stiffnesses instead"
         )
     return Indices(links)
-

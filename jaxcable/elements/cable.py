@@ -1,7 +1,8 @@
 """Cable: a bar that carries tension only.
 
-At exactly zero strain the taut-side tangent holds (``where(e >= 0, ...)``): a flat net without
-prestress starts there and needs its axial stiffness.
+At exactly zero strain the taut-side tangent holds: a flat net without prestress starts there and
+needs its axial stiffness. Hence ``where(e < 0, 0, ...)``, which also lets a NaN through instead of
+calling it slack.
 """
 
 import jax.numpy as jnp
@@ -18,11 +19,11 @@ class Cables(Bars):
 
     def force(self, strain):
         """Axial force, N: zero in a slack cable."""
-        return jnp.where(strain >= 0, super().force(strain), 0.0)
+        return jnp.where(strain < 0, 0.0, super().force(strain))
 
     def energy_per_length(self, strain):
         """Stored energy per unstressed length, J/m: zero in a slack cable."""
-        return jnp.where(strain >= 0, super().energy_per_length(strain), 0.0)
+        return jnp.where(strain < 0, 0.0, super().energy_per_length(strain))
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""

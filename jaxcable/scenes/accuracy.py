@@ -41,8 +41,9 @@ def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), increments=(1, 1)):
     mask = np.zeros((n + 1, 3), bool)
     mask[:, 1] = True
     mask[[0, n]] = True
-    structure = Structure(nodes, Cables(links, axial_stiffness=500e-6 * 105e9),
-                          supports=Supports(mask))
+    structure = Structure(
+        nodes, Cables(links, axial_stiffness=500e-6 * 105e9), supports=Supports(mask)
+    )
     return Scene(
         structure,
         [
