@@ -44,7 +44,8 @@ class NodalLoads:
 
     def nodal_forces(self, n_node, dtype):
         """Force on every node, [n_node, 3], N."""
-        return jnp.zeros((n_node, 3), dtype).at[self.nodes].add(self.forces.astype(dtype))
+        each = jnp.broadcast_to(self.forces.astype(dtype), (len(self.nodes), 3))
+        return jnp.zeros((n_node, 3), dtype).at[self.nodes].add(each)
 
 
 @pytree
@@ -77,7 +78,7 @@ class SelfWeight:
         for group, state in zip(groups, states, strict=True):
             if group.weight is not None:
                 total = total.at[group.links].add(group.weight_at_ends(state))
-        return total[:, None] * self.direction.astype(dtype)
+        return jnp.outer(total, self.direction.astype(dtype))
 
 
 def as_list(loads):

@@ -1,0 +1,119 @@
+"""Energy, residual and tangent belong together, for every element law and state."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable._tree import copy
+from jaxcable.assembly import System
+from jaxcable.elements import AxialState
+from jaxcable.structure import number_freedoms
+
+LAWS = {
+    "bar": lambda links: jc.Bars(links, axial_stiffness=np.linspace(50, 100, len(links))),
+    "cable": lambda links: jc.Cables(links, axial_stiffness=80.0),
+    "cable with law": lambda links: jc.Cables(links, area=2e-3, law=jc.Elastic(3e4)),
+    "compliant cable": lambda links: jc.Cables(links, axial_stiffness=80.0, compliance=1e-2),
+    "compliant law": lambda links: jc.Bars(links, area=2e-3, law=jc.Elastic(3e4), compliance=1e-2),
+}
+"""Every element law by name: a new law is added here and is tested by everything below."""
+
+
+def system(name, held=False, seed=0):
+    """A system of random nodes and states (some elements slack), and random unknowns."""
+    rng = np.random.default_rng(seed)
+    n = 7
+    links = np.array([(i, j) for i in range(n) for j in range(i + 1, n) if (i + j) % 3])
+    nodes = jnp.asarray(rng.normal(size=(n, 3)))
+    group = LAWS[name](links)
+    chord = np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
+    rest = chord * rng.uniform(0.8, 1.2, len(links))
+    force = jnp.asarray(rng.uniform(1, 2, len(links))) if held else None
+    state = AxialState(jnp.asarray(rest), jnp.asarray(chord - rest), force)
+    fixed = np.zeros((n, 3), bool)
+    fixed[:2] = True
+    fixed[3, 1] = True
+    freedoms = number_freedoms(jc._tree.Indices(fixed))
+    load, held_at = rng.normal(size=(2, n, 3))
+    made = System(
+        nodes,
+        [copy(group, links=links)],
+        [state],
+        jnp.asarray(load),
+        jnp.asarray(0.01 * held_at.ravel()),
+        freedoms,
+    )
+    return made, jnp.asarray(0.1 * rng.normal(size=len(freedoms.free)))
+
+
+@pytest.mark.parametrize("held", [False, True], ids=["free", "held"])
+@pytest.mark.parametrize("name", LAWS)
+def test_residual_is_the_gradient_of_the_energy(name, held):
+    made, x = system(name, held)
+    difference = jax.grad(made.potential)(x) - made.residual(x)
+    assert jnp.abs(difference).max() < 1e-12 * jnp.abs(made.residual(x)).max()
+
+
+@pytest.mark.parametrize("held", [False, True], ids=["free", "held"])
+@pytest.mark.parametrize("name", LAWS)
+def test_tangent_is_the_symmetric_jacobian_of_the_residual(name, held):
+    made, x = system(name, held)
+    tangent = made.tangent(x)
+    size = jnp.abs(tangent).max()
+    assert jnp.abs(tangent - jax.jacfwd(made.residual)(x)).max() < 1e-13 * size
+    assert jnp.abs(tangent - tangent.T).max() < 1e-13 * size
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_residual_agrees_with_differences_of_an_independent_energy(name):
+    """Energy from lengths alone, in NumPy, by central differences."""
+    made, x = system(name)
+    group, state = made.groups[0], made.states[0]
+    links, rest = np.asarray(group.links), np.asarray(state.rest_length)
+    stiffness = group.area * group.law.E if group.law else np.asarray(group.axial_stiffness)
+    if group.compliance is not None:
+        stiffness = 1 / (1 / stiffness + np.asarray(group.compliance))
+
+    def energy(x):
+        u = np.asarray(made.displacement(jnp.asarray(x)))
+        p = np.asarray(made.nodes) + u
+        strain = np.linalg.norm(p[links[:, 1]] - p[links[:, 0]], axis=1) / rest - 1
+        if group.tension_only:
+            strain = np.maximum(strain, 0)
+        return (0.5 * stiffness * rest * strain**2).sum() - (np.asarray(made.load) * u).sum()
+
+    h = 1e-6
+    differences = [
+        (energy(x + h * e) - energy(x - h * e)) / (2 * h) for e in np.eye(len(x))
+    ]
+    # truncation h^2 and rounding eps/h of an energy of order 10: both near 1e-9
+    assert np.abs(np.asarray(made.residual(x)) - differences).max() < 1e-7
+
+
+def test_a_slack_cable_has_exactly_no_force_and_no_stiffness():
+    made, x = system("cable")
+    slack = np.asarray(made.slack(made.displacement(x))[0])
+    tension = np.asarray(made.tensions(made.displacement(x))[0])
+    assert 0 < slack.sum() < len(slack)
+    assert (tension[slack] == 0.0).all() and (tension[~slack] > 0).all()
+
+
+def test_tangent_at_zero_strain_is_that_of_the_taut_side():
+    one = copy(jc.Cables([[0, 1]], axial_stiffness=7.0), links=None, axial_stiffness=7.0)
+    assert float(jax.grad(one.force)(0.0)) == 7.0
+    assert float(jax.grad(one.force)(-1e-300)) == 0.0
+    assert np.isnan(one.force(jnp.nan))  # a NaN is not slack
+
+
+def test_scale_of_the_residual_is_end_forces_plus_load():
+    made, x = system("bar")
+    u = made.displacement(x)
+    _, scale = made.residual_and_scale(x)
+    total = np.linalg.norm(np.asarray(made.load), axis=1)
+    tension = np.abs(np.asarray(made.tensions(u)[0]))
+    for (i, j), t in zip(np.asarray(made.groups[0].links), tension, strict=True):
+        total[i] += t
+        total[j] += t
+    assert float(scale) == pytest.approx(total.max(), rel=1e-13)
