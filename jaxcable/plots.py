@@ -1,5 +1,81 @@
-"""Pictures (matplotlib)."""
+"""Pictures of results (matplotlib)."""
+
+import jax
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import LineCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 
-def net(solution):
-    raise NotImplementedError
+def net(solution, path=None, magnify=1.0):
+    """Draw a cable net in plan before and in space after loading, coloured by tension.
+
+    Args:
+        solution: `Solution` with status OK; "before" is the end of its first phase.
+        path: where to save a PNG, or None.
+        magnify: factor on the displacement after the first phase, in the right picture.
+
+    Returns:
+        The matplotlib `Figure`.
+
+    Raises:
+        ValueError: the solution has failed (there is nothing to draw; see `solution.last`).
+    """
+    if int(solution.status) != 0:
+        raise ValueError("solution: has failed; draw solution.last or call raise_if_failed")
+    first, links = solution.phases[0], np.concatenate([group.array for group in solution.links])
+    before = np.asarray(first.positions)
+    moved = np.asarray(solution.positions) - before
+    tensions = [np.concatenate(jax.tree.leaves(part.tension)) for part in (first, solution)]
+    low, high = min(t.min() for t in tensions), max(t.max() for t in tensions)
+    if high - low <= 1e-9 * max(abs(high), 1.0):
+        low, high = low - 1.0, high + 1.0
+    colours = {"cmap": "viridis", "norm": plt.Normalize(low, high)}
+    fixed = solution.last.fixed[-1].array.all(axis=1)
+
+    figure = plt.figure(figsize=(12.0, 5.6), layout="constrained")
+    plan, space = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
+    start = np.asarray(solution.positions - solution.displacement)
+    plan.add_collection(
+        LineCollection(start[links][:, :, :2], colors="0.75", linewidths=1.0, linestyles="dashed")
+    )
+    plan.add_collection(
+        LineCollection(before[links][:, :, :2], array=tensions[0], linewidths=2.5, **colours)
+    )
+    plan.plot(*before[~fixed, :2].T, "o", color="black", markersize=3)
+    plan.plot(*before[fixed, :2].T, "s", color="black", markersize=6)
+    plan.plot([], [], "--", color="0.75", label="start")
+    plan.plot([], [], "s", color="black", markersize=6, label="anchor")
+    plan.set_aspect("equal")
+    plan.margins(0.05)
+    plan.set(title="Before loading: plan after prestress", xlabel="x (m)", ylabel="y (m)")
+    plan.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
+
+    after = before + magnify * moved
+    grey = Line3DCollection(before[links], colors="0.75", linewidths=1.0, linestyles="dashed")
+    space.add_collection3d(grey)
+    lines = Line3DCollection(after[links], array=tensions[1], linewidths=2.5, **colours)
+    space.add_collection3d(lines)
+    space.scatter(*after[fixed].T, marker="s", color="black", s=16)
+    both = np.concatenate([before, after])
+    low_corner, extent = both.min(0), np.maximum(np.ptp(both, axis=0), 1e-3)
+    space.set(
+        xlim=(low_corner[0], low_corner[0] + extent[0]),
+        ylim=(low_corner[1], low_corner[1] + extent[1]),
+        zlim=(low_corner[2], low_corner[2] + extent[2]),
+        xlabel="x (m)",
+        ylabel="y (m)",
+        zlabel="z (m)",
+        title="After loading" + (f", deflection x {magnify:g}" if magnify != 1 else ""),
+    )
+    # equal axes, but a nearly flat net keeps a readable height
+    space.set_box_aspect(np.maximum(extent, 0.15 * extent.max()), zoom=1.05)
+    for axis, bins, pad in (("x", 4, 8), ("y", 4, 8), ("z", 2, 10)):
+        space.locator_params(axis=axis, nbins=bins)
+        getattr(space, f"{axis}axis").labelpad = pad
+    figure.colorbar(lines, ax=space, label="tension (N)", shrink=0.75, pad=0.12)
+    if path is not None:
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+    return figure
+

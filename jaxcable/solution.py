@@ -81,7 +81,7 @@ class PhaseResult:
     path: Path
 
 
-@pytree
+@pytree(static=("links",))
 class Solution:
     """Result of `solve`.
 
@@ -100,6 +100,7 @@ class Solution:
         load: all loads that act at the end, [n_node, 3], N.
         last: the last converged `State`.
         phases: one `PhaseResult` per phase.
+        links: node numbers of the elements, one [n_elem, n_end] per group.
     """
 
     status: object
@@ -111,3 +112,4 @@ class Solution:
     load: object
     last: State
     phases: tuple
+    links: tuple = ()

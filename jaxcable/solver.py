@@ -251,4 +251,6 @@ def _arrange(structure, solution, fixed):
         for phase in solution.phases
     )
     last = copy(arrange(solution.last, "tension", "rest_length"), fixed=fixed)
-    return copy(arrange(solution, "tension", "rest_length"), phases=phases, last=last)
+    links = tuple(group.links for group in structure.groups)
+    solution = arrange(solution, "tension", "rest_length")
+    return copy(solution, phases=phases, last=last, links=links)
