@@ -53,8 +53,8 @@ class Factor:
     def solve(self, rhs, matvec):
         """Solve for `rhs` [n]; derivatives go through the linear function `matvec`.
 
-        All NaN if the matrix is singular. A loose unknown has no value: NaN, and NaN also where
-        its adjoint is asked for (right side not zero); the others are exact.
+        All NaN if the matrix is singular. A loose unknown has no value: NaN; the others are exact.
+        An adjoint that asks about a loose unknown (right side not zero there) is all NaN.
         """
         nan_if_singular = jnp.where(self.regular, 1.0, jnp.nan).astype(self.lu.dtype)
 
@@ -67,7 +67,8 @@ class Factor:
 
         def backward(_, b):
             # not linear, on purpose: a loose unknown nobody asks about must not spoil the others
-            return jnp.where(self.loose & (b != 0), jnp.nan, back_substitute(b, 1))
+            asked = jnp.any(self.loose & (b != 0))
+            return jnp.where(asked, jnp.nan, back_substitute(b, 1))
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 

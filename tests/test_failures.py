@@ -1,0 +1,287 @@
+"""Every failure has a status, a place, NaN derivatives, and a usable last state."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from problems import two_links
+
+import jaxcable as jc
+from jaxcable import status
+
+STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 4))
+FREE = np.array([3, 4, 7, 8])
+PLAIN = jc.solve(STRUCTURE, [PRESTRESS, LOADING])
+
+
+def all_nan(x):
+    return bool(np.isnan(np.asarray(x)).all())
+
+
+def check_failed(solution, code, phase, increment):
+    """Right code, phase (from 0) and increment (from 0); NaN from there on."""
+    assert int(solution.status) == code, jc.describe(solution.status)
+    for k, result in enumerate(solution.phases):
+        codes = np.asarray(result.path.status)
+        expected = [
+            code if (k, i) >= (phase, increment) else 0 for i in range(len(codes))
+        ]
+        assert codes.tolist() == expected
+        assert np.isnan(np.asarray(result.path.displacement)).all(axis=(1, 2)).tolist() == [
+            c != 0 for c in expected
+        ]
+        assert all_nan(result.displacement) == (expected[-1] != 0)
+    for value in (solution.displacement, solution.positions, solution.tension,
+                  solution.rest_length, solution.reactions, solution.load):
+        assert all_nan(value)
+    with pytest.raises(jc.AnalysisError) as error:
+        jc.raise_if_failed(solution)
+    text = str(error.value)
+    assert f"phase {phase + 1}, increment {increment + 1}" in text
+    assert " N: " in text and jc.describe(code) in text
+
+
+def test_mechanism():
+    """A link with one free end, pulled where nothing holds it: two islands of a structure."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [3.0, 0, 0]])
+    mask = np.zeros((4, 3), bool)
+    mask[0] = True
+    mask[2:, 1:] = True  # the second island slides along x
+    structure = jc.Structure(
+        nodes, jc.Bars([[0, 1], [2, 3]], axial_stiffness=100.0), jc.Supports(mask)
+    )
+    safe = jc.Phase(loads=jc.NodalLoads([1], (5.0, 0, 0)))
+    push = jc.Phase(loads=jc.NodalLoads([3], (1.0, 0, 0)), increments=3)
+    solution = jc.solve(structure, [safe, push])
+    check_failed(solution, status.MECHANISM, 1, 0)
+    assert int(solution.last.phase) == 0 and float(solution.last.load_factor) == 1.0
+    assert float(solution.last.tension[0]) == pytest.approx(5.0, rel=1e-9)
+
+
+def test_cable_net_that_nothing_holds_is_a_mechanism():
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]])
+    mask = np.zeros((3, 3), bool)
+    mask[0, 2] = mask[2, 2] = True  # rollers only
+    structure = jc.Structure(
+        nodes, jc.Cables([[0, 1], [1, 2]], axial_stiffness=100.0), jc.Supports(mask)
+    )
+    solution = jc.solve(structure, [jc.Phase(loads=jc.NodalLoads([1], (0, 1.0, -1.0)))])
+    check_failed(solution, status.MECHANISM, 0, 0)
+
+
+def test_too_few_steps():
+    solution = jc.solve(STRUCTURE, [PRESTRESS, LOADING], jc.Newton(max_steps=3))
+    codes = np.asarray(solution.phases[1].path.status)
+    k = int((codes != 0).argmax())
+    check_failed(solution, status.NOT_CONVERGED, 1, k)
+    assert int(solution.phases[1].path.iterations[k]) == 3
+    assert (np.asarray(solution.phases[1].path.iterations)[k + 1 :] == 0).all()
+    assert np.asarray(solution.phases[1].path.residual)[k] > 0
+
+
+def test_last_state_is_where_it_stopped():
+    """A few increments converge, then a step too large: the last state is exact at its factor."""
+    # with 4 increments of 75 N the first needs 5 steps, the later ones fewer
+    loads = jnp.array([0.0, 0.0, -300.0])
+    phases = [PRESTRESS, jc.Phase(loads=jc.NodalLoads(FREE, loads), increments=40)]
+    whole = jc.solve(STRUCTURE, phases)
+    steps = np.asarray(whole.phases[1].path.iterations)
+    limit = int(steps.max()) - 1
+    k = int((steps > limit).argmax())
+    stopped = jc.solve(STRUCTURE, phases, jc.Newton(max_steps=limit))
+    check_failed(stopped, status.NOT_CONVERGED, 1, k)
+    if k:
+        assert float(stopped.last.load_factor) == pytest.approx(k / 40)
+        assert np.array_equal(stopped.last.displacement, whole.phases[1].path.displacement[k - 1])
+
+
+@pytest.mark.parametrize("where", ["nodes", "axial_stiffness", "pretension", "load"])
+def test_nan_input(where):
+    nan = jnp.nan
+    structure, tension, load = STRUCTURE, np.full(12, 200.0), np.array([0, 0, -75.0])
+    if where == "nodes":
+        structure = jc.replace(structure, nodes=structure.nodes + np.eye(12, 3) * nan)
+    elif where == "axial_stiffness":
+        stiff = np.r_[nan, np.full(11, 97.97e3)]
+        structure = jc.replace(
+            structure, elements=jc.replace(structure.elements, axial_stiffness=stiff)
+        )
+    elif where == "pretension":
+        tension[5] = nan
+    else:
+        load[1] = nan
+    load = jc.Phase(loads=jc.NodalLoads(FREE, load), increments=2)
+    solution = jc.solve(structure, [jc.Phase(pretension=tension), load])
+    check_failed(solution, status.NONFINITE, int(where == "load"), 0)
+    assert int(solution.last.phase) == (0 if where == "load" else -1)
+
+
+def test_nan_in_the_incremental_scheme():
+    solution = jc.solve(
+        STRUCTURE,
+        [jc.Phase(pretension=np.r_[np.nan, np.full(11, 200.0)]), LOADING],
+        jc.Incremental(1),
+    )
+    check_failed(solution, status.NONFINITE, 0, 0)
+
+
+def test_drift_of_the_incremental_scheme():
+    """One big explicit step drifts; the same with corrections does not."""
+    coarse = [PRESTRESS, jc.Phase(loads=LOADING.loads, increments=2)]
+    check_failed(jc.solve(STRUCTURE, coarse, jc.Incremental(0)), status.DRIFTED, 1, 0)
+    fine = jc.solve(STRUCTURE, coarse, jc.Incremental(8))
+    jc.raise_if_failed(fine)
+    drifted = jc.solve(STRUCTURE, coarse, jc.Incremental(0, tol=np.inf))
+    jc.raise_if_failed(drifted)
+    error = np.abs(np.asarray(drifted.displacement - PLAIN.displacement)).max()
+    assert 1e-4 < error < 1e-2  # of 34 mm
+    assert np.abs(np.asarray(fine.displacement - PLAIN.displacement)).max() < 1e-9
+
+
+def test_singular_stiffness_of_the_incremental_scheme():
+    """Two links lose their tension in the second of four increments."""
+    structure, _ = two_links(1e3, 5.0, 0.0)
+    slacken = jc.Phase(shortening=-0.016, increments=4)
+    phases = [jc.Phase(pretension=5.0), slacken]
+    check_failed(jc.solve(structure, phases, jc.Incremental(0)), status.SINGULAR, 1, 1)
+    jc.raise_if_failed(jc.solve(structure, phases))  # an equilibrium with a loose node
+
+
+# --- loose nodes
+
+
+def loose_scene(slack):
+    """Two links in line, prestressed, and a third node hung on with slack cables."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 1.0, 0], [1.0, 2.0, 0]])
+    links = [[0, 1], [1, 2], [1, 3], [3, 4]]
+    return jc.Structure(
+        nodes,
+        jc.Cables(links, axial_stiffness=1e3, rest_length=[0.99, 0.99, slack, slack]),
+        jc.pinned([0, 2, 4]),
+    )
+
+
+def loose_solution(load, slack=1.2):
+    phases = [jc.Phase(), jc.Phase(loads=jc.NodalLoads([1], load))]
+    return jc.solve(loose_scene(slack), phases)
+
+
+def test_a_loose_node_is_counted_and_no_failure():
+    solution = loose_solution((0.0, 0.0, -1.0))
+    jc.raise_if_failed(solution)
+    path = solution.phases[1].path
+    assert int(path.n_slack[0]) == 2 and int(path.n_loose[0]) == 1
+    assert np.asarray(solution.tension)[2:].tolist() == [0.0, 0.0]
+    assert np.asarray(solution.displacement)[3].tolist() == [0.0, 0.0, 0.0]
+
+
+def test_derivatives_beside_a_loose_node():
+    """Exact where they do not depend on it, NaN where they do; in both modes."""
+    load = jnp.array([0.1, 0.0, -1.0])
+
+    def end(load, node):
+        return loose_solution(load).displacement[node]
+
+    structure = loose_scene(1.2)
+    alone = jc.Structure(
+        structure.nodes[:3],
+        jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e3, rest_length=0.99),
+        jc.pinned([0, 2]),
+    )
+
+    def without(load):
+        phases = [jc.Phase(), jc.Phase(loads=jc.NodalLoads([1], load))]
+        return jc.solve(alone, phases).displacement[1]
+
+    expected = jax.jacfwd(without)(load)
+    for mode in (jax.jacfwd, jax.jacrev):
+        got = mode(lambda p: end(p, 1))(load)
+        assert jnp.abs(got - expected).max() < 1e-9 * jnp.abs(expected).max()
+        assert all_nan(mode(lambda p: end(p, 3))(load))
+
+
+# --- gradients of failures
+
+
+def analysis(stiffness, tension, load):
+    structure = jc.replace(
+        STRUCTURE, elements=jc.replace(STRUCTURE.elements, axial_stiffness=stiffness)
+    )
+    phases = [
+        jc.Phase(pretension=tension, increments=2),
+        jc.Phase(loads=jc.NodalLoads(FREE, load), increments=2),
+    ]
+    return jc.solve(structure, phases, jc.Newton(max_steps=30))
+
+
+LOAD = jnp.array([0.0, 1.0, -75.0])
+
+
+@pytest.mark.parametrize(
+    ("tension", "load"),
+    [(jnp.nan, LOAD), (200.0, LOAD.at[0].set(jnp.nan))],
+    ids=["phase 1", "phase 2"],
+)
+def test_gradients_of_a_failed_solution_are_nan(tension, load):
+    gradient = jax.grad(lambda *p: analysis(*p).displacement[3, 2], argnums=(0, 1, 2))
+    for g in gradient(97.97e3, tension, load):
+        assert all_nan(g)
+
+
+def test_the_last_state_of_a_failed_analysis_is_differentiable():
+    bad = LOAD.at[0].set(jnp.nan)
+
+    def last(tension):
+        return analysis(97.97e3, tension, bad).last.tension[3]
+
+    def plain(tension):
+        return jc.solve(STRUCTURE, [jc.Phase(pretension=tension)]).tension[3]
+
+    tension = 200.0 + jnp.arange(12.0)
+    got, expected = jax.grad(last)(tension), jax.grad(plain)(tension)
+    assert jnp.abs(expected).max() > 0.1
+    assert jnp.abs(got - expected).max() < 1e-9
+
+
+def test_one_failed_case_leaves_the_others_and_the_shared_gradient_finite():
+    """The mask idiom: compute from `last`, then select by status."""
+    tensions = jnp.array([200.0, jnp.nan, 250.0])
+
+    def masked(stiffness, tensions):
+        def one(tension):
+            s = analysis(stiffness, tension, LOAD)
+            value = s.last.displacement[3, 2] ** 2 + s.last.tension[0] / 1e6
+            return jnp.where(s.status == status.OK, value, 0.0), s.displacement[3, 2]
+
+        values, displacement = jax.vmap(one)(tensions)
+        return jnp.sum(values), displacement
+
+    gradient, displacement = jax.grad(masked, has_aux=True)(97.97e3, tensions)
+    alone, _ = jax.grad(masked, has_aux=True)(97.97e3, tensions[::2])
+    assert jnp.isfinite(gradient) and abs(gradient / alone - 1) < 1e-10
+    assert jnp.isnan(displacement).tolist() == [False, True, False]
+    # one good case of the batch alone: its gradient is not spoilt by its failed neighbour
+    good = jax.grad(lambda s: masked(s, tensions)[1][0])(97.97e3)
+    assert jnp.isfinite(good)
+    bad = jax.grad(lambda s: masked(s, tensions)[1][1])(97.97e3)
+    assert jnp.isnan(bad)
+
+
+def test_a_batch_names_its_failed_case():
+    solution = jax.vmap(lambda t: analysis(97.97e3, t, LOAD))(jnp.array([200.0, jnp.nan]))
+    assert solution.status.tolist() == [0, status.NONFINITE]
+    with pytest.raises(jc.AnalysisError, match="case 1: phase 1, increment 1"):
+        jc.raise_if_failed(solution)
+
+
+def test_starting_from_a_failed_solution_stays_failed():
+    failed = analysis(97.97e3, jnp.nan, LOAD)
+    again = jc.solve(STRUCTURE, [LOADING], start=failed)
+    assert int(again.status) == status.NONFINITE and all_nan(again.displacement)
+
+
+def test_describe_knows_every_code_and_no_other():
+    codes = [getattr(status, n) for n in dir(status) if n.isupper() and not n.startswith("_")]
+    assert len({jc.describe(c) for c in codes}) == len(codes) == 6
+    with pytest.raises(ValueError, match="code = 99"):
+        jc.describe(99)
