@@ -78,4 +78,3 @@ def net(solution, path=None, magnify=1.0):
         figure.savefig(path, dpi=130)
         plt.close(figure)
     return figure
-

@@ -99,5 +99,12 @@ def random_net(seed, n_free=8, n_fixed=5):
     rest = length * rng.uniform(0.9, 1.3, len(links))
     stiffness = 1e4 * 10 ** rng.uniform(-1, 1, len(links))
     forces = rng.normal(size=(n_free, 3)) * 10 ** rng.uniform(0, 3)
-    return (nodes, links, stiffness, rest, forces, np.arange(n_fixed),
-            np.arange(n_fixed, n_fixed + n_free))
+    return (
+        nodes,
+        links,
+        stiffness,
+        rest,
+        forces,
+        np.arange(n_fixed),
+        np.arange(n_fixed, n_fixed + n_free),
+    )

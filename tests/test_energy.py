@@ -85,9 +85,7 @@ def test_residual_agrees_with_differences_of_an_independent_energy(name):
         return (0.5 * stiffness * rest * strain**2).sum() - (np.asarray(made.load) * u).sum()
 
     h = 1e-6
-    differences = [
-        (energy(x + h * e) - energy(x - h * e)) / (2 * h) for e in np.eye(len(x))
-    ]
+    differences = [(energy(x + h * e) - energy(x - h * e)) / (2 * h) for e in np.eye(len(x))]
     # truncation h^2 and rounding eps/h of an energy of order 10: both near 1e-9
     assert np.abs(np.asarray(made.residual(x)) - differences).max() < 1e-7
 

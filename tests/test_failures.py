@@ -23,16 +23,20 @@ def check_failed(solution, code, phase, increment):
     assert int(solution.status) == code, jc.describe(solution.status)
     for k, result in enumerate(solution.phases):
         codes = np.asarray(result.path.status)
-        expected = [
-            code if (k, i) >= (phase, increment) else 0 for i in range(len(codes))
-        ]
+        expected = [code if (k, i) >= (phase, increment) else 0 for i in range(len(codes))]
         assert codes.tolist() == expected
         assert np.isnan(np.asarray(result.path.displacement)).all(axis=(1, 2)).tolist() == [
             c != 0 for c in expected
         ]
         assert all_nan(result.displacement) == (expected[-1] != 0)
-    for value in (solution.displacement, solution.positions, solution.tension,
-                  solution.rest_length, solution.reactions, solution.load):
+    for value in (
+        solution.displacement,
+        solution.positions,
+        solution.tension,
+        solution.rest_length,
+        solution.reactions,
+        solution.load,
+    ):
         assert all_nan(value)
     with pytest.raises(jc.AnalysisError) as error:
         jc.raise_if_failed(solution)

@@ -72,8 +72,11 @@ PARAMETERS = {
     ),
     "released prop": (
         TENSION,
-        lambda p: two_phases(PROPPED, jc.Phase(pretension=p, loads=jc.NodalLoads([4], FORCES[1])),
-                             supports=STRUCTURE.supports),
+        lambda p: two_phases(
+            PROPPED,
+            jc.Phase(pretension=p, loads=jc.NodalLoads([4], FORCES[1])),
+            supports=STRUCTURE.supports,
+        ),
     ),
     "incremental tangent": (
         TENSION,

@@ -191,8 +191,9 @@ def test_start_remembers_supports_and_weight():
     whole = solved(structure, [dead, LOADING])
     again = solved(structure, [LOADING], start=first)
     assert np.array_equal(again.displacement, whole.displacement)
-    assert float(again.load[:, 2].sum()) == pytest.approx(-4 * 75 - 3 * np.sum(
-        np.asarray(again.rest_length)), rel=1e-12)
+    assert float(again.load[:, 2].sum()) == pytest.approx(
+        -4 * 75 - 3 * np.sum(np.asarray(again.rest_length)), rel=1e-12
+    )
 
 
 def test_path_reports_each_increment():
@@ -219,6 +220,7 @@ def test_increments_are_exact_at_their_own_load_factor():
     """Each row of the path is the solution of the analysis that ends there."""
     structure, (prestress, _) = jc.scenes.flat_net()
     path = solved(structure, [prestress, LOADING]).phases[1].path
-    part = solved(structure, [prestress, jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8],
-                                                                      (0, 0, -25.0)))])
+    part = solved(
+        structure, [prestress, jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8], (0, 0, -25.0)))]
+    )
     assert np.abs(np.asarray(path.displacement[0] - part.displacement)).max() < 1e-13

@@ -1,0 +1,143 @@
+"""What is compiled: nothing twice, nothing that a scene lacks, no freedom that is held."""
+
+import re
+
+import jax
+import numpy as np
+
+import jaxcable as jc
+from jaxcable import solver
+
+STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
+
+
+def compilations():
+    return solver._analyse._cache_size()
+
+
+def bars_only(**options):
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 1.0], [2.0, 0, 0], [1.0, 1.0, 0]])
+    group = jc.Bars([[0, 1], [1, 2], [1, 3]], axial_stiffness=1e4, **options)
+    return jc.Structure(nodes, group, jc.pinned([0, 2, 3]))
+
+
+def program(structure, phases, method=None):
+    """Text of the program of an analysis, and its number of equations at all depths."""
+    text = str(jax.make_jaxpr(lambda s: jc.solve(s, phases, method).displacement)(structure))
+    return text, len(re.findall(r" = ", text))
+
+
+def test_changing_a_number_does_not_recompile():
+    jc.solve(STRUCTURE, [PRESTRESS, LOADING])
+    before = compilations()
+    elements = STRUCTURE.elements
+    load = jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8], (1.0, 2.0, -3.0)), increments=10)
+    changed = [
+        (jc.replace(STRUCTURE, nodes=np.asarray(STRUCTURE.nodes) * 1.1), [PRESTRESS, LOADING]),
+        (
+            jc.replace(STRUCTURE, elements=jc.replace(elements, axial_stiffness=1e5)),
+            [PRESTRESS, LOADING],
+        ),
+        (STRUCTURE, [jc.Phase(pretension=np.linspace(100, 200, 12)), LOADING]),
+        (STRUCTURE, [jc.Phase(pretension=np.float64(150.0)), load]),
+    ]
+    for structure, phases in changed:
+        jc.raise_if_failed(jc.solve(structure, phases))
+    assert compilations() == before
+    jc.solve(STRUCTURE, [PRESTRESS, LOADING], jc.Newton(tol=1e-9, max_steps=50))
+    after = compilations()  # a stated tolerance is another program than the default one
+    jc.solve(STRUCTURE, [PRESTRESS, LOADING], jc.Newton(tol=1e-8, max_steps=60))
+    assert compilations() == after
+
+
+def test_nets_of_equal_shape_share_a_compilation():
+    jc.solve(STRUCTURE, [PRESTRESS, LOADING])
+    before = compilations()
+    order = np.random.default_rng(0).permutation(12)  # the same net, its nodes renumbered
+    back = np.argsort(order)
+    renumbered = jc.Structure(
+        np.asarray(STRUCTURE.nodes)[order],
+        jc.Cables(back[STRUCTURE.elements.links.array], axial_stiffness=97.97e3),
+        jc.pinned(back[np.setdiff1d(np.arange(12), [3, 4, 7, 8])]),
+    )
+    loads = jc.NodalLoads(back[[3, 4, 7, 8]], (0.0, 0.0, -150.0))
+    solution = jc.solve(renumbered, [PRESTRESS, jc.Phase(loads=loads, increments=10)])
+    jc.raise_if_failed(solution)
+    assert compilations() == before
+    plain = jc.solve(STRUCTURE, [PRESTRESS, LOADING])
+    same = np.asarray(solution.displacement)[back] - np.asarray(plain.displacement)
+    assert np.abs(same).max() < 1e-10
+
+
+def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
+    sizes = {program(STRUCTURE, [jc.Phase(pretension=200.0, increments=n)])[1] for n in (2, 7, 300)}
+    assert len(sizes) == 1
+    small, large = (program(*jc.scenes.saddle(n, n))[1] for n in (3, 9))
+    assert small == large
+
+
+def test_only_free_freedoms_are_solved_for():
+    text, _ = program(STRUCTURE, [PRESTRESS])
+    factored = set(re.findall(r"f64\[(\d+),(\d+)\] = (?:cholesky|lu)", text))
+    factored |= set(re.findall(r":f64\[(\d+),(\d+)\][^=\n]*= (?:cholesky|lu)\b", text))
+    assert factored == {("12", "12")}  # 4 free nodes of 12
+
+
+def test_a_bar_scene_has_nothing_of_what_it_does_not_use():
+    load = jc.Phase(loads=jc.NodalLoads([1], (1.0, 0.0, -5.0)))
+    text, plain = program(bars_only(), [load])
+    # every feature leaves equations where it is used, and so would be seen if it leaked
+    weight = jc.Phase(loads=[jc.NodalLoads([1], (1.0, 0.0, -5.0)), jc.SelfWeight()])
+    assert program(bars_only(weight=2.0), [weight])[1] > plain
+    prestress = jc.Phase(loads=load.loads, pretension=5.0)
+    assert program(bars_only(), [prestress])[1] > plain
+    support = jc.Phase(loads=load.loads, supports=jc.pinned([0, 2]))
+    assert program(bars_only(), [load, support])[1] > program(bars_only(), [load, load])[1]
+    as_cables = jc.Structure(
+        bars_only().nodes,
+        jc.Cables(bars_only().elements.links, axial_stiffness=1e4),
+        bars_only().supports,
+    )
+    assert program(as_cables, [load])[1] > plain  # slackness and softening
+    # what a slack cable, a ramp of prestress or a released support would need is not there
+    assert "callback" not in text
+    inner = jax.make_jaxpr(lambda u: _internal_force(u))(np.zeros((4, 3)))
+    assert not {"select_n", "lt", "le", "gt", "ge"} & _float_operations(inner.jaxpr)
+    with_cables = jax.make_jaxpr(lambda u: _internal_force(u, jc.Cables))(np.zeros((4, 3)))
+    assert {"select_n", "lt"} <= _float_operations(with_cables.jaxpr)
+
+
+def _internal_force(displacement, kind=jc.Bars):
+    from jaxcable.assembly import each
+    from jaxcable.elements import AxialState
+
+    nodes = np.asarray(bars_only().nodes)
+    group = jc._tree.copy(
+        kind([[0, 1], [1, 2], [1, 3]], axial_stiffness=1e4),
+        links=np.array([[0, 1], [1, 2], [1, 3]]),
+    )
+    state = AxialState(np.ones(3), np.zeros(3))
+    return each("tension", group, state, jax.numpy.asarray(nodes), displacement)
+
+
+def _float_operations(jaxpr):
+    """Names of all operations on floats, at all depths (index arithmetic is on integers)."""
+    names = set()
+    for equation in jaxpr.eqns:
+        for value in equation.params.values():
+            if hasattr(value, "jaxpr"):
+                names |= _float_operations(value.jaxpr)
+        if any(np.issubdtype(v.aval.dtype, np.floating) for v in equation.invars):
+            names.add(equation.primitive.name)
+    return names
+
+
+def test_import_leaves_the_configuration_of_jax_alone():
+    import subprocess
+    import sys
+
+    code = (
+        "import jax; before = dict(jax.config.values); import jaxcable; "
+        "assert dict(jax.config.values) == before"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

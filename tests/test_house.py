@@ -1,0 +1,141 @@
+"""The rules of the house: imports go downward, modules are short, public names are documented."""
+
+import ast
+import doctest
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import pytest
+
+import jaxcable as jc
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "jaxcable"
+
+FLOORS = [
+    ["_tree", "_check"],
+    ["status"],
+    ["materials"],
+    ["elements"],
+    ["structure"],
+    ["loads"],
+    ["assembly"],
+    ["linear"],
+    ["implicit"],
+    ["equilibrium"],
+    ["incremental"],
+    ["phases"],
+    ["ramp"],
+    ["solution"],
+    ["solver"],
+    ["scenes"],
+    ["plots"],
+    ["__init__", "__main__"],
+]
+LEVEL = {name: k for k, floor in enumerate(FLOORS) for name in floor}
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+
+def room(path):
+    """The top-level module or folder that a file belongs to."""
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+def imports(path):
+    """Rooms of this package that a file imports, anywhere in it."""
+    depth = len(path.relative_to(PACKAGE).parts)
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            if node.level:
+                if node.level < depth:  # within its own folder
+                    continue
+                yield from [module.split(".")[0]] if module else [a.name for a in node.names]
+            elif module.split(".")[0] == "jaxcable":
+                yield module.split(".")[1] if "." in module else "__init__"
+        elif isinstance(node, ast.Import):
+            yield from ["__init__" for a in node.names if a.name.split(".")[0] == "jaxcable"]
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_downward(path):
+    for other in imports(path):
+        if room(path) == "__main__":
+            continue
+        assert LEVEL[other] < LEVEL[room(path)], f"{room(path)} imports {other}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_modules_are_short_and_documented(path):
+    text = path.read_text()
+    assert len(text.splitlines()) <= 400
+    tree = ast.parse(text)
+    assert ast.get_docstring(tree)
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+            assert ast.get_docstring(node), node.name
+
+
+def test_docstring_examples():
+    assert doctest.testmod(jc).attempted > 3
+    assert doctest.testmod(jc).failed == 0
+
+
+def test_interface_calls_work_as_spelled():
+    """The calls of the README's first example."""
+    import re
+
+    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S).group(1)
+    names = {}
+    exec(compile(block, "README.md", "exec"), names)
+    assert int(names["solution"].status) == 0
+    assert names["gradient"].shape == (12,)
+
+
+def test_notebooks_run():
+    matplotlib.use("Agg")
+    found = sorted((ROOT / "notebooks").glob("*.ipynb"))
+    assert found
+    for path in found:
+        names = {}
+        for cell in json.loads(path.read_text())["cells"]:
+            if cell["cell_type"] == "code":
+                exec(compile("".join(cell["source"]), str(path), "exec"), names)
+
+
+def run(*arguments, cwd):
+    environment = {**os.environ, "MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, "-m", "jaxcable", *arguments],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+
+
+def test_demo_prints_its_table_and_writes_its_picture(tmp_path):
+    result = run("demo", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "status    0: converged" in result.stdout
+    assert "identified from these deflections" in result.stdout
+    for node in jc.scenes.hypar.NODE_NAMES:
+        assert any(line.startswith(f"  {node:4d}  ") for line in result.stdout.splitlines())
+    picture = (tmp_path / "hypar_net.png").read_bytes()
+    assert picture.startswith(b"\x89PNG") and len(picture) > 20_000
+
+
+def test_command_line_help_and_errors(tmp_path):
+    assert "demo" in run("--help", cwd=tmp_path).stdout
+    assert run("nonsense", cwd=tmp_path).returncode == 2
+
+
+def test_picture_of_a_failed_solution_is_refused():
+    structure, phases = jc.scenes.flat_net()
+    failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
+    with pytest.raises(ValueError, match="solution: has failed"):
+        jc.plots.net(failed)
