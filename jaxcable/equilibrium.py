@@ -11,7 +11,7 @@ Each iteration factorises once:
    cable-only structure is convex, so ``g`` grows and ``g <= 0`` means that energy fell all the way.
    A full step is taken unless it overshoots; then the zero of ``g`` is bracketed.
 3. Stiff cables that swing: a step sideways lengthens a cable in second order, and at EA/N = 1e5
-   the search then allows only tiny ones. After fifteen short steps a tension-only structure is softened
+   the search then allows only tiny ones. After 15 short steps a tension-only structure is softened
    by a spring in series with every element (strain 1 under the largest load), which keeps the
    energy convex, and stiffened by tens as it settles. It costs an ordinary net nothing.
 
