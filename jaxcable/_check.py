@@ -14,13 +14,13 @@ def floats(value, name):
     """Return `value` as an array of floats; integers become the default float type."""
     if isinstance(value, jax.Array):
         array = value
+    elif any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(value)):
+        array = jnp.asarray(value)  # a list or tuple that may hold tracers
     else:
         try:
             array = np.asarray(value)
         except ValueError as error:
             raise ValueError(f"{name}: not a rectangular array of numbers") from error
-    if array.dtype == object and not isinstance(value, jax.Array):
-        array = jnp.asarray(value)  # a list that holds tracers
     if not (np.issubdtype(array.dtype, np.number) or jnp.issubdtype(array.dtype, jnp.floating)):
         raise ValueError(f"{name}: expected numbers, got {array.dtype}")
     if jnp.issubdtype(array.dtype, jnp.complexfloating):

@@ -169,8 +169,11 @@ def newton(system, x, method, active):
     stuck = (end.code == status.OK) & ~converged(end)
     code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)
     good = active & (code == status.OK)
+    residual, scale = end.residual, end.scale
+    if soften:  # it may have stopped while softened: report the residual of the real system
+        residual, scale = system.residual_and_scale(end.x)
     x = jnp.where(good, end.x, x)
-    return Outcome(x, code, end.steps, _largest(end.residual), end.scale, good)
+    return Outcome(x, code, end.steps, _largest(residual), scale, good)
 
 
 def march(ramp, x, factors, method, code):

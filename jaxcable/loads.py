@@ -17,10 +17,12 @@ class NodalLoads:
     Args:
         nodes: node numbers, [n]; a node may be named more than once, its forces add.
         forces: one force [3] for each of them, or [n, 3], N.
+        moments: for nodes with rotations; no element has them yet, so it must be None.
     """
 
     nodes: object
     forces: object
+    moments: object = None
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
@@ -31,6 +33,8 @@ class NodalLoads:
                 f"forces: expected shape (3,) or ({len(self.nodes)}, 3), got {forces.shape}"
             )
         object.__setattr__(self, "forces", forces)
+        if self.moments is not None:
+            raise ValueError("moments: must be None; no element of the structure has rotations")
 
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
@@ -52,8 +56,8 @@ class NodalLoads:
 class SelfWeight:
     """Self-weight of every group that has `weight`, half of each element to each end.
 
-    The weight is that of the current unstressed length (while a jack pulls: of the unstressed
-    length with which the phase began; what the jack took in counts from the next phase on).
+    The weight is that of the current unstressed length; a jack leaves it as it was when it began to
+    pull, so that anchoring it moves nothing.
 
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.

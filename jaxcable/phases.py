@@ -1,7 +1,6 @@
 """A phase: what is added to the structure, in how many increments."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from . import _check
@@ -18,7 +17,7 @@ _RULES = {
 }
 _CABLE_RULES = {
     name: (lambda v: v >= 0, "a cable carries tension only; must not be negative")
-    for name in ("pretension", "force_density", "jacking", "prestrain")
+    for name in ("pretension", "force_density", "jacking")
 }
 
 
@@ -68,9 +67,8 @@ class Phase:
             raise ValueError("supports: expected pinned(nodes) or Supports(mask)")
         as_list(self.loads)
         for name in ABSOLUTE + INCREMENTS:
-            value = getattr(self, name)
-            checked = jax.tree.map(lambda v, name=name: _check.floats(v, name), value, **_LEAF)
-            object.__setattr__(self, name, checked)
+            for leaf in jax.tree.leaves(getattr(self, name)):
+                _check.floats(leaf, name)
 
     def inputs(self, structure):
         """Prestress statements per group: a list of dicts from name to array [n_elem]."""
@@ -95,33 +93,36 @@ class Phase:
         return per_group
 
 
-def _is_value(x):
-    """Whether `x` is one value of a prefix pytree: None, or a list of numbers."""
-    return x is None or (isinstance(x, list) and all(isinstance(v, int | float) for v in x))
-
-
-_LEAF = {"is_leaf": lambda x: _is_value(x) and x is not None}
-
-
 def _spread(value, structure, name):
     """A prefix pytree of the elements as a list with one entry per group."""
     if value is None:
         return [None] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
-    values = [None] * len(structure.groups)
+    if isinstance(numbers, int) and isinstance(value, list | tuple):
+        return [value]  # the values of the only group
 
-    def assign(v, subtree):
-        for number in jax.tree.leaves(subtree):
-            values[number] = v
+    def is_row(x):
+        return isinstance(x, list | tuple) and not any(
+            isinstance(v, list | tuple | dict) for v in x
+        )
 
-    try:
-        jax.tree.map(assign, value, numbers, is_leaf=lambda x: x is None)
-    except (ValueError, TypeError, KeyError) as error:
-        raise ValueError(
-            f"{name}: expected a scalar, an array [n_elem], or a prefix pytree of the structure's "
-            f"elements, got {jax.tree.structure(value)}"
-        ) from error
-    return values
+    # a list may be a branch of the tree of groups, or else the values of one group
+    for is_leaf in (lambda x: x is None, lambda x: x is None or is_row(x)):
+        values = [None] * len(structure.groups)
+
+        def assign(v, subtree, values=values):
+            for number in jax.tree.leaves(subtree):
+                values[number] = v
+
+        try:
+            jax.tree.map(assign, value, numbers, is_leaf=is_leaf)
+        except (ValueError, TypeError, KeyError):
+            continue
+        return values
+    raise ValueError(
+        f"{name}: expected a scalar, an array [n_elem], or a prefix pytree of the structure's "
+        f"elements, got {jax.tree.structure(value)}"
+    )
 
 
 def _checked(value, group, name):
@@ -135,11 +136,4 @@ def _checked(value, group, name):
         _check.require(value, rule, name, text)
     if name == "temperature" and group.expansion is None:
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
-    if name == "shortening" and group.rest_length is not None:
-        _check.require(
-            jnp.asarray(group.rest_length) - value,
-            lambda v: v > 0,
-            "rest_length - shortening",
-            "an unstressed length must stay positive",
-        )
     return value

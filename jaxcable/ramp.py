@@ -5,11 +5,11 @@ with index arrays in place of topology. `Ramp.build` turns the prestress stateme
 end states once; `Ramp.at` interpolates.
 """
 
+import jax
 import jax.numpy as jnp
 
 from ._tree import copy, pytree
 from .assembly import System, each
-from .elements.bar import AxialState
 
 
 @pytree
@@ -121,14 +121,12 @@ class Ramp:
         now = []
         for start, end, jack in zip(self.begin.states, self.end_states, self.held, strict=True):
             if jack is not None:
-                now.append(AxialState(start.rest_length, start.elongation, _mix(*jack, factor)))
+                now.append(copy(start, held=_mix(*jack, factor)))
             elif end is not None:
-                now.append(
-                    AxialState(
-                        _mix(start.rest_length, end.rest_length, factor),
-                        _mix(start.elongation, end.elongation, factor),
-                    )
-                )
+                mixed = jax.tree.map(lambda a, b: _mix(a, b, factor), start, end)
+                # taken in altogether: no such cable, and NaN becomes the status NONFINITE
+                length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
+                now.append(copy(mixed, rest_length=length))
             else:
                 now.append(start)
         return now

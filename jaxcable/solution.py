@@ -7,6 +7,8 @@ from ._tree import pytree
 class State:
     """A converged state: the end of an analysis, or where it stopped.
 
+    NaN only if the structure's own numbers are not finite: then there is no state.
+
     Attributes:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
@@ -38,14 +40,15 @@ class Path:
 
     Attributes:
         load_factor: [n_inc].
-        displacement: from the initial nodes, [n_inc, n_node, 3], m; NaN from a failure on.
+        displacement: from the geometry in which the phase began, [n_inc, n_node, 3], m; NaN from a
+            failure on.
         tension: in the shape of `elements`, each [n_inc, n_elem], N; NaN from a failure on.
         status: codes, [n_inc]; from a failure on its code.
         iterations: factorisations, [n_inc].
         residual: largest unbalanced force at a free freedom, [n_inc], N.
         relative_residual: the same over the force it is judged by (see `Newton.tol`), [n_inc].
-        n_slack: number of slack elements, [n_inc].
-        n_loose: number of nodes that touch only slack elements, [n_inc].
+        n_slack: number of slack elements, [n_inc]; -1 from a failure on.
+        n_loose: number of nodes that touch only slack elements, [n_inc]; -1 from a failure on.
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
     """
 

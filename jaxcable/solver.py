@@ -8,13 +8,14 @@ from jax import lax
 
 from . import equilibrium, implicit, incremental, status
 from ._tree import Indices, copy, fill, thaw
+from .assembly import System
 from .equilibrium import Newton
 from .incremental import Incremental
 from .loads import NodalLoads, as_list
 from .phases import Phase
 from .ramp import Carry, PhaseData, Ramp, total_load
 from .solution import Path, PhaseResult, Solution, State
-from .structure import Structure, number_freedoms
+from .structure import Freedoms, Structure, number_freedoms
 
 
 def solve(structure, phases, method=None, start=None, differentiate_path=False):
@@ -114,21 +115,27 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
     if carry is None:
         states = [group.start(nodes[group.links]) for group in groups]
         carry = Carry(jnp.zeros_like(nodes), states, jnp.zeros_like(nodes), [])
-    where, results = (jnp.int32(-1), jnp.zeros((), dtype)), []
+    # a state of numbers that are not finite is none: its NaN must not reach what a batch shares
+    sound = _finite((nodes, groups))
+    frame = implicit.gate(sound, (nodes, groups))
+    reached = (
+        jnp.int32(-1),
+        jnp.zeros((), dtype),
+        (data[0].freedoms_before or data[0].freedoms).fixed,
+    )
+    results = []
     for number, phase in enumerate(data):
         problem = (nodes, groups, carry, phase)
-        code, carry, end, factor, path = _run_phase(problem, method, code, differentiate_path)
+        code, carry, load, factor, path = _run_phase(problem, method, code, differentiate_path)
         if not differentiate_path and isinstance(method, Newton):
             path = copy(
                 path,
                 displacement=implicit.undifferentiated(path.displacement, parameters),
                 tension=implicit.undifferentiated(path.tension, parameters),
             )
-        where = jax.tree.map(
-            lambda new, old, factor=factor: jnp.where(factor > 0, new, old),
-            (jnp.int32(number), factor),
-            where,
-        )
+        now = (jnp.int32(number), factor, phase.freedoms.fixed)
+        reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
+        end = _state(frame, carry, load, *reached)
         began = problem[2].displacement
         values = (
             end.displacement - began,
@@ -139,21 +146,15 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         )
         ok = code == status.OK
         results.append(PhaseResult(code, *implicit.nan_unless(ok, values, parameters), path))
-    last = copy(end, phase=where[0], load_factor=where[1], carry=carry)
-    final = (
-        last.displacement,
-        last.positions,
-        last.tension,
-        last.rest_length,
-        last.reactions,
-        last.load,
-    )
-    final = implicit.nan_unless(code == status.OK, final, parameters)
-    return Solution(code, *final, last, tuple(results))
+    names = ("displacement", "positions", "tension", "rest_length", "reactions", "load")
+    values = [getattr(end, name) for name in names]
+    last = dict(zip(names, implicit.nan_unless(sound, values, parameters), strict=True))
+    final = implicit.nan_unless(code == status.OK, values, parameters)
+    return Solution(code, *final, copy(end, carry=carry, **last), tuple(results))
 
 
 def _run_phase(problem, method, code, differentiate_path):
-    """One phase: status, carry, end state, load factor reached and path."""
+    """One phase: status, carry, load at its end, load factor reached and path."""
     carry, data = problem[2:]
     dtype, n_inc = carry.displacement.dtype, data.increments
     factors = jnp.arange(1, n_inc + 1, dtype=dtype) / n_inc
@@ -175,13 +176,14 @@ def _run_phase(problem, method, code, differentiate_path):
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
             xs = attach(factors, xs, good)
-    end, carry = _end(ramp, factor, x, valid, carry, data)
+    carry, load = _end(ramp, factor, x, valid, problem)
     path = _path(ramp, factors, xs, outcome, good)
-    return outcome.code[-1], carry, end, factor, path
+    return outcome.code[-1], carry, load, factor, path
 
 
-def _end(ramp, factor, x, valid, before, data):
-    """State and carry at the end of a phase; those before it if it has no good increment."""
+def _end(ramp, factor, x, valid, problem):
+    """Carry and load at the end of a phase; those before it if it has no good increment."""
+    nodes, groups, before, data = problem
     system = ramp.at(factor)
     after = ramp.leave(factor, system.displacement(x))
     nothing = [
@@ -189,23 +191,27 @@ def _end(ramp, factor, x, valid, before, data):
     ]
     before = copy(before, element_loads=[*before.element_loads, *nothing])
     carry = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
-    nodes, groups = ramp.nodes, ramp.groups
-    load = jnp.where(valid, system.load, total_load(nodes, groups, before))
+    return carry, jnp.where(valid, system.load, total_load(nodes, groups, before))
+
+
+def _state(frame, carry, load, number, factor, fixed):
+    """The `State` that a carry stands for."""
+    nodes, groups = frame
     displacement = carry.displacement
-    system = copy(system, states=carry.states, load=load)
-    end = State(
+    freedoms = Freedoms(free=None, source=None, number=None, fixed=fixed)
+    system = System(nodes, groups, carry.states, load, None, freedoms)
+    return State(
         displacement=displacement,
         positions=nodes + displacement,
         tension=system.tensions(displacement),
         rest_length=[state.rest_length for state in carry.states],
         reactions=system.reactions(displacement),
         load=load,
-        phase=None,
-        load_factor=None,
+        phase=number,
+        load_factor=factor,
         carry=None,
         fixed=None,
     )
-    return end, carry
 
 
 def _path(ramp, factors, xs, outcome, good):
@@ -216,7 +222,8 @@ def _path(ramp, factors, xs, outcome, good):
         displacement = system.displacement(x)
         n_slack = sum(jnp.sum(slack) for slack in system.slack(displacement))
         n_loose = jnp.sum(system.loose_nodes(displacement))
-        return displacement, system.tensions(displacement), n_slack, n_loose
+        moved = displacement - ramp.begin.displacement
+        return moved, system.tensions(displacement), n_slack, n_loose
 
     displacement, tension, n_slack, n_loose = jax.vmap(row)(factors, xs)
     nan = jnp.where(good, 1.0, jnp.nan).astype(factors.dtype)
@@ -228,8 +235,8 @@ def _path(ramp, factors, xs, outcome, good):
         iterations=outcome.steps,
         residual=outcome.residual,
         relative_residual=outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0),
-        n_slack=n_slack.astype(jnp.int32),
-        n_loose=n_loose.astype(jnp.int32),
+        n_slack=jnp.where(good, n_slack, -1).astype(jnp.int32),
+        n_loose=jnp.where(good, n_loose, -1).astype(jnp.int32),
         equilibrated=outcome.equilibrated,
     )
 

@@ -23,7 +23,7 @@ _TEXTS = {
     ),
     NONFINITE: (
         "a number became NaN or infinite; look for NaN in nodes, stiffness, pretension or loads, "
-        "or for an element whose ends coincide"
+        "for an element whose ends coincide, or for a shortening that leaves no length"
     ),
     SINGULAR: (
         "the stiffness of an increment is singular, so the incremental scheme cannot step; "

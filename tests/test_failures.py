@@ -1,5 +1,7 @@
 """Every failure has a status, a place, NaN derivatives, and a usable last state."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -245,6 +247,62 @@ def test_the_last_state_of_a_failed_analysis_is_differentiable():
     got, expected = jax.grad(last)(tension), jax.grad(plain)(tension)
     assert jnp.abs(expected).max() > 0.1
     assert jnp.abs(got - expected).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", [None, jc.Incremental(1, tol=9.0)], ids=["newton", "tangent"])
+def test_the_last_state_keeps_its_whole_derivative(method):
+    """With respect to what it depends on directly too: stiffness and nodes."""
+    bad = jc.Phase(loads=jc.NodalLoads([3], (0, 0, np.nan)))
+    load = jc.Phase(loads=jc.NodalLoads(FREE, (0, 0, -10.0)))
+
+    @jax.jit
+    @functools.partial(jax.grad, has_aux=True)
+    def both(structure):
+        short = jc.solve(structure, [jc.Phase(pretension=200.0), load], method)
+        failed = jc.solve(structure, [jc.Phase(pretension=200.0), load, bad], method)
+
+        def value(s):
+            return s.last.tension[3] + 1e4 * s.last.positions[3, 0] + s.last.reactions[0, 1]
+
+        return value(failed) - value(short), (failed.status, value(short))
+
+    gradient, (code, _) = both(STRUCTURE)
+    assert int(code) == status.NONFINITE
+    # the two derivatives cancel: each is of order 1e4 for the nodes, 1e-3 for the stiffness
+    assert jnp.abs(gradient.nodes).max() < 1e-6
+    assert jnp.abs(gradient.elements.axial_stiffness).max() < 1e-12
+
+
+def test_the_last_state_has_the_reactions_of_its_own_supports():
+    mask = np.asarray(STRUCTURE.supports.fixed(12)).copy()
+    mask[0, 1:] = False
+    bad = jc.Phase(supports=jc.Supports(mask), loads=jc.NodalLoads([3], (0, 0, np.nan)))
+    last = jc.solve(STRUCTURE, [PRESTRESS, LOADING, bad]).last
+    plain = jc.solve(STRUCTURE, [PRESTRESS, LOADING]).last
+    assert int(last.phase) == 1 and float(last.load_factor) == 1.0
+    assert np.array_equal(last.reactions, plain.reactions) and float(last.reactions[0, 2]) > 1
+
+
+def test_singular_on_the_way_does_not_spoil_the_gradient():
+    """An empty phase of an unstressed flat net is singular; what follows is not."""
+    load = jc.Phase(loads=jc.NodalLoads(FREE, (0, 0, -15.0)))
+
+    def end(stiffness, phases):
+        elements = jc.replace(STRUCTURE.elements, axial_stiffness=stiffness)
+        return jc.solve(jc.replace(STRUCTURE, elements=elements), phases).displacement[3, 2]
+
+    alone = jax.grad(lambda p: end(p, [load]))(97.97e3)
+    after = jax.grad(lambda p: end(p, [jc.Phase(), load]))(97.97e3)
+    assert float(after) == pytest.approx(float(alone), rel=1e-9)
+    singular = jax.grad(lambda p: end(p, [jc.Phase()]))(97.97e3)
+    assert np.isnan(singular)
+
+
+def test_a_cable_taken_in_altogether():
+    """0.5 m out of 0.4 m: fails at the increment where no length is left."""
+    solution = jc.solve(STRUCTURE, [jc.Phase(shortening=0.5, increments=10)])
+    check_failed(solution, status.NONFINITE, 0, 7)
+    assert float(solution.last.load_factor) == pytest.approx(0.7)
 
 
 def test_one_failed_case_leaves_the_others_and_the_shared_gradient_finite():

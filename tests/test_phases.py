@@ -97,6 +97,18 @@ def test_unequal_pretension_moves_to_an_independently_checked_equilibrium():
     assert np.abs(force - solution.tension).max() < 1e-9
 
 
+def test_prefix_of_a_list_of_groups():
+    """A list is a branch of the tree of groups where the groups are a list."""
+    links = STRUCTURE.elements.links
+    groups = [jc.Cables(links[:6], axial_stiffness=EA), jc.Cables(links[6:], axial_stiffness=EA)]
+    structure = jc.Structure(STRUCTURE.nodes, groups, STRUCTURE.supports)
+    for statement in ([200.0, 100.0], [[200.0] * 6, 100.0]):
+        solution = solved(structure, [jc.Phase(pretension=statement)])
+        assert np.allclose(solution.tension[0], 200.0) and np.allclose(solution.tension[1], 100.0)
+    one = solved(STRUCTURE, [jc.Phase(pretension=[200.0] * 12)])
+    assert np.allclose(one.tension, 200.0)
+
+
 # --- jacking
 
 
@@ -107,6 +119,17 @@ def test_jacked_and_anchored_net_does_not_move():
     assert np.abs(np.asarray(solution.phases[1].displacement)).max() == 0.0
     assert int(solution.phases[1].path.iterations[0]) == 0
     assert np.allclose(solution.tension, 200.0, rtol=1e-13)
+
+
+def test_anchoring_under_self_weight_does_not_move_the_net():
+    """What the jack takes in or pays out does not change the weight that it balanced."""
+    nodes = np.asarray(STRUCTURE.nodes) + 0.05 * np.eye(12, 3, k=-3)
+    elements = jc.replace(STRUCTURE.elements, weight=50.0)
+    structure = jc.replace(STRUCTURE, nodes=nodes, elements=elements)
+    jacked = jc.Phase(jacking=200.0, loads=jc.SelfWeight(), increments=2)
+    solution = solved(structure, [jacked, jc.Phase()])
+    assert float(solution.phases[0].displacement[3, 2]) < -0.01
+    assert np.abs(np.asarray(solution.phases[1].displacement)).max() == 0.0
 
 
 def test_jack_as_a_load_is_anchored_where_it_is():

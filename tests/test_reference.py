@@ -48,6 +48,7 @@ def test_hypar_net_finds_its_form_and_deflects_as_computed():
     deflection = -1e3 * np.asarray(second.displacement)[free, 2]
     assert np.abs(deflection - ref["computed_deflection_mm"]).max() < 1e-3  # 1e-6 m
     assert np.abs(np.asarray(solution.tension) - ref["computed_tension_N"]).max() < 1e-6
+    assert np.array_equal(second.path.displacement[-1], second.displacement)
     # checked once more by lengths alone, apart from the package
     out, _ = unbalanced(
         np.asarray(structure.nodes),

@@ -12,7 +12,6 @@ FREE = np.array([3, 4, 7, 8])
 METHODS = {
     "newton": jc.Newton(tol=1e-13),
     "tangent": jc.Incremental(1, tol=9.0),
-    "secant": jc.Incremental(0, "secant", tol=9.0),
 }
 P = jnp.array([180.0, 220.0, -5.0])  # pretension of rows and of columns, load
 
@@ -99,6 +98,15 @@ def test_solve_inside_scan_and_of_a_whole_structure_pytree():
     assert float(gradient.elements.axial_stiffness.sum()) == pytest.approx(
         float(difference), rel=1e-5
     )
+
+
+def test_a_traced_component_of_a_force():
+    def end(down):
+        load = jc.NodalLoads(FREE, (0.0, 0.0, -down))
+        return jc.solve(STRUCTURE, [jc.Phase(pretension=200.0), jc.Phase(loads=load)]).tension[0]
+
+    slope = jax.jit(jax.grad(end))(15.0)
+    assert float(slope) == pytest.approx(float(end(15.01) - end(14.99)) / 0.02, rel=1e-5)
 
 
 def test_loads_as_a_batch():

@@ -35,11 +35,14 @@ class AxialState:
         rest_length: unstressed length L0, [n_elem], m.
         elongation: initial chord minus unstressed length, carried by itself, [n_elem], m.
         held: force held by a jack during a phase, [n_elem], N, or None.
+        weighing: unstressed length that has weight, [n_elem], m, or None if the group has none;
+            it is `rest_length` but for what a jack has taken in.
     """
 
     rest_length: object
     elongation: object
     held: object = None
+    weighing: object = None
 
 
 @pytree(indices=("links",))
@@ -91,8 +94,9 @@ class Bars:
         for name in ("axial_stiffness", "area", "rest_length", "strength"):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")
-        if self.weight is not None:
-            _check.require(self.weight, lambda v: v >= 0, "weight", "must not be negative")
+        for name in ("weight", "compliance"):
+            if getattr(self, name) is not None:
+                _check.require(getattr(self, name), lambda v: v >= 0, name, "must not be negative")
 
     def properties(self):
         """The arrays with one value per element, by name."""
@@ -135,12 +139,15 @@ class Bars:
         """State before the first phase: the group's unstressed length, or the chord itself."""
         chord = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
         if self.rest_length is None:
-            return AxialState(rest_length=chord, elongation=jnp.zeros_like(chord))
-        return AxialState(rest_length=self.rest_length, elongation=chord - self.rest_length)
+            rest_length, elongation = chord, jnp.zeros_like(chord)
+        else:
+            rest_length, elongation = self.rest_length, chord - self.rest_length
+        weighing = None if self.weight is None else rest_length
+        return AxialState(rest_length, elongation, weighing=weighing)
 
     def weight_at_ends(self, state):
         """Half of each element's self-weight for each of its ends, [n_elem, 2], N."""
-        return jnp.repeat((0.5 * self.weight * state.rest_length)[:, None], 2, axis=1)
+        return jnp.repeat((0.5 * self.weight * state.weighing)[:, None], 2, axis=1)
 
     # --- one element
 
@@ -226,14 +233,19 @@ class Bars:
         if "temperature" in inputs:
             change = rest_length * self.expansion * inputs["temperature"]
             rest_length, elongation = rest_length + change, elongation - change
-        return AxialState(rest_length, elongation)
+        weighing = state.weighing
+        if weighing is not None:
+            absolute = set(inputs) - {"shortening", "temperature"}
+            change = rest_length - state.rest_length
+            weighing = rest_length if absolute else weighing + change
+        return AxialState(rest_length, elongation, weighing=weighing)
 
     def lock(self, state, ends, motion):
         """State of an anchored jack: the unstressed length that gives the held force here."""
         _, length, change, _ = stretch(ends, motion)
         strain = self.strain_at(state.held)
         rest_length = length / (1 + strain)
-        return AxialState(rest_length, rest_length * strain - change)
+        return AxialState(rest_length, rest_length * strain - change, weighing=state.weighing)
 
 
 def stretch(ends, motion):

@@ -54,21 +54,22 @@ class Factor:
         """Solve for `rhs` [n]; derivatives go through the linear function `matvec`.
 
         All NaN if the matrix is singular. A loose unknown has no value: NaN; the others are exact.
-        An adjoint that asks about a loose unknown (right side not zero there) is all NaN.
+        An adjoint that asks about one of these (right side not zero there) is all NaN.
         """
-        nan_if_singular = jnp.where(self.regular, 1.0, jnp.nan).astype(self.lu.dtype)
 
         def back_substitute(b, trans):
             b = jnp.where(self.loose, 0.0, b) / self.size
-            return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size * nan_if_singular
+            return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size
 
         def forward(_, b):
-            return jnp.where(self.loose, jnp.nan, back_substitute(b, 0))
+            return jnp.where(self.loose | ~self.regular, jnp.nan, back_substitute(b, 0))
 
         def backward(_, b):
-            # not linear, on purpose: a loose unknown nobody asks about must not spoil the others
-            asked = jnp.any(self.loose & (b != 0))
-            return jnp.where(asked, jnp.nan, back_substitute(b, 1))
+            # not linear, on purpose: a loose unknown, or a singular phase on the way, that nobody
+            # asks about must not spoil the rest
+            asked = jnp.any((self.loose | ~self.regular) & (b != 0))
+            answer = jnp.where(self.regular, back_substitute(b, 1), 0.0)
+            return jnp.where(asked, jnp.nan, answer)
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 
