@@ -132,9 +132,13 @@ class Ramp:
         return now
 
     def nodal_load(self, factor):
-        """Nodal loads at a load factor, [n_node, 3], N, without reactions being ramped out."""
+        """Nodal loads and reactions being ramped out, at a load factor, [n_node, 3], N."""
         load = self.begin.nodal_load
-        return load if self.added_load is None else load + factor * self.added_load
+        if self.added_load is not None:
+            load = load + factor * self.added_load
+        if self.released is not None:
+            load = load + (1 - factor) * self.released
+        return load
 
     def element_loads(self, factor):
         """Element loads at a load factor, with their factors."""
@@ -142,16 +146,10 @@ class Ramp:
 
     def at(self, factor):
         """The `System` at a load factor."""
-        states = self.states(factor)
-        load = self.nodal_load(factor)
-        if self.released is not None:
-            load = load + (1 - factor) * self.released
-        begin = self.begin.displacement
-        load = total_load(
-            self.nodes, self.groups, Carry(begin, states, load, self.element_loads(factor))
-        )
-        held = begin.reshape(-1)
-        return System(self.nodes, self.groups, states, load, held, self.freedoms)
+        states, begin = self.states(factor), self.begin.displacement
+        now = Carry(begin, states, self.nodal_load(factor), self.element_loads(factor))
+        load = total_load(self.nodes, self.groups, now)
+        return System(self.nodes, self.groups, states, load, begin.reshape(-1), self.freedoms)
 
     def leave(self, factor, displacement):
         """What the phase leaves when it ends at `factor`; anchors the jacks."""
@@ -159,10 +157,7 @@ class Ramp:
         for group, state in zip(self.groups, self.states(factor), strict=True):
             locked = state.held is not None
             states.append(each("lock", group, state, self.nodes, displacement) if locked else state)
-        load = self.nodal_load(factor)
-        if self.released is not None:
-            load = load + (1 - factor) * self.released
-        return Carry(displacement, states, load, self.element_loads(factor))
+        return Carry(displacement, states, self.nodal_load(factor), self.element_loads(factor))
 
 
 def _mix(start, end, factor):
