@@ -7,6 +7,8 @@ import pytest
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+# the suite compiles hundreds of small programs and runs each a few times
+jax.config.update("jax_disable_most_optimizations", True)
 
 _cache = tempfile.TemporaryDirectory(prefix="jaxcable-tests-")
 jax.config.update("jax_compilation_cache_dir", _cache.name)
