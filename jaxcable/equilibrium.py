@@ -142,6 +142,7 @@ def newton(system, x, method, active):
             it.kappa * jnp.where(taken >= 1, 0.1, jnp.where(taken < 0.1, 10.0, 1.0)),
             it.kappa * 100,
         )
+        # keeps the shift a usable float; it steers the steps and is no part of the result
         kappa = jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX)
         softness, short = it.softness, it.short
         if soften:
@@ -233,7 +234,10 @@ def _search(system, it, step, slope, usable):
     s = (one, residual, scale, g, 0 * one, slope, one, jnp.inf * one, count)
     a, residual, scale, g, *_ = lax.while_loop(searching, narrow, s)
     found = usable & (g <= _OVERSHOOT * -slope)
-    keep = lambda new, old: jnp.where(found, new, old)  # noqa: E731
+
+    def keep(new, old):
+        return jnp.where(found, new, old)
+
     x = keep(it.x + a * step, it.x)
     return x, keep(residual, it.residual), keep(scale, it.scale), a, found
 
