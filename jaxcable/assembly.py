@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from ._tree import copy, pytree
-from .elements.bar import element
+from .elements.prestress import element
 
 
 @pytree

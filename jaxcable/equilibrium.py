@@ -6,10 +6,8 @@ Each iteration factorises once:
    dies with the residual, so that convergence stays quadratic even where loose nodes leave ``K``
    singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not positive
    definite, only ``kappa`` grows.
-2. Line search on the directional derivative ``g(a) = R(x + a p).p``, a quantity that keeps its
-   digits near the solution where the energy has lost them. Along any line the energy of a
-   cable-only structure is convex, so ``g`` grows and ``g <= 0`` means that energy fell all the way.
-   A full step is taken unless it overshoots; then the zero of ``g`` is bracketed.
+2. Line search on the directional derivative (`search`), which needs no energy. Along any line the
+   energy of a cable-only structure is convex.
 3. Stiff cables that swing: a step sideways lengthens a cable in second order, and at EA/N = 1e5
    the search then allows only tiny ones. After 15 short steps a tension-only structure is softened
    by a spring in series with every element (strain 1 under the largest load), which keeps the
@@ -25,10 +23,8 @@ from jax import lax
 
 from . import _check, linear, status
 from ._tree import copy, pytree
+from .search import SHORT, search
 
-_OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
-_SHORT = 0.5  # in a bracket, come at least this close from below
-_MAX_SEARCH = 60  # residuals per line search: a bisection of 60 exhausts float64
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
 _KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
 _PATIENCE = 15  # short steps before a tension-only structure is softened
@@ -146,7 +142,7 @@ def newton(system, x, method, active):
         kappa = jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX)
         softness, short = it.softness, it.short
         if soften:
-            short = short + jnp.where((taken < _SHORT) | ~found, 1, 0)
+            short = short + jnp.where((taken < SHORT) | ~found, 1, 0)
             begin = (short == _PATIENCE) & (softest > 0)
             settled = _largest(residual) <= _SETTLED * scale
             stiffness = jnp.max(jnp.diagonal(matrix), initial=0.0) * length
@@ -200,40 +196,13 @@ def march(ramp, x, factors, method, code):
     return lax.scan(step, (x, code), factors)[1]
 
 
-def _search(system, it, step, slope, usable):
-    """Find a step length; returns unknowns, residual, scale, the length and success."""
+def _search(working, it, step, slope, usable):
+    """Find a step length; returns the unknowns there, residual, scale, the length and success."""
 
-    def trial(a):
-        residual, scale = system.residual_and_scale(it.x + a * step)
-        g = residual @ step
-        return residual, scale, jnp.where(jnp.isfinite(g) & jnp.isfinite(scale), g, jnp.inf)
+    def evaluate(a):
+        return working.residual_and_scale(it.x + a * step)
 
-    # state: a, its residual, scale and g; the bracket (low, g_low), (high, g_high); count
-    def searching(s):
-        a, _, _, g, low, _, high, _, count = s
-        too_far = g > _OVERSHOOT * -slope
-        too_short = (a < 1) & (g < -_SHORT * -slope)
-        return (too_far | too_short) & (count < _MAX_SEARCH) & (high > low)
-
-    def narrow(s):
-        a, _, _, g, low, g_low, high, g_high, count = s
-        below = g <= 0
-        low, g_low = jnp.where(below, a, low), jnp.where(below, g, g_low)
-        high, g_high = jnp.where(below, high, a), jnp.where(below, g_high, g)
-        # secant through the bracket, every other time bisection: neither end can stall
-        secant = low + (high - low) * (-g_low / (g_high - g_low))
-        middle = 0.5 * (low + high)
-        inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (count % 2 == 0)
-        a = jnp.where(inside, secant, middle)
-        residual, scale, g = trial(a)
-        return a, residual, scale, g, low, g_low, high, g_high, count + 1
-
-    one = jnp.ones((), step.dtype)
-    residual, scale, g = trial(one)
-    count = jnp.where(usable, 0, _MAX_SEARCH)
-    s = (one, residual, scale, g, 0 * one, slope, one, jnp.inf * one, count)
-    a, residual, scale, g, *_ = lax.while_loop(searching, narrow, s)
-    found = usable & (g <= _OVERSHOOT * -slope)
+    a, residual, scale, found = search(evaluate, step, slope, usable)
 
     def keep(new, old):
         return jnp.where(found, new, old)

@@ -10,6 +10,8 @@ MECHANISM = 2
 NONFINITE = 3
 SINGULAR = 4
 DRIFTED = 5
+MATERIAL_FAILURE = 6
+BEYOND_CAPACITY = 7
 
 _TEXTS = {
     OK: "converged",
@@ -32,6 +34,15 @@ _TEXTS = {
     DRIFTED: (
         "the unbalanced force of the incremental scheme exceeds its tol; use more increments, "
         "more corrections, or a larger tol to see the drifted result"
+    ),
+    MATERIAL_FAILURE: (
+        "a cable or a fibre is strained beyond the end of its stress-strain curve: the material "
+        "failed between this increment and the last good one; use more increments to bracket the "
+        "load factor, a stronger section or a curve that goes on"
+    ),
+    BEYOND_CAPACITY: (
+        "the section cannot carry these forces: a fibre would be strained beyond the end of its "
+        "stress-strain curve; reduce the forces or look at Section.interaction"
     ),
 }
 

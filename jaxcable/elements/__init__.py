@@ -22,7 +22,8 @@ ends and their displacements, both [n_end, 3]:
   the secant scheme is offered.
 """
 
-from .bar import AxialState, Bars
+from .bar import Bars
 from .cable import Cables
+from .prestress import AxialState
 
 __all__ = ["AxialState", "Bars", "Cables"]

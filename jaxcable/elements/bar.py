@@ -11,10 +11,10 @@ so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .. import _check
-from .._tree import Indices, copy, pytree
+from .._tree import copy, pytree
+from .prestress import Prestressed, checked_links, stretch
 
 _PROPERTIES = (
     "axial_stiffness",
@@ -27,32 +27,16 @@ _PROPERTIES = (
 )
 
 
-@pytree
-class AxialState:
-    """Prestress of a group of bars or cables; what the phases change.
-
-    Attributes:
-        rest_length: unstressed length L0, [n_elem], m.
-        elongation: initial chord minus unstressed length, carried by itself, [n_elem], m.
-        held: force held by a jack during a phase, [n_elem], N, or None.
-        weighing: unstressed length that has weight, [n_elem], m, or None if the group has none;
-            it is `rest_length` but for what a jack has taken in.
-    """
-
-    rest_length: object
-    elongation: object
-    held: object = None
-    weighing: object = None
-
-
 @pytree(indices=("links",))
-class Bars:
+class Bars(Prestressed):
     """A group of straight two-node bars (struts, ties): tension and compression.
 
     Args:
         links: node numbers, [n_elem, 2].
         axial_stiffness: EA, scalar or [n_elem], N; or instead of it
-        area, law: cross-section, scalar or [n_elem], m2, and a uniaxial law such as `Elastic`.
+        area, law: cross-section, scalar or [n_elem], m2, and a uniaxial law (see `materials`); or
+        section: fibre section shared by the group, of which only axial force is asked: its fibres
+            collapse to one area and one law.
         rest_length: unstressed length before any phase, scalar or [n_elem], m; default the
             initial chord.
         weight: self-weight per unstressed length, scalar or [n_elem], N/m; acts where a phase
@@ -76,21 +60,26 @@ class Bars:
     expansion: object = None
     strength: object = None
     compliance: object = None
+    section: object = None
 
     tension_only = False
 
     def __post_init__(self):
-        links = self.links if isinstance(self.links, Indices) else _links(self.links)
+        links = checked_links(self.links)
         object.__setattr__(self, "links", links)
         for name in _PROPERTIES:
             value = _check.per_element(getattr(self, name), len(links), name)
             object.__setattr__(self, name, value)
-        if self.axial_stiffness is not None and (self.area is not None or self.law is not None):
+        given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
+        if sum(value is not None for value in given) > 1:
             raise ValueError(
-                "axial_stiffness, area: give either axial_stiffness or area with law, not both"
+                "axial_stiffness, area, section: give either axial_stiffness, or area with law, or "
+                "section; not two of them"
             )
-        if self.axial_stiffness is None and (self.area is None or self.law is None):
-            raise ValueError("axial_stiffness: missing; give axial_stiffness, or area with law")
+        if (self.area is None) != (self.law is None) or not any(v is not None for v in given):
+            raise ValueError(
+                "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
+            )
         for name in ("axial_stiffness", "area", "rest_length", "strength"):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")
@@ -103,30 +92,54 @@ class Bars:
         values = {name: getattr(self, name) for name in _PROPERTIES}
         return {name: value for name, value in values.items() if value is not None}
 
-    # --- the section: force from strain, energy from strain, strain from force
+    @property
+    def _dtype(self):
+        return jnp.result_type(*(jnp.asarray(v).dtype for v in self.properties().values()))
 
-    def force(self, strain):
+    # --- the cross-section: force from strain, energy from strain, strain from force
+
+    def force(self, strain, plastic=None):
         """Axial force, N, at `strain`."""
-        stiffness, law = self._section()
-        return stiffness * strain if law is None else self.area * law.stress(strain)
+        stiffness, law, area = self._section()
+        return stiffness * strain if law is None else area * law.stress_at(strain, plastic)
 
-    def energy_per_length(self, strain):
+    def energy_per_length(self, strain, plastic=None):
         """Stored energy per unstressed length, J/m."""
-        stiffness, law = self._section()
-        return 0.5 * stiffness * strain**2 if law is None else self.area * law.energy(strain)
+        stiffness, law, area = self._section()
+        return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, plastic)
 
-    def strain_at(self, force):
-        """Strain at an axial force, N."""
-        stiffness, law = self._section()
-        return force / stiffness if law is None else law.strain(force / self.area)
+    def strain_at(self, force, plastic=None):
+        """Strain at an axial force, N; NaN above the law's peak."""
+        stiffness, law, area = self._section()
+        return force / stiffness if law is None else law.strain_at(force / area, plastic)
 
     def _section(self):
-        """Axial stiffness or law, with the series compliance in it."""
-        if self.compliance is None:
-            return self.axial_stiffness, self.law
-        if self.law is None:
-            return self.axial_stiffness / (1 + self.compliance * self.axial_stiffness), None
-        return None, self.law.softened(self.compliance * self.area)
+        """Axial stiffness, or law and area, with the series compliance in it."""
+        area, law = self.area, self.law
+        if self.section is not None:
+            area, law = self.section.axial()
+        if law is None:
+            if self.compliance is None:
+                return self.axial_stiffness, None, None
+            stiffness = self.axial_stiffness / (1 + self.compliance * self.axial_stiffness)
+            return stiffness, None, None
+        return None, law if self.compliance is None else law.softened(self.compliance * area), area
+
+    @property
+    def remembers(self):
+        """Whether its elements have plastic strains."""
+        return self.section.remembers if self.section is not None else _any(self.law, "n_plastic")
+
+    @property
+    def breaks(self):
+        """Whether an element can be strained beyond its curve."""
+        return self.section.breaks if self.section is not None else _any(self.law, "breaks")
+
+    @property
+    def rising(self):
+        """Whether its force is known not to fall with strain."""
+        laws = self.section.laws if self.section is not None else [self.law]
+        return all(law is None or law.rising for law in laws)
 
     def softened(self, compliance):
         """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
@@ -135,19 +148,25 @@ class Bars:
 
     # --- the group
 
-    def start(self, ends):
-        """State before the first phase: the group's unstressed length, or the chord itself."""
-        chord = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
-        if self.rest_length is None:
-            rest_length, elongation = chord, jnp.zeros_like(chord)
-        else:
-            rest_length, elongation = self.rest_length, chord - self.rest_length
-        weighing = None if self.weight is None else rest_length
-        return AxialState(rest_length, elongation, weighing=weighing)
+    def virgin(self):
+        """Plastic strains of unused elements, [n_elem, n_plastic], or None."""
+        if not self.remembers:
+            return None
+        return jnp.zeros((len(self.links), self._section()[1].n_plastic), self._dtype)
 
-    def weight_at_ends(self, state):
-        """Half of each element's self-weight for each of its ends, [n_elem, 2], N."""
-        return jnp.repeat((0.5 * self.weight * state.weighing)[:, None], 2, axis=1)
+    def continued(self):
+        """The group for an iteration: its law goes on beyond its ends."""
+        if self.section is not None:
+            return copy(self, section=self.section.continued())
+        return self if self.law is None else copy(self, law=self.law.continued())
+
+    def capacity(self):
+        """Smallest and largest axial force, N, scalars or [n_elem]."""
+        if self.law is None and self.section is None:
+            return -jnp.inf, jnp.inf
+        area, law = (self.area, self.law) if self.section is None else self.section.axial()
+        low, high = law.capacity
+        return low * area, high * area
 
     # --- one element
 
@@ -160,7 +179,7 @@ class Bars:
         """Axial force, N, tension positive."""
         if state.held is not None:
             return state.held
-        return self.force(self.strain(state, ends, motion))
+        return self.force(self.strain(state, ends, motion), state.plastic)
 
     def end_forces(self, state, ends, motion):
         """Internal force at both ends, [2, 3], N."""
@@ -172,7 +191,27 @@ class Bars:
         """Stored energy, J; of a held force its work on the change of length."""
         if state.held is not None:
             return state.held * stretch(ends, motion)[2]
-        return state.rest_length * self.energy_per_length(self.strain(state, ends, motion))
+        strain = self.strain(state, ends, motion)
+        return state.rest_length * self.energy_per_length(strain, state.plastic)
+
+    def tangent(self, state, ends, motion):
+        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces."""
+        return jax.jacfwd(self.end_forces, argnums=2)(state, ends, motion)
+
+    def section_strain(self, state, ends, motion):
+        """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
+        if state.held is not None:
+            return self.strain_at(state.held, state.plastic)
+        return self.strain(state, ends, motion)
+
+    def settle(self, state, ends, motion):
+        """Plastic strains after an increment that ended here, [n_plastic]."""
+        law = self._section()[1]
+        return law.settle(self.section_strain(state, ends, motion), state.plastic)
+
+    def beyond(self, state, ends, motion):
+        """Whether the element is strained beyond its curve."""
+        return self._section()[1].beyond(self.section_strain(state, ends, motion))
 
     def is_slack(self, state, ends, motion):
         """A bar holds in compression too: never slack."""
@@ -190,8 +229,12 @@ class Bars:
         start, length = stretch(ends, before)[1], stretch(ends, motion)[1]
         then, now = self.strain(state, ends, before), self.strain(state, ends, motion)
         if state.held is None:
-            force_then, tangent = jax.jvp(self.force, (then,), (jnp.ones_like(then),))
-            force_now = self.force(now)
+
+            def force(strain):
+                return self.force(strain, state.plastic)
+
+            force_then, tangent = jax.jvp(force, (then,), (jnp.ones_like(then),))
+            force_now = force(now)
             apart = jnp.abs(now - then) > jnp.sqrt(jnp.finfo(now.dtype).eps) * jnp.abs(then)
             modulus = jnp.where(
                 apart, (force_now - force_then) / jnp.where(apart, now - then, 1.0), tangent
@@ -207,77 +250,14 @@ class Bars:
 
     # --- prestress
 
-    def restate(self, state, chord, inputs):
-        """State after the prestress statements of a phase, for a whole group.
-
-        `chord` is the initial length [n_elem]; `inputs` maps the names of `Phase` to [n_elem].
-        Absolute statements come first, then the increments (shortening, temperature).
-        """
-        strain = None
-        if "pretension" in inputs:
-            strain = self.strain_at(inputs["pretension"])
-        elif "force_density" in inputs:
-            strain = self.strain_at(inputs["force_density"] * chord)
-        elif "prestrain" in inputs:
-            strain = inputs["prestrain"]
-        if strain is not None:
-            rest_length, elongation = chord / (1 + strain), chord * (strain / (1 + strain))
-        elif "rest_length" in inputs:
-            rest_length = inputs["rest_length"]
-            elongation = chord - rest_length
-        else:
-            rest_length, elongation = state.rest_length, state.elongation
-        if "shortening" in inputs:
-            rest_length = rest_length - inputs["shortening"]
-            elongation = elongation + inputs["shortening"]
-        if "temperature" in inputs:
-            change = rest_length * self.expansion * inputs["temperature"]
-            rest_length, elongation = rest_length + change, elongation - change
-        weighing = state.weighing
-        if weighing is not None:
-            absolute = set(inputs) - {"shortening", "temperature"}
-            change = rest_length - state.rest_length
-            weighing = rest_length if absolute else weighing + change
-        return AxialState(rest_length, elongation, weighing=weighing)
-
     def lock(self, state, ends, motion):
         """State of an anchored jack: the unstressed length that gives the held force here."""
         _, length, change, _ = stretch(ends, motion)
-        strain = self.strain_at(state.held)
+        strain = self.strain_at(state.held, state.plastic)
         rest_length = length / (1 + strain)
-        return AxialState(rest_length, rest_length * strain - change, weighing=state.weighing)
+        elongation = rest_length * strain - change
+        return copy(state, rest_length=rest_length, elongation=elongation, held=None)
 
 
-def stretch(ends, motion):
-    """Current vector, current length, change of length (without subtraction), initial length."""
-    chord, w = ends[1] - ends[0], motion[1] - motion[0]
-    vector = chord + w
-    start, length = jnp.sqrt(chord @ chord), jnp.sqrt(vector @ vector)
-    return vector, length, (2 * chord + w) @ w / (length + start), start
-
-
-def element(group, properties):
-    """The group reduced to one element, inside vmap over `properties`."""
-    return copy(group, links=None, **properties)
-
-
-def _links(links):
-    links = _check.integers(links, "links", width=2)
-    if len(links) == 0:
-        raise ValueError("links: a group needs at least one element")
-    same = links[:, 0] == links[:, 1]
-    if same.any():
-        k = int(same.argmax())
-        raise ValueError(f"links[{k}] = {links[k].tolist()}: the two ends must differ")
-    _, first, inverse = np.unique(
-        np.sort(links, axis=1), axis=0, return_index=True, return_inverse=True
-    )
-    inverse = inverse.ravel()
-    repeated = first[inverse] != np.arange(len(links))
-    if repeated.any():
-        k = int(repeated.argmax())
-        raise ValueError(
-            f"links[{k}] = {links[k].tolist()}: repeats links[{int(first[inverse[k]])}]; "
-            "add their stiffnesses instead"
-        )
-    return Indices(links)
+def _any(law, name):
+    return law is not None and bool(getattr(law, name))

@@ -17,16 +17,27 @@ class Cables(Bars):
 
     tension_only = True
 
-    def force(self, strain):
+    def force(self, strain, plastic=None):
         """Axial force, N: zero in a slack cable."""
-        return jnp.where(strain < 0, 0.0, super().force(strain))
+        return jnp.where(self._slack(strain, plastic), 0.0, super().force(strain, plastic))
 
-    def energy_per_length(self, strain):
+    def energy_per_length(self, strain, plastic=None):
         """Stored energy per unstressed length, J/m: zero in a slack cable."""
-        return jnp.where(strain < 0, 0.0, super().energy_per_length(strain))
+        slack = self._slack(strain, plastic)
+        return jnp.where(slack, 0.0, super().energy_per_length(strain, plastic))
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
         if state.held is not None:
             return jnp.zeros((), bool)
-        return self.strain(state, ends, motion) < 0
+        return self._slack(self.strain(state, ends, motion), state.plastic)
+
+    def _slack(self, strain, plastic):
+        if plastic is None:
+            return strain < 0
+        # plastic strain has made it longer: the law knows where its stress ends
+        return self._section()[1].is_slack(strain, plastic)
+
+    def _section(self):
+        stiffness, law, area = super()._section()
+        return stiffness, None if law is None else law.tension_only(), area

@@ -1,0 +1,339 @@
+"""Numerically given law: a polygon of (strain, stress) points, reversible or elastic-plastic.
+
+Written as slopes that change at corners, so that nothing cancels near the origin:
+
+    s(e) = E e + sum_k (E_k - E_{k-1}) <e - e_k>,      <x> = x where x >= 0, else 0,
+
+for the tension corners ``e_k > 0``, and mirrored for the compression corners. The elastic-plastic
+form is the parallel model of Besseling (1958) with Masing's rule: corner k is an elastic-perfectly
+plastic part of stiffness ``d_k = E_{k-1} - E_k`` that yields at ``e_k``,
+
+    s(e) = E_end e + sum_k d_k [e - p_k],     [x] = x kept between its two yield strains,
+
+with plastic strains ``p_k``. It is the polygon in first loading, unloads with the initial slope, and
+yields backwards after twice the strain. At given ``p_k`` its energy is convex.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import copy, pytree
+from .inverse import inverse
+
+_SAME = 1e-9  # relative difference up to which two stated numbers count as one
+
+
+@pytree(static=("unloading", "one_sided", "endless", "rising", "n_plastic"))
+class Polygonal:
+    """Piecewise linear law through given points; beyond its ends the material has failed: zero.
+
+    The points pass through the origin and go up in strain. Points of negative strain are the
+    compression branch; without them (first point at the origin) the material carries tension only
+    and is slack, not failed, in compression. Stress may rise (hardening) or fall (softening).
+
+    Args:
+        strain, stress: the points, [n] each, n >= 2; stress in Pa.
+        unloading: "reversible" (back along the curve), or "elastic": along the initial slope,
+            with plastic strains that stay. Elastic unloading needs a concave curve (slopes fall
+            away from the origin, not below zero); if it has two branches, their slopes must be the
+            same, their corners may differ.
+        one_sided: whether compression is left out; set by `tension_only`.
+        endless: whether the law goes on elastically beyond its ends; set by `continued`.
+        rising, n_plastic: worked out from the points where these are not traced.
+
+    Raises:
+        ValueError: wrong shapes, strain not increasing, a curve that misses the origin, a slope at
+            the origin that is not positive, elastic unloading of a curve without a parallel model.
+            Values are checked while they are concrete.
+    """
+
+    strain: object
+    stress: object
+    unloading: str = "reversible"
+    one_sided: bool = False
+    endless: bool = False
+    rising: object = None
+    n_plastic: object = None
+
+    breaks = True
+
+    def __post_init__(self):
+        strain, stress = _check.floats(self.strain, "strain"), _check.floats(self.stress, "stress")
+        if strain.ndim != 1 or len(strain) < 2:
+            raise ValueError(f"strain: expected shape [n] with n >= 2, got {strain.shape}")
+        if stress.shape != strain.shape:
+            raise ValueError(f"stress: expected shape {strain.shape} as strain, got {stress.shape}")
+        if self.unloading not in ("reversible", "elastic"):
+            raise ValueError(f'unloading = {self.unloading!r}: expected "reversible" or "elastic"')
+        e, s = _check.concrete(strain), _check.concrete(stress)
+        if e is not None:
+            _check_strain(e)
+            if s is not None:
+                e, s, inserted = _through_origin(e, s)
+                _check_stress(e, s, self.unloading)
+                if inserted:
+                    strain, stress = e, s
+        put = object.__setattr__
+        put(self, "strain", strain)
+        put(self, "stress", stress)
+        if self.rising is None:
+            put(self, "rising", s is not None and bool((np.diff(s) >= 0).all()))
+        if self.unloading == "elastic":
+            put(self, "rising", True)
+        n_corner = len(strain) - 2
+        if e is not None and not np.isnan(e).any():
+            n_corner = max((e[1:-1] > 0).sum(), (e[1:-1] < 0).sum())
+        if self.unloading == "reversible":
+            n_corner = 0
+        if self.n_plastic is None:
+            put(self, "n_plastic", int(n_corner))
+
+    # --- the numbers of the curve
+
+    @property
+    def _slopes(self):
+        return jnp.diff(self.stress) / jnp.diff(self.strain)
+
+    @property
+    def _two_sided(self):
+        return jnp.asarray(False) if self.one_sided else self.strain[0] < 0
+
+    @property
+    def modulus(self):
+        """Slope at the origin, on the tension side, Pa."""
+        return self._slopes[jnp.sum(self.strain[1:-1] <= 0)]
+
+    @property
+    def capacity(self):
+        """Smallest and largest stress, Pa."""
+        return jnp.where(self._two_sided, jnp.min(self.stress), 0.0), jnp.max(self.stress)
+
+    @property
+    def limits(self):
+        """Strains at which the curve ends; minus infinity on the side of a slack material."""
+        return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
+
+    def beyond(self, strain):
+        """Whether `strain` lies beyond the curve."""
+        low, high = self.limits
+        return (strain > high) | (strain < low)
+
+    def _parts(self):
+        """Stiffness, tension and compression yield strain of the parallel parts, [n_plastic] each.
+
+        Counted away from the origin; a side with fewer corners never yields in the last ones.
+        """
+        corners, drops = self.strain[1:-1], -jnp.diff(self._slopes)
+        rank = jnp.arange(self.n_plastic)
+        pulled, pushed = jnp.sum(corners <= 0) + rank, jnp.sum(corners < 0) - 1 - rank
+        pushed = jnp.where(pushed < 0, len(corners), pushed)  # not there: filled
+
+        def take(values, index, fill):
+            return jnp.take(values, index, mode="fill", fill_value=fill)
+
+        yield_pull = take(corners, pulled, jnp.inf)
+        yield_push = -take(corners, pushed, -jnp.inf)
+        if self.one_sided:
+            yield_push = jnp.full_like(yield_push, jnp.inf)
+        there = jnp.isfinite(yield_pull)
+        return jnp.where(there, take(drops, pulled, 0.0), take(drops, pushed, 0.0)), (
+            yield_pull,
+            yield_push,
+        )
+
+    # --- the law
+
+    def stress_at(self, strain, plastic=None):
+        """Stress, Pa; zero beyond the ends unless the law is endless."""
+        strain = jnp.asarray(strain)
+        inside, over = self._split(strain)
+        stress = self._curve(inside, plastic)
+        if self.endless:
+            stress = stress + self.modulus * over
+        else:
+            stress = jnp.where(self.beyond(strain), 0.0, stress)
+        if plastic is None:
+            return stress
+        return jnp.where(~self._two_sided & (stress < 0), 0.0, stress)
+
+    def energy_at(self, strain, plastic=None):
+        """Energy per volume, J/m3: under the curve, or of the parts at given plastic strains."""
+        strain = jnp.asarray(strain)
+        inside, over = self._split(strain)
+        if plastic is None:
+            initial, steps, forward, backward = self._ramps(inside)
+            energy = 0.5 * initial * inside**2
+            energy = energy + 0.5 * jnp.sum(steps * (forward**2 - backward**2), axis=-1)
+        else:
+            stiffness, end, elastic, kept = self._yielding(inside, plastic)
+            energy = 0.5 * end * inside**2
+            energy = energy + jnp.sum(stiffness * kept * (elastic - 0.5 * kept), axis=-1)
+            below = self._curve(inside, plastic)
+            slack = ~self._two_sided & (below < 0)
+            energy = energy - jnp.where(slack, 0.5 * below**2 / self.modulus, 0.0)
+        if self.endless:
+            energy = energy + (self._curve(inside, plastic) + 0.5 * self.modulus * over) * over
+        return energy
+
+    def strain_at(self, stress, plastic=None):
+        """Strain at `stress`, Pa."""
+        return inverse(self, stress, plastic)
+
+    def settle(self, strain, plastic):
+        """Plastic strains after an increment that ended at `strain`, as `plastic`."""
+        inside, _ = self._split(jnp.asarray(strain))
+        _, _, elastic, kept = self._yielding(inside, plastic)
+        moved = jnp.isfinite(kept) & (kept != elastic)
+        return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), plastic)
+
+    def is_slack(self, strain, plastic=None):
+        """Whether a material without compression branch has been left by its stress."""
+        if plastic is None:
+            return ~self._two_sided & (strain < 0)
+        return ~self._two_sided & (self._curve(strain, plastic) < 0)
+
+    def corners(self, plastic=None):
+        """Strains at which the slope jumps, on the last axis."""
+        if plastic is None:
+            return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
+        _, pull, push = self._parts()
+        both = jnp.stack([plastic + _row(pull, plastic), plastic - _row(push, plastic)], -1)
+        both = jnp.where(jnp.isfinite(both), both, plastic[..., None])  # yields on one side only
+        return both.reshape(*plastic.shape[:-1], -1)
+
+    def corner_distance(self, strain, plastic=None):
+        """Distance in strain to the nearest corner or end of the curve."""
+        strain = jnp.asarray(strain)
+        corners = self.corners(plastic)
+        if plastic is None:
+            corners = _row(corners, strain[..., None])
+        return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
+
+    # --- the same material, changed
+
+    def continued(self):
+        """The law for an iteration: goes on with its initial slope beyond its ends."""
+        return copy(self, endless=True)
+
+    def tension_only(self):
+        """The law without compression: slack where its stress would be negative."""
+        return copy(self, one_sided=True)
+
+    def softened(self, compliance):
+        """The law in series with a spring of `compliance`, 1/Pa; for a law that rises."""
+        return copy(self, strain=self.strain + compliance * self.stress)
+
+    # --- its parts
+
+    def _split(self, strain):
+        """Strain kept within the ends, and what goes beyond them."""
+        low, high = self.limits
+        inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
+        return inside, jnp.where(self.beyond(strain), strain - inside, 0.0)
+
+    def _curve(self, strain, plastic):
+        """Stress on the curve or of the parallel parts, without ends."""
+        if plastic is not None:
+            stiffness, end, _, kept = self._yielding(strain, plastic)
+            return end * strain + jnp.sum(stiffness * kept, axis=-1)
+        initial, steps, forward, backward = self._ramps(strain)
+        return initial * strain + jnp.sum(steps * (forward - backward), axis=-1)
+
+    def _ramps(self, strain):
+        """Initial slope, and at every corner its change and how far the strain is beyond it."""
+        slopes, e = self._slopes, strain[..., None]
+        corners = _row(self.strain[1:-1], e)
+        forward = jnp.where((corners > 0) & (e >= corners), e - corners, 0.0)
+        backward = jnp.where((corners < 0) & (e <= corners) & self._two_sided, e - corners, 0.0)
+        behind = jnp.where(self._two_sided, slopes[jnp.sum(self.strain[1:-1] < 0)], 0.0)
+        initial = jnp.where(strain >= 0, self.modulus, behind)
+        return initial, _row(jnp.diff(slopes), e), forward, backward
+
+    def _parts(self):
+        """Stiffness, tension and compression yield strain of the parallel parts, [n_plastic] each.
+
+        Counted away from the origin; on a side with fewer corners the last ones never yield.
+        """
+        corners, drops = self.strain[1:-1], -jnp.diff(self._slopes)
+        n, rank = len(corners), jnp.arange(self.n_plastic)
+        pulled = jnp.sum(corners <= 0) + rank
+        pushed = jnp.sum(corners < 0) - 1 - rank
+        pushed = jnp.where(pushed < 0, n, pushed)  # not there: filled
+
+        def take(values, index, fill):
+            return jnp.take(values, index, mode="fill", fill_value=fill)
+
+        stiffness = jnp.where(pulled < n, take(drops, pulled, 0.0), take(drops, pushed, 0.0))
+        push = jnp.where(self._two_sided, -take(corners, pushed, -jnp.inf), jnp.inf)
+        return stiffness, take(corners, pulled, jnp.inf), push
+
+    def _yielding(self, strain, plastic):
+        """Stiffness of the parts, last slope, elastic strain of the parts before and after yield."""
+        stiffness, pull, push = (_row(v, plastic) for v in self._parts())
+        elastic = strain[..., None] - plastic
+        # at a corner the plastic side: that of loading
+        kept = jnp.where(elastic >= pull, pull, jnp.where(elastic <= -push, -push, elastic))
+        slopes = self._slopes
+        return stiffness, jnp.minimum(slopes[0], slopes[-1]), elastic, kept
+
+
+def _row(values, like):
+    """`values` [n] on the last axis of something like `like`."""
+    return values.reshape((1,) * (like.ndim - 1) + (-1,))
+
+
+def _check_strain(e):
+    if not (np.isnan(e).any() or (np.diff(e) > 0).all()):
+        k = int(np.argmax(np.diff(e) <= 0)) + 1
+        raise ValueError(f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}")
+    if e[0] > 0 or e[-1] <= 0:
+        raise ValueError(f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin")
+
+
+def _through_origin(e, s):
+    """The points with the origin among them (put in if a segment passes it), and whether it was."""
+    scale = np.abs(s).max()
+    zero = e == 0
+    if zero.any():
+        k = int(zero.argmax())
+        if abs(s[k]) > 0:
+            raise ValueError(f"stress[{k}] = {s[k]}: at zero strain the stress must be zero")
+        return e, s, False
+    if not abs(np.interp(0.0, e, s)) <= _SAME * scale:
+        raise ValueError(
+            f"stress: the curve has {np.interp(0.0, e, s):.6g} Pa at zero strain; it must pass the "
+            "origin"
+        )
+    k = int(np.searchsorted(e, 0.0))
+    return np.insert(e, k, 0.0), np.insert(s, k, 0.0), True
+
+
+def _check_stress(e, s, unloading):
+    if np.isnan(e).any() or np.isnan(s).any():
+        return  # becomes a status of the analysis
+    slopes, corners = np.diff(s) / np.diff(e), e[1:-1]
+    zero = int(np.flatnonzero(e == 0)[0])
+    for k in {zero, max(zero - 1, 0)}:
+        if slopes[k] <= 0:
+            raise ValueError(
+                f"stress: the slope at the origin, {slopes[k]:.6g} Pa, must be positive"
+            )
+    if unloading == "reversible":
+        return
+    size = slopes.max()
+    drops = np.diff(slopes) * np.where(corners > 0, -1, 1)
+    bad = (drops < -_SAME * size) & (corners != 0)
+    if bad.any() or (slopes < -_SAME * size).any():
+        k = int(bad.argmax()) + 1 if bad.any() else int((slopes < 0).argmax())
+        raise ValueError(
+            f"stress[{k}]: elastic unloading needs a concave curve: slopes that fall away from the "
+            'origin and not below zero; use unloading="reversible"'
+        )
+    pull, push = slopes[zero:], slopes[:zero][::-1]
+    for k, (a, b) in enumerate(zip(pull, push, strict=False)):
+        if abs(a - b) > 1e-6 * size:  # slopes of stated points have rounding in them
+            raise ValueError(
+                f"stress: elastic unloading needs equal slopes in tension and compression; "
+                f"segment {k} from the origin has {a:.6g} and {b:.6g} Pa"
+            )

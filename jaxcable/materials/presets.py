@@ -1,0 +1,52 @@
+"""Laws of common materials, each with the source of its numbers."""
+
+import numpy as np
+
+from .polygonal import Polygonal
+
+
+def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unloading="elastic"):
+    """Structural steel: bilinear, the same in tension and compression.
+
+    Args:
+        yield_stress: f_y, Pa; 235e6 is S235 up to 40 mm (EN 1993-1-1, table 3.1).
+        E: Young's modulus, Pa (EN 1993-1-1, 3.2.6).
+        hardening: slope after yield, relative to E; E/100 (EN 1993-1-5, C.6 c).
+        ultimate_strain: strain at which the fibre counts as failed; 5 % (EN 1993-1-5, C.8).
+        unloading: as in `Polygonal`.
+    """
+    e = yield_stress / E
+    top = yield_stress + hardening * E * (ultimate_strain - e)
+    strain = [-ultimate_strain, -e, 0.0, e, ultimate_strain]
+    return Polygonal(strain, [-top, -yield_stress, 0.0, yield_stress, top], unloading)
+
+
+def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, unloading="elastic"):
+    """Prestressing strand: bilinear, tension only.
+
+    Elastic to 0.9 of the strength, then inclined to the strength at the ultimate strain (EN
+    1992-1-1, 3.3.6 (6) E, (7) with the recommended values: 0.9, and 0.02 for 0.9 of that strain).
+
+    Args:
+        strength: f_pk, Pa.
+        E: Young's modulus, Pa.
+        ultimate_strain: strain at the strength.
+        unloading: as in `Polygonal`.
+    """
+    proof = 0.9 * strength
+    return Polygonal([0.0, proof / E, ultimate_strain], [0.0, proof, strength], unloading)
+
+
+def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible"):
+    """Linear to the strength, then failed; slack in compression.
+
+    Args:
+        E: Young's modulus, Pa.
+        strength: Pa; infinite means: up to a strain of 1.
+        ultimate_strain: if given, the strength is held up to this strain.
+        unloading: as in `Polygonal`.
+    """
+    e = min(strength / E, 1.0)
+    if ultimate_strain is None:
+        return Polygonal([0.0, e], [0.0, E * e], unloading)
+    return Polygonal([0.0, e, ultimate_strain], [0.0, E * e, E * e], unloading)

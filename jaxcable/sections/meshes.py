@@ -1,0 +1,126 @@
+"""Meshes of cross-sections: points [n, 2] (y, z) and cells [m, 4], NumPy on the host.
+
+A cell is a quadrilateral, or a triangle that names its last point twice. Its fibre has the cell's
+area and sits at its centroid.
+"""
+
+import numpy as np
+
+
+def square(n_y, n_z):
+    """Square from -1 to 1 in `n_y` by `n_z` cells."""
+    y, z = np.meshgrid(np.linspace(-1, 1, n_y + 1), np.linspace(-1, 1, n_z + 1), indexing="ij")
+    number = np.arange(y.size).reshape(y.shape)
+    corners = (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    return np.column_stack([y.ravel(), z.ravel()]), np.stack(corners, -1).reshape(-1, 4)
+
+
+def disc(n_y, n_z):
+    """Disc of diameter 1 and of exactly its area, the square bent round.
+
+    Squares about the centre become circles with equal angles between the points (Shirley and Chiu
+    1997). The polygon is scaled to the area pi/4 (10 x 10 cells: 40 sides lose 0.41 %).
+    """
+    points, cells = square(n_y, n_z)
+    a, b = points.T
+    radius = np.maximum(np.abs(a), np.abs(b))
+    wide = np.abs(a) >= np.abs(b)
+    safe = np.where(radius > 0, np.where(wide, a, b), 1.0)
+    angle = np.where(wide, np.pi / 4 * b / safe, np.pi / 2 - np.pi / 4 * a / safe)
+    sign = np.where(safe < 0, -1.0, 1.0)  # the formulas hold for the half-planes a > 0, b > 0
+    points = (0.5 * sign * radius)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    return points * np.sqrt(np.pi / 4 / areas(points, cells).sum()), cells
+
+
+def ring(n_radial, n_round):
+    """Ring: place between the inner and the outer edge [n] from 0 to 1, direction [n, 2], cells.
+
+    The directions are longer than 1 by what gives the polygon the exact area.
+    """
+    place, angle = np.meshgrid(
+        np.linspace(0, 1, n_radial + 1), 2 * np.pi * np.arange(n_round) / n_round, indexing="ij"
+    )
+    number = np.arange(place.size).reshape(place.shape)
+    after = np.roll(number, -1, axis=1)
+    corners = (number[:-1], number[1:], after[1:], after[:-1])
+    longer = np.sqrt(2 * np.pi / n_round / np.sin(2 * np.pi / n_round))
+    direction = longer * np.column_stack([np.cos(angle.ravel()), np.sin(angle.ravel())])
+    return place.ravel(), direction, np.stack(corners, -1).reshape(-1, 4)
+
+
+def polygon(outline, holes, size):
+    """Any polygon with holes in cells not larger than `size`, of exactly its area.
+
+    Cut into strips of constant height at every corner; in a strip the edges do not cross, and the
+    trapezoids between every other pair of them are inside (even-odd rule).
+    """
+    edges = np.concatenate([np.stack([p, np.roll(p, -1, axis=0)], 1) for p in (outline, *holes)])
+    edges = edges[edges[:, 0, 1] != edges[:, 1, 1]]  # level edges bound no strip sideways
+    levels = np.unique(edges[:, :, 1])
+    levels = np.concatenate(
+        [np.linspace(a, b, _parts(b - a, size), endpoint=False) for a, b in _pairs(levels)]
+        + [levels[-1:]]
+    )
+    points, cells = [], []
+    for low, high in _pairs(levels):
+        middle = 0.5 * (low + high)
+        hit = edges[(edges[:, :, 1].min(1) < middle) & (edges[:, :, 1].max(1) > middle)]
+        bottom, centre, top = (_crossings(hit, level) for level in (low, middle, high))
+        order = np.argsort(centre)
+        for left, right in order.reshape(-1, 2):
+            widest = max(bottom[right] - bottom[left], top[right] - top[left])
+            t = np.linspace(0, 1, _parts(widest, size) + 1)
+            below = bottom[left] + t * (bottom[right] - bottom[left])
+            above = top[left] + t * (top[right] - top[left])
+            first = len(points)
+            for y_below, y_above in zip(below, above, strict=True):
+                points += [(y_below, low), (y_above, high)]
+            for k in range(first, len(points) - 2, 2):
+                cells.append((k, k + 2, k + 3, k + 1))
+    points, cells = np.array(points), np.array(cells)
+    keep = areas(points, cells) > 1e-14 * size**2
+    return points, cells[keep]
+
+
+def triangles(cells):
+    """Every quadrilateral as two triangles; the diagonal alternates."""
+    a, b, c, d = cells.T
+    alternate = (np.arange(len(cells)) % 2 == 0)[:, None]
+    one = np.where(alternate, np.column_stack([a, b, c, c]), np.column_stack([a, b, d, d]))
+    two = np.where(alternate, np.column_stack([a, c, d, d]), np.column_stack([b, c, d, d]))
+    out = np.stack([one, two], 1).reshape(-1, 4)
+    return out[(out[:, 0] != out[:, 1]) & (out[:, 1] != out[:, 2]) & (out[:, 0] != out[:, 2])]
+
+
+def areas(points, cells):
+    """Area of every cell, [m], positive if its points turn from y to z."""
+    return moments(points, cells)[0]
+
+
+def moments(points, cells):
+    """Area [m] and centroid [m, 2] of every cell; `points` may be traced."""
+    corner = points[cells]
+    first, second = _triangle(corner[:, 0], corner[:, 1], corner[:, 2]), _triangle(
+        corner[:, 0], corner[:, 2], corner[:, 3]
+    )
+    area = first[0] + second[0]
+    centroid = (first[0][:, None] * first[1] + second[0][:, None] * second[1]) / area[:, None]
+    return area, centroid
+
+
+def _triangle(a, b, c):
+    u, v = b - a, c - a
+    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (a + b + c) / 3
+
+
+def _pairs(values):
+    return zip(values[:-1], values[1:], strict=True)
+
+
+def _parts(length, size):
+    return max(1, int(np.ceil(length / size - 1e-9)))
+
+
+def _crossings(edges, level):
+    (y0, z0), (y1, z1) = edges[:, 0].T, edges[:, 1].T
+    return y0 + (level - z0) / (z1 - z0) * (y1 - y0)

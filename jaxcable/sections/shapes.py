@@ -1,0 +1,241 @@
+"""Constructors of fibre sections: closed shapes, polygons with holes, meshes, composites.
+
+Their meshes are made on the host; their dimensions may be traced, so that derivatives with respect
+to a diameter or a width exist.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from . import meshes
+
+_CELLS = ("quadrilaterals", "triangles")
+
+
+def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
+    """Solid circle of `diameter`, m, in ``shape[0] x shape[1]`` cells; exact area."""
+    _positive(diameter, "diameter")
+    points, quads = meshes.disc(*_shape(shape))
+    torsion = np.pi / 32 * _float(diameter) ** 4
+    return _from_mesh(_float(diameter) * points, _cells(quads, cells), law, torsion)
+
+
+def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
+    """Circular tube of outer `diameter` and wall `thickness`, m; exact area.
+
+    `shape`: cells through the wall and round it.
+    """
+    _positive(diameter, "diameter")
+    _positive(thickness, "thickness")
+    diameter, thickness = _float(diameter), _float(thickness)
+    _check.require(2 * thickness - diameter, lambda v: v < 0, "thickness", "twice is too thick")
+    place, direction, quads = meshes.ring(*_shape(shape, (1, 3)))
+    inner = diameter / 2 - thickness
+    points = (inner + place * thickness)[:, None] * direction
+    torsion = np.pi / 32 * (diameter**4 - (2 * inner) ** 4)
+    return _from_mesh(points, _cells(quads, cells), law, torsion)
+
+
+def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
+    """Rectangle, `width` along y and `height` along z, m, in ``shape`` cells along y and z."""
+    _positive(width, "width")
+    _positive(height, "height")
+    width, height = _float(width), _float(height)
+    points, quads = meshes.square(*_shape(shape))
+    points = points * _stack(width / 2, height / 2)
+    return _from_mesh(points, _cells(quads, cells), law, _rectangle_torsion(width, height))
+
+
+def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
+    """Doubly symmetric I: `height` along z, flange `width` along y, thicknesses `web`, `flange`, m.
+
+    `shape`: cells along a flange, through a flange, and along the web. The torsion constant is that
+    of thin walls, ``sum b t^3 / 3``; warping is not modelled.
+    """
+    for name, value in {"height": height, "width": width, "web": web, "flange": flange}.items():
+        _positive(value, name)
+    height, width, web, flange = (_float(v) for v in (height, width, web, flange))
+    along, through, tall = _shape(shape, (1, 1, 1))
+    top = rectangle(width, flange, law, (along, through))
+    middle = rectangle(web, height - 2 * flange, law, (max(1, through), tall))
+    z = (height - flange) / 2
+    joined = composite([top.shifted(z=z), middle, top.shifted(z=-z)])
+    torsion = (2 * width * flange**3 + (height - 2 * flange) * web**3) / 3
+    return _with_torsion(joined, torsion)
+
+
+def polygon(points, holes, law, size, cells="quadrilaterals"):
+    """Polygon [n, 2] (y, z), with `holes`, a list of polygons, in cells up to `size`, m; exact area.
+
+    The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
+    is not known: an element has to state its torsional stiffness.
+    """
+    outline = _outline(points, "points")
+    holes = [_outline(hole, f"holes[{k}]") for k, hole in enumerate(holes or [])]
+    _positive(size, "size")
+    if size != size or not np.isfinite(size):
+        raise ValueError(f"size = {size}: must be finite")
+    made = meshes.polygon(outline, holes, float(size))
+    net = abs(_signed_area(outline)) - sum(abs(_signed_area(hole)) for hole in holes)
+    if not abs(meshes.areas(*made).sum() - net) <= 1e-9 * abs(_signed_area(outline)):
+        raise ValueError(
+            "points, holes: the outline crosses itself, or a hole crosses it or another hole"
+        )
+    return _from_mesh(made[0], _cells(made[1], cells), law, None)
+
+
+def mesh(points, cells, laws):
+    """Section from a mesh of your own.
+
+    Args:
+        points: [n_point, 2] (y, z), m.
+        cells: point numbers, [n_cell, 3] triangles or [n_cell, 4] quadrilaterals (a triangle among
+            them names its last point twice), either way round.
+        laws: one law, or a list of one per cell.
+    """
+    cells = np.asarray(cells)
+    if cells.ndim != 2 or cells.shape[1] not in (3, 4):
+        raise ValueError(f"cells: expected shape [n_cell, 3] or [n_cell, 4], got {cells.shape}")
+    cells = _check.integers(cells, "cells", cells.shape[1])
+    if cells.shape[1] == 3:
+        cells = np.column_stack([cells, cells[:, 2]])
+    points = _check.floats(points, "points")
+    if points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(f"points: expected shape [n_point, 2], got {points.shape}")
+    if (cells >= len(points)).any():
+        k = int((cells >= len(points)).any(axis=1).argmax())
+        raise ValueError(f"cells[{k}] = {cells[k].tolist()}: there are {len(points)} points")
+    if isinstance(laws, list | tuple):
+        if len(laws) != len(cells):
+            raise ValueError(f"laws: expected one law or {len(cells)}, got {len(laws)}")
+        kinds = list({id(law): law for law in laws}.values())
+        kind = np.array([next(k for k, own in enumerate(kinds) if own is law) for law in laws])
+        order = np.argsort(kind, kind="stable")
+        return _from_mesh(points, cells[order], kinds, None, tuple(np.bincount(kind).tolist()))
+    return _from_mesh(points, cells, laws, None)
+
+
+def composite(sections):
+    """Several sections side by side as one; overlapping parts are not subtracted.
+
+    A concrete-filled tube is a disc and a ring; a strand with a soft core a disc and a ring too.
+    """
+    from .section import Section
+
+    parts = []  # of one law each: section, its law, slice of its fibres, its torsion constant
+    for section in sections:
+        for k, (law, part) in enumerate(zip(section.laws, section._parts(), strict=True)):
+            torsion = None if section.torsion is None else section.torsion[k]
+            parts.append((section, law, part, torsion))
+    if not parts:
+        raise ValueError("sections: a composite needs at least one section")
+    kinds = list({id(law): law for _, law, _, _ in parts}.values())
+    parts = [p for kind in kinds for p in parts if p[1] is kind]
+    starts, n_point = {}, 0
+    for section in sections:
+        starts[id(section)] = n_point
+        n_point += 0 if section.points is None else len(section.points)
+    meshed = all(section.points is not None for section in sections)
+    has_torsion = all(section.torsion is not None for section in sections)
+
+    def join(name):
+        return _concatenate([getattr(section, name)[part] for section, _, part, _ in parts])
+
+    def total(kind):
+        return sum(t for _, law, _, t in parts if law is kind)
+
+    return Section(
+        join("y"),
+        join("z"),
+        join("area"),
+        tuple(kinds),
+        tuple(
+            sum(part.stop - part.start for _, law, part, _ in parts if law is kind)
+            for kind in kinds
+        ),
+        _stack(*[total(kind) for kind in kinds]) if has_torsion else None,
+        _concatenate([section.points for section in sections]) if meshed else None,
+        np.concatenate([s.cells[part] + starts[id(s)] for s, _, part, _ in parts])
+        if meshed
+        else None,
+    )
+
+
+def _from_mesh(points, cells, laws, torsion, counts=None):
+    from .section import Section
+
+    area, centroid = meshes.moments(points, cells)
+    values = _check.concrete(area)
+    if values is not None and (values < 0).any():  # turn round what was given the other way
+        cells = np.where((values < 0)[:, None], cells[:, ::-1], cells)
+        area, centroid = meshes.moments(points, cells)
+    y, z = centroid[:, 0], centroid[:, 1]
+    if torsion is not None:
+        torsion = _stack(torsion)
+    return Section(y, z, area, laws, counts, torsion, points, cells)
+
+
+def _with_torsion(section, torsion):
+    from .._tree import copy
+
+    return copy(section, torsion=_stack(torsion))
+
+
+def _rectangle_torsion(width, height):
+    """Torsion constant, m4: Saint-Venant's series, to rounding (Timoshenko and Goodier, art. 109)."""
+    pack = np if isinstance(width, float) and isinstance(height, float) else jnp
+    short, long = pack.minimum(width, height), pack.maximum(width, height)
+    n = np.arange(1, 40, 2)
+    series = pack.sum(pack.tanh(n * (np.pi / 2) * long / short) / n.astype(float) ** 5)
+    rest = 31 / 32 * 1.0369277551433699 - np.sum(1 / n.astype(float) ** 5)  # tanh is 1 there
+    return long * short**3 / 3 * (1 - 192 / np.pi**5 * short / long * (series + rest))
+
+
+def _cells(quads, kind):
+    if kind not in _CELLS:
+        raise ValueError(f"cells = {kind!r}: expected one of {_CELLS}")
+    return quads if kind == "quadrilaterals" else meshes.triangles(quads)
+
+
+def _shape(shape, least=(1, 1)):
+    ok = len(shape) == len(least) and all(
+        isinstance(n, int | np.integer) and n >= m for n, m in zip(shape, least, strict=False)
+    )
+    if not ok:
+        raise ValueError(f"shape = {shape}: expected {len(least)} integers, at least {least}")
+    return shape
+
+
+def _positive(value, name):
+    _check.require(_check.floats(value, name), lambda v: v > 0, name, "must be positive")
+
+
+def _float(value):
+    value = _check.floats(value, "dimension")
+    return value if _check.concrete(value) is None else float(value)
+
+
+def _stack(*values):
+    if any(_check.concrete(v) is None for v in values):
+        return jnp.stack([jnp.asarray(v) for v in values])
+    return np.array([float(v) for v in values])
+
+
+def _concatenate(arrays):
+    traced = any(_check.concrete(a) is None for a in arrays)
+    return (jnp if traced else np).concatenate(arrays)
+
+
+def _outline(points, name):
+    if _check.concrete(points) is None:
+        raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
+    points = _check.floats(points, name)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise ValueError(f"{name}: expected shape [n, 2] with n >= 3, got {points.shape}")
+    return np.asarray(points)
+
+
+def _signed_area(points):
+    y, z = points.T
+    return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))

@@ -1,0 +1,135 @@
+"""Equilibrium of a section: strains from forces.
+
+The complementary question to `Section.forces`. With laws that rise the potential
+``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton with a line search finds its minimum; the
+curves go on elastically beyond their ends, so that every force has strains, and whether a fibre
+then lies beyond its curve says that the force is beyond the capacity.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import implicit, linear, status
+from .._tree import pytree
+from ..search import search
+
+
+@pytree
+class SectionState:
+    """Strains of a section under given forces; NaN, with NaN derivatives, unless the status is OK.
+
+    Attributes:
+        strain: ``(e0, ky, kz)``, each of the shape of the forces, -, 1/m, 1/m.
+        status: OK, BEYOND_CAPACITY or NOT_CONVERGED.
+        residual: largest unbalanced force, moments over the radius of gyration, N.
+        steps: iterations.
+    """
+
+    strain: object
+    status: object
+    residual: object
+    steps: object
+
+
+def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
+    """Strains ``(e0, ky, kz)`` that balance the forces.
+
+    Args:
+        section: `Section`.
+        N, My, Mz: arrays of one shape, N, N m, N m.
+        plastic: plastic strains of the fibres, only for single forces.
+        tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
+            over the radius of gyration); default 64 eps. A curve of segments is met exactly once
+            the fibres are on the right ones.
+        max_steps: iterations allowed.
+
+    Returns:
+        `SectionState`, differentiable (implicit function theorem).
+    """
+    N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
+    if N.ndim:
+        flat = [v.ravel() for v in (N, My, Mz)]
+        states = jax.vmap(lambda *f: equilibrium(section, *f, None, tol, max_steps))(*flat)
+        return jax.tree.map(lambda v: v.reshape(N.shape), states)
+    if plastic is None and section.remembers:
+        plastic = section.virgin()
+    target, radius = jnp.stack([N, My, Mz]), _radius(section)
+    parameters = (section, target, plastic)
+    frozen = lax.stop_gradient(parameters)
+    found, steps, residual, good = _iterate(*frozen, lax.stop_gradient(radius), tol, max_steps)
+    broken = section.beyond(*(found / radius))
+    code = jnp.where(good, status.OK, status.NOT_CONVERGED)
+    code = jnp.where(broken, status.BEYOND_CAPACITY, code).astype(jnp.int32)
+    ok = code == status.OK
+    section, target, plastic = implicit.gate(ok, parameters)
+    radius = lax.stop_gradient(radius)  # it scales the unknowns and is no part of the answer
+
+    def unbalanced(v):
+        return _forces(section.continued(), v, radius, plastic) - target / radius
+
+    def tangent_solve(linearized, rhs):
+        matrix = jax.jacfwd(lambda v: _forces(frozen[0].continued(), v, radius, frozen[2]))
+        matrix = jnp.where(ok, matrix(found), jnp.eye(3))
+        return linear.factorize(matrix).solve(rhs, linearized)
+
+    scaled = lax.custom_root(unbalanced, found, lambda _, start: start, tangent_solve)
+    strain = implicit.nan_unless(ok, scaled / radius, parameters)
+    return SectionState(tuple(strain), code, residual, steps)
+
+
+def _radius(section):
+    """Lengths that make the unknowns strains: 1 and the radii of gyration (1 if zero)."""
+    inertia = jnp.stack(section.inertia()[:2]) / section.total_area
+    flat = inertia <= 0
+    radius = jnp.where(flat, 1.0, jnp.sqrt(jnp.where(flat, 1.0, inertia)))
+    return jnp.append(jnp.ones(1, radius.dtype), radius)
+
+
+def _forces(section, scaled, radius, plastic):
+    """Forces, moments over their radius, [3], N, of strains times their radius [3]."""
+    return jnp.stack(section.forces(*(scaled / radius), plastic)) / radius
+
+
+def _iterate(section, target, plastic, radius, tol, max_steps):
+    """Newton with line search from zero strain: strains, steps, residual, success."""
+    section = section.continued()
+    eps = jnp.finfo(target.dtype).eps
+    tol = jnp.maximum(64 * eps, jnp.asarray(64 * eps if tol is None else tol))
+    load = jnp.max(jnp.abs(target / radius))
+
+    def evaluate(v):
+        residual = _forces(section, v, radius, plastic) - target / radius
+        stress = section.fibre_stress(*(v / radius), plastic)
+        return residual, jnp.sum(jnp.abs(stress) * section.area) + load
+
+    def unfinished(s):
+        _, residual, scale, _, steps = s
+        return (jnp.max(jnp.abs(residual)) > tol * scale) & (steps < max_steps)
+
+    def iterate(s):
+        v, residual, scale, kappa, steps = s
+        matrix = jax.jacfwd(lambda v: evaluate(v)[0])(v)
+        shift = kappa * jnp.max(jnp.abs(residual))
+        step, definite = linear.solve_definite(matrix + shift * jnp.eye(3), -residual)
+        slope = residual @ step
+        usable = definite & jnp.isfinite(slope) & (slope < 0)
+        step = jnp.where(usable, step, 0.0)
+        a, new_residual, new_scale, found = search(
+            lambda a: evaluate(v + a * step), step, slope, usable
+        )
+        # the shift, residual per strain, only keeps a yielded section from being singular
+        kappa = jnp.where(found, jnp.maximum(0.1 * kappa, 1e-3), 100 * kappa)
+        return (
+            jnp.where(found, v + a * step, v),
+            jnp.where(found, new_residual, residual),
+            jnp.where(found, new_scale, scale),
+            kappa,
+            steps + 1,
+        )
+
+    start = jnp.zeros(3, target.dtype)
+    s = (start, *evaluate(start), jnp.ones((), target.dtype), jnp.int32(0))
+    v, residual, scale, _, steps = lax.while_loop(unfinished, iterate, s)
+    largest = jnp.max(jnp.abs(residual))
+    return v, steps, largest, largest <= tol * scale
