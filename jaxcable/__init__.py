@@ -10,38 +10,47 @@
 -0.012838093 m
 """
 
-from . import plots, scenes
+from . import materials, plots, scenes
 from ._tree import replace
-from .elements import Bars, Cables
+from .elements import Bars, Beams, Cables
 from .equilibrium import Newton
 from .incremental import Incremental
-from .loads import NodalLoads, SelfWeight
-from .materials import Elastic
+from .loads import LineLoads, NodalLoads, SelfWeight, SupportMovement
+from .materials import Elastic, Polygonal
 from .phases import Phase
+from .sections import Section, SectionState
 from .solution import Path, PhaseResult, Solution, State
 from .solver import solve
 from .status import AnalysisError, describe, raise_if_failed
-from .structure import Structure, Supports, pinned
+from .structure import Structure, Supports, clamped, pinned
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AnalysisError",
     "Bars",
+    "Beams",
     "Cables",
     "Elastic",
     "Incremental",
+    "LineLoads",
     "Newton",
     "NodalLoads",
     "Path",
     "Phase",
     "PhaseResult",
+    "Polygonal",
+    "Section",
+    "SectionState",
     "SelfWeight",
     "Solution",
     "State",
     "Structure",
+    "SupportMovement",
     "Supports",
+    "clamped",
     "describe",
+    "materials",
     "pinned",
     "plots",
     "raise_if_failed",

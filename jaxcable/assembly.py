@@ -1,7 +1,9 @@
 """The whole structure: residual, tangent, energy and results of one loaded state.
 
 A `System` holds everything that is fixed while equilibrium is sought at one load factor. Its
-unknowns ``x`` are the free displacements, [n_free]; held ones are not among them.
+unknowns ``x`` are the free displacements, [n_free]; held ones are not among them. The `motion` of
+the nodes, which the elements see, is their displacement, [n_node, 3]. Structures with beams have
+rotations too: `frames.FrameSystem` has the same members for them.
 """
 
 import jax
@@ -31,55 +33,83 @@ class System:
     held: object
     freedoms: object
 
-    def displacement(self, x):
+    turning = False
+
+    def motion(self, x):
         """Displacement of all nodes, [n_node, 3], from the unknowns [n_free]."""
         return jnp.concatenate([x, self.held])[self.freedoms.source].reshape(self.nodes.shape)
 
-    def unknowns(self, displacement):
-        """The unknowns [n_free] of a displacement [n_node, 3]."""
-        return displacement.reshape(-1)[self.freedoms.free]
+    def unknowns(self, motion):
+        """The unknowns [n_free] of a motion [n_node, 3]."""
+        return motion.reshape(-1)[self.freedoms.free]
 
-    def internal_force(self, displacement):
+    def place(self, x):
+        """Unknowns to start from: `x` itself, which holds nothing of the supports."""
+        return x
+
+    def carried(self, x):
+        """`x`, a constant, as a function of what supports do to free nodes: nothing."""
+        return x
+
+    def move(self, x, step):
+        """The unknowns after a step [n_free]."""
+        return x + step
+
+    def chart(self, x):
+        """Residual as a function of [n_free] numbers, those that belong to `x`, and the way back."""
+        return self.residual, x, lambda numbers: numbers
+
+    def internal_force(self, motion):
         """Sum of the end forces at every node, [n_node, 3], and of their norms, [n_node], N."""
-        force = jnp.zeros_like(displacement)
-        size = jnp.zeros_like(displacement[:, 0])
+        force = jnp.zeros_like(motion)
+        size = jnp.zeros_like(motion[:, 0])
         for group, state in zip(self.groups, self.states, strict=True):
-            ends = each("end_forces", group, state, self.nodes, displacement)
+            ends = each("end_forces", group, state, self.nodes, motion)
             force = force.at[group.links].add(ends)
             size = size.at[group.links].add(jnp.sqrt(jnp.sum(ends**2, axis=-1)))
+            if group.remembers:
+                size = size.at[group.links].add(self.part_sizes(group, state, motion))
         return force, size
 
-    def unbalanced(self, displacement):
+    def part_sizes(self, group, state, motion):
+        """Forces inside elements that can balance each other there, at both ends, [n_elem, 2], N.
+
+        An unloaded elastic-plastic element is in equilibrium to the rounding of these.
+        """
+        return jnp.repeat(each("size", group, state, self.nodes, motion)[:, None], 2, axis=1)
+
+    def unbalanced(self, motion):
         """Internal force minus load at every node, [n_node, 3], N."""
-        return self.internal_force(displacement)[0] - self.load
+        return self.internal_force(motion)[0] - self.load
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N."""
-        return self.unbalanced(self.displacement(x)).reshape(-1)[self.freedoms.free]
+        return self.unbalanced(self.motion(x)).reshape(-1)[self.freedoms.free]
 
     def residual_and_scale(self, x):
         """Residual [n_free], and the force it is judged by, N.
 
         The scale is the largest, over nodes, of the sum of absolute end forces plus the load.
         """
-        force, size = self.internal_force(self.displacement(x))
+        force, size = self.internal_force(self.motion(x))
         scale = jnp.max(size + jnp.sqrt(jnp.sum(self.load**2, axis=-1)))
         return (force - self.load).reshape(-1)[self.freedoms.free], scale
 
+    def load_norm(self):
+        """Euclidean norm of the load on the free freedoms, N."""
+        return jnp.linalg.norm(self.unknowns(self.load))
+
     def tangent(self, x):
         """Tangent stiffness, dense [n_free, n_free], N/m: autodiff of the element forces."""
-        return self._matrix(
-            lambda one, state, ends, u: jax.jacfwd(one.end_forces, argnums=2)(state, ends, u),
-            self.displacement(x),
-        )
+        return self._matrix(lambda one, state, ends, u: one.tangent(state, ends, u), self.motion(x))
 
     def secant(self, before, x):
         """Secant stiffness between two states, each [n_free], dense [n_free, n_free], N/m."""
         return self._matrix(
-            lambda one, *args: one.secant(*args), self.displacement(before), self.displacement(x)
+            lambda one, *args: one.secant(*args), self.motion(before), self.motion(x)
         )
 
-    def _matrix(self, block, *displacements):
+    def _matrix(self, block, *motions):
         """Assemble element matrices block(element, state, ends, *motions), [n_end, 3, n_end, 3]."""
         n = self.freedoms.free.shape[0]
         matrix = jnp.zeros((n, n), self.nodes.dtype)
@@ -88,55 +118,98 @@ class System:
                 group.properties(),
                 state,
                 self.nodes[group.links],
-                *(displacement[group.links] for displacement in displacements),
+                *(motion_of(group, motion) for motion in motions),
             )
-            number = self.freedoms.number[group.links].reshape(len(blocks), -1)
+            number = self.freedoms.number[group.links]
+            if number.shape[-1] != group.n_freedom:
+                number = number[..., : group.n_freedom]
+            number = number.reshape(len(blocks), -1)
             blocks = blocks.reshape(*number.shape, number.shape[1])
             # held freedoms have number n: out of range, dropped
             matrix = matrix.at[number[:, :, None], number[:, None, :]].add(blocks, mode="drop")
         return matrix
 
-    def stored_energy(self, displacement):
+    def stored_energy(self, motion):
         """Energy stored in the elements, J."""
         return sum(
-            jnp.sum(each("energy", group, state, self.nodes, displacement))
+            jnp.sum(each("energy", group, state, self.nodes, motion))
             for group, state in zip(self.groups, self.states, strict=True)
         )
 
     def potential(self, x):
         """Stored energy minus the work of the loads, J; the residual is its gradient."""
-        displacement = self.displacement(x)
-        return self.stored_energy(displacement) - jnp.sum(self.load * displacement)
+        motion = self.motion(x)
+        return self.stored_energy(motion) - jnp.sum(self.load * motion)
 
-    def tensions(self, displacement):
+    def tensions(self, motion):
         """Axial forces, one array [n_elem] per group, N."""
         return [
-            each("tension", group, state, self.nodes, displacement)
+            each("tension", group, state, self.nodes, motion)
             for group, state in zip(self.groups, self.states, strict=True)
         ]
 
-    def reactions(self, displacement):
+    def reactions(self, motion):
         """Forces of the supports on the structure, [n_node, 3], N; zero where free."""
-        return jnp.where(self.freedoms.fixed, self.unbalanced(displacement), 0.0)
+        return jnp.where(self.freedoms.fixed, self.unbalanced(motion), 0.0)
 
-    def slack(self, displacement):
+    def slack(self, motion):
         """Slack elements, one boolean array [n_elem] per group."""
         return [
-            each("is_slack", group, state, self.nodes, displacement)
+            each("is_slack", group, state, self.nodes, motion)
             for group, state in zip(self.groups, self.states, strict=True)
         ]
 
-    def loose_nodes(self, displacement):
+    def loose_nodes(self, motion):
         """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
         held_up = jnp.zeros(self.nodes.shape[0], bool)
-        for group, slack in zip(self.groups, self.slack(displacement), strict=True):
+        for group, slack in zip(self.groups, self.slack(motion), strict=True):
             held_up = held_up.at[group.links].max(~slack[:, None])
+        if self.freedoms.rows is not None:
+            held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
 
     @property
-    def tension_only(self):
-        """Whether all groups are: then the energy is convex under dead load."""
-        return all(group.tension_only for group in self.groups)
+    def convex(self):
+        """Whether the energy is convex under dead load: tension-only groups of rising laws."""
+        return all(group.tension_only and group.rising for group in self.groups)
+
+    @property
+    def remembers(self):
+        """Whether any group has plastic strains."""
+        return any(group.remembers for group in self.groups)
+
+    @property
+    def breaks(self):
+        """Whether any element can be strained beyond its curve."""
+        return any(group.breaks for group in self.groups)
+
+    def beyond(self, motion):
+        """Whether any element is strained beyond its curve."""
+        return jnp.any(
+            jnp.concatenate(
+                [
+                    each("beyond", group, state, self.nodes, motion)
+                    for group, state in zip(self.groups, self.states, strict=True)
+                    if group.breaks
+                ]
+            )
+        )
+
+    def settle(self, motion):
+        """Plastic strains after an increment that ended here, per group, or None."""
+        return [
+            each("settle", group, state, self.nodes, motion) if group.remembers else None
+            for group, state in zip(self.groups, self.states, strict=True)
+        ]
+
+    def strains(self, motion):
+        """Strains of the elements of every group whose law is not a mere stiffness, else None."""
+        return [
+            each("section_strain", group, state, self.nodes, motion)
+            if getattr(group, "section", None) is not None or group.breaks
+            else None
+            for group, state in zip(self.groups, self.states, strict=True)
+        ]
 
     def softened(self, compliance):
         """The same system with a spring in series with every element, strain per force, 1/N."""
@@ -155,11 +228,18 @@ class System:
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def each(method, group, state, nodes, displacement):
+def each(method, group, state, nodes, motion):
     """Evaluate an element method for all elements of a group by vmap."""
 
     def one(properties, state, ends, motion):
         return getattr(element(group, properties), method)(state, ends, motion)
 
-    ends, motion = nodes[group.links], displacement[group.links]
+    ends, motion = nodes[group.links], motion_of(group, motion)
     return jax.vmap(one)(group.properties(), state, ends, motion)
+
+
+def motion_of(group, motion):
+    """What the ends of a group's elements see of the motion, [n_elem, n_end, 3 or 7]."""
+    width = 3 if group.n_freedom == 3 else 7
+    at_ends = motion[group.links]
+    return at_ends if at_ends.shape[-1] == width else at_ends[..., :width]

@@ -13,11 +13,17 @@ Each iteration factorises once:
    by a spring in series with every element (strain 1 under the largest load), which keeps the
    energy convex, and stiffened by tens as it settles. It costs an ordinary net nothing.
 
+4. Beams: a full Newton step first stretches what only wants to bend, the energy rises, and the search
+   would creep along; the next full step puts it right. A structure with rotations therefore starts
+   with up to 15 plain Newton steps, and begins again, searched, if they lead nowhere or through an
+   indefinite tangent (which is allowed under nodal moments: they have no potential).
+
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
 of lengths), hence the iteration converges from any start, until the rounding of the displacements
 themselves (EA eps) shows in the residual.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -31,6 +37,7 @@ _PATIENCE = 15  # short steps before a tension-only structure is softened
 _SETTLED = 0.1  # relative residual at which the added softness is taken back a step
 _HARDEN = 0.1  # by this factor
 _STIFF = 0.01  # added strain, relative to the elastic one, that is dropped altogether
+_SPRINT = 15  # plain Newton steps that a structure with rotations may try first
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -69,6 +76,7 @@ class _Iterate:
     short: object  # short steps so far
     steps: object  # factorisations so far
     code: object  # OK while nothing has gone wrong
+    sprint: object = None  # whether plain steps are being tried; None where they never are
 
 
 @pytree
@@ -76,7 +84,7 @@ class Outcome:
     """What an increment ended with.
 
     Attributes:
-        x: unknowns, [n_free]; those it began with if it failed.
+        x: the point reached; the one it began with if it failed.
         code: status.
         steps: factorisations.
         residual: largest unbalanced force at a free freedom, N.
@@ -103,7 +111,7 @@ def newton(system, x, method, active):
 
     Args:
         system: `System` of one load factor.
-        x: start, [n_free].
+        x: start, a point of the system, [n_free] or a motion.
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
 
@@ -119,7 +127,7 @@ def newton(system, x, method, active):
     def unfinished(it):
         return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)
 
-    soften = system.tension_only
+    soften = system.convex
 
     def at_softness(c):
         return system.softened(c) if soften else system
@@ -127,12 +135,34 @@ def newton(system, x, method, active):
     def iterate(it):
         working = at_softness(it.softness)
         shift = it.kappa * _largest(it.residual) / length
-        matrix = working.tangent(it.x) + shift * jnp.eye(x.shape[0], dtype=x.dtype)
-        step, definite = linear.solve_definite(matrix, -it.residual)
+        if it.sprint is not None:
+            shift = jnp.where(it.sprint, 0.0, shift)
+        matrix = working.tangent(it.x) + shift * jnp.eye(it.residual.shape[0], dtype=x.dtype)
+        if it.sprint is None:
+            step, definite = linear.solve_definite(matrix, -it.residual)
+        else:  # moments have no potential, hence no definite tangent to ask for
+            step, definite = lax.cond(
+                it.sprint & working.unsymmetric(),
+                linear.solve_general,
+                linear.solve_definite,
+                matrix,
+                -it.residual,
+            )
         slope = it.residual @ step
         usable = definite & jnp.isfinite(slope) & (slope < 0)
+        if it.sprint is not None:
+            usable = usable | (it.sprint & definite & jnp.isfinite(slope))
         step = jnp.where(usable, step, 0.0)
         new, residual, scale, taken, found = _search(working, it, step, slope, usable)
+        sprint = it.sprint
+        if sprint is not None:
+            on = sprint & found & (it.steps + 1 < _SPRINT)
+            restart = sprint & ~on & (_largest(residual) > tol * scale)
+            new, residual, scale = jax.tree.map(
+                lambda a, b: jnp.where(restart, b, a), (new, residual, scale), (x, *begun)
+            )
+            sprint, found = on, found | restart
+            taken = jnp.where(restart, 0.5, taken)  # leaves kappa as it is
         kappa = jnp.where(
             found,
             it.kappa * jnp.where(taken >= 1, 0.1, jnp.where(taken < 0.1, 10.0, 1.0)),
@@ -153,23 +183,30 @@ def newton(system, x, method, active):
             residual, scale = at_softness(softness).residual_and_scale(new)
         runaway = jnp.max(jnp.abs(new), initial=0.0) > _RUNAWAY * extent
         code = jnp.where(runaway, status.MECHANISM, status.OK).astype(jnp.int32)
-        return _Iterate(new, residual, scale, kappa, softness, short, it.steps + 1, code)
+        return _Iterate(new, residual, scale, kappa, softness, short, it.steps + 1, code, sprint)
 
+    begin, x = x, system.place(x)
     load = jnp.max(jnp.sqrt(jnp.sum(system.load**2, axis=-1)))
     softest = 1 / jnp.where(load > 0, load, jnp.inf)  # strain 1 under the largest load
     residual, scale = system.residual_and_scale(x)
     bad_start = ~(jnp.all(jnp.isfinite(residual)) & jnp.isfinite(scale))
     code = jnp.where(bad_start & active, status.NONFINITE, status.OK).astype(jnp.int32)
     zero = jnp.zeros((), x.dtype)
+    begun = residual, scale
     start = _Iterate(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code)
+    if system.turning:
+        start = copy(start, sprint=jnp.ones((), bool))
     end = lax.while_loop(lambda it: active & unfinished(it), iterate, start)
     stuck = (end.code == status.OK) & ~converged(end)
     code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)
+    if system.breaks:  # the iteration follows curves beyond their ends, an answer does not
+        broken = active & (code != status.NONFINITE) & system.beyond(system.motion(end.x))
+        code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
     residual, scale = end.residual, end.scale
     if soften:  # it may have stopped while softened: report the residual of the real system
         residual, scale = system.residual_and_scale(end.x)
-    x = jnp.where(good, end.x, x)
+    x = jnp.where(good, end.x, begin)
     return Outcome(x, code, end.steps, _largest(residual), scale, good)
 
 
@@ -188,26 +225,32 @@ def march(ramp, x, factors, method, code):
     """
 
     def step(carry, factor):
-        x, code = carry
-        outcome = newton(ramp.at(factor), x, method, code == status.OK)
+        x, code, plastic = carry
+        system = ramp.at(factor, plastic)
+        outcome = newton(system, x, method, code == status.OK)
         code = status.first_failure(code, outcome.code)
-        return (outcome.x, code), copy(outcome, code=code)
+        plastic = ramp.settle(system, outcome.x, code, plastic)
+        return (outcome.x, code, plastic), copy(outcome, code=code)
 
-    return lax.scan(step, (x, code), factors)[1]
+    return lax.scan(step, (x, code, ramp.plastic), factors)[1]
 
 
 def _search(working, it, step, slope, usable):
     """Find a step length; returns the unknowns there, residual, scale, the length and success."""
 
     def evaluate(a):
-        return working.residual_and_scale(it.x + a * step)
+        return working.residual_and_scale(working.move(it.x, a * step))
 
-    a, residual, scale, found = search(evaluate, step, slope, usable)
+    if it.sprint is None:
+        a, residual, scale, found = search(evaluate, step, slope, usable)
+    else:  # plain steps are taken whole if they lead to numbers
+        a, residual, scale, found = search(evaluate, step, slope, usable & ~it.sprint)
+        found = found | (it.sprint & usable & jnp.isfinite(scale))
 
     def keep(new, old):
         return jnp.where(found, new, old)
 
-    x = keep(it.x + a * step, it.x)
+    x = keep(working.move(it.x, a * step), it.x)
     return x, keep(residual, it.residual), keep(scale, it.scale), a, found
 
 

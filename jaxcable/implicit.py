@@ -31,21 +31,22 @@ def attach(system, x, valid):
 
     Args:
         system: `System`, differentiable.
-        x: its equilibrium, [n_free]; its own derivative is ignored.
+        x: its equilibrium, the point of an iteration; its own derivative is ignored.
         valid: whether `x` is an equilibrium; if not, the result has derivative zero (and the caller
             must see to it that nobody takes that for an answer).
     """
     x = lax.stop_gradient(x)
     frozen = lax.stop_gradient(system)
+    residual, numbers, back = system.chart(system.carried(x))
 
     def tangent_solve(linearized, rhs):
-        n = x.shape[0]
+        n = numbers.shape[0]
         matrix = jnp.where(valid, frozen.tangent(x), jnp.eye(n, dtype=x.dtype))
-        node = frozen.freedoms.free // 3
-        loose = frozen.loose_nodes(frozen.displacement(x))[node] & valid
+        node = frozen.freedoms.free // frozen.freedoms.number.shape[1]
+        loose = frozen.loose_nodes(frozen.motion(x))[node] & valid
         return linear.factorize(matrix, loose).solve(rhs, linearized)
 
-    return lax.custom_root(system.residual, x, lambda f, start: start, tangent_solve)
+    return back(lax.custom_root(residual, numbers, lambda f, start: start, tangent_solve))
 
 
 def undifferentiated(tree, parameters):

@@ -55,20 +55,24 @@ def march(ramp, x, factors, method, code):
     Differentiable as it is; the increments are checkpointed, so that the backward pass stores one
     vector of unknowns per increment and not its stiffness matrix.
     """
-    first = _increment(ramp, factors[0], x, method, code, first=True)
+    first, plastic = _increment(ramp, factors[0], x, method, code, ramp.plastic, first=True)
 
     @jax.checkpoint
     def step(carry, factor):
-        outcome = _increment(ramp, factor, carry[0], method, carry[1], first=False)
-        return (outcome.x, outcome.code), outcome
+        x, code, plastic = carry
+        outcome, plastic = _increment(ramp, factor, x, method, code, plastic, first=False)
+        return (outcome.x, outcome.code, plastic), outcome
 
-    rest = jax.lax.scan(step, (first.x, first.code), factors[1:])[1]
+    rest = jax.lax.scan(step, (first.x, first.code, plastic), factors[1:])[1]
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rest)
 
 
-def _increment(ramp, factor, x, method, code, first):
-    """One increment of the scheme; `first` in its phase it may be solved to equilibrium."""
-    active, system, begin = code == status.OK, ramp.at(factor), x
+def _increment(ramp, factor, x, method, code, plastic, first):
+    """One increment of the scheme and the plastic strains that it leaves.
+
+    The `first` increment of a phase may be solved to equilibrium.
+    """
+    active, system, begin = code == status.OK, ramp.at(factor, plastic), x
     frozen = jax.lax.stop_gradient(system)
     x, regular = _step(system, x, ramp, method)
     steps, settled = jnp.int32(1), jnp.zeros((), bool)
@@ -84,28 +88,33 @@ def _increment(ramp, factor, x, method, code, first):
         steps = steps + jnp.where(settled, 0, 1)
         regular = regular & (ok | settled)
     residual, scale = frozen.residual_and_scale(jax.lax.stop_gradient(x))
-    load, unbalanced = jnp.linalg.norm(frozen.unknowns(frozen.load)), jnp.linalg.norm(residual)
+    load, unbalanced = frozen.load_norm(), jnp.linalg.norm(residual)
     largest = jnp.max(jnp.abs(residual), initial=0.0)
     outcomes = [
         (~(jnp.isfinite(scale) & jnp.isfinite(largest)), status.NONFINITE),
         (~regular, status.SINGULAR),
         (unbalanced > method.tol * jnp.where(load > 0, load, scale), status.DRIFTED),
     ]
+    if system.breaks:
+        broken = frozen.beyond(frozen.motion(jax.lax.stop_gradient(x)))
+        outcomes.insert(1, (broken, status.MATERIAL_FAILURE))
     own = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
     code = status.first_failure(code, jnp.asarray(own, jnp.int32))
     x = jnp.where(code == status.OK, x, begin)
-    return Outcome(x, code, jnp.where(active, steps, 0), largest, scale, settled)
+    outcome = Outcome(x, code, jnp.where(active, steps, 0), largest, scale, settled)
+    return outcome, ramp.settle(system, x, code, plastic)
 
 
 def _step(system, x, ramp, method):
     """One linear solve: the next unknowns, and whether the stiffness was regular."""
     if method.stiffness == "tangent":
-        residual, linearized = jax.linearize(system.residual, x)
+        function, numbers, back = system.chart(x)
+        residual, linearized = jax.linearize(function, numbers)
         factor = linear.factorize(jax.lax.stop_gradient(system).tangent(jax.lax.stop_gradient(x)))
         rhs = implicit.gate(factor.regular, residual)
-        return x - factor.or_identity().solve(rhs, linearized), factor.regular
+        return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
     # secant from the geometry in which the phase began
-    origin = system.unknowns(ramp.begin.displacement)
+    origin = system.unknowns(ramp.begin.motion)
     matrix = system.secant(origin, x)
     factor = linear.factorize(matrix)
     rhs = implicit.gate(factor.regular, system.residual(origin))

@@ -132,6 +132,17 @@ def _checked(value, group, name):
     rules = [_RULES[name]] if name in _RULES else []
     if getattr(group, "tension_only", False) and name in _CABLE_RULES:
         rules.append(_CABLE_RULES[name])
+    if name == "jacking" and not hasattr(group, "lock"):
+        raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
+    if name in ("pretension", "jacking"):
+        low, high = (_check.concrete(v) for v in group.capacity())
+        if low is not None and high is not None:
+            rules.append(
+                (
+                    lambda v: (v >= low) & (v <= high),
+                    "above what its law can carry; a pretension must lie within the curve",
+                )
+            )
     for rule, text in rules:
         _check.require(value, rule, name, text)
     if name == "temperature" and group.expansion is None:

@@ -8,8 +8,11 @@ end states once; `Ramp.at` interpolates.
 import jax
 import jax.numpy as jnp
 
+from . import status
 from ._tree import copy, pytree
 from .assembly import System, each
+from .frames import FrameSystem
+from .rotations import IDENTITY, turned
 
 
 @pytree
@@ -17,16 +20,27 @@ class Carry:
     """What a phase hands to the next one.
 
     Attributes:
-        displacement: from the initial nodes, [n_node, 3], m.
+        motion: displacement from the initial nodes, [n_node, 3], m; in a structure with beams
+            [n_node, 7], with the unit quaternion of the node's rotation.
         states: element states, one per group.
-        nodal_load: sum of the nodal loads so far, [n_node, 3], N.
+        nodal_load: sum of the nodal loads so far, [n_node, 3], N; with moments [n_node, 6].
         element_loads: list of (element load, its factor).
     """
 
-    displacement: object
+    motion: object
     states: object
     nodal_load: object
     element_loads: object
+
+
+def unloaded(nodes, groups):
+    """The `Carry` of a structure that nothing has happened to."""
+    states = [group.start(nodes[group.links]) for group in groups]
+    if all(group.n_freedom == 3 for group in groups):
+        return Carry(jnp.zeros_like(nodes), states, jnp.zeros_like(nodes), [])
+    still = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
+    motion = jnp.concatenate([jnp.zeros_like(nodes), still], axis=1)
+    return Carry(motion, states, jnp.zeros((len(nodes), 6), nodes.dtype), [])
 
 
 @pytree(static=("increments",))
@@ -35,7 +49,7 @@ class PhaseData:
 
     Attributes:
         inputs: prestress statements, per group a dict from name to [n_elem].
-        nodal_loads, element_loads: loads by kind, lists.
+        nodal_loads, element_loads, movements: loads by kind, lists.
         freedoms: numbering of this phase's unknowns.
         freedoms_before: numbering of the phase before, if the supports change, else None.
         increments: number of steps.
@@ -44,6 +58,7 @@ class PhaseData:
     inputs: object
     nodal_loads: object
     element_loads: object
+    movements: object
     freedoms: object
     freedoms_before: object
     increments: int = 1
@@ -58,9 +73,10 @@ class Ramp:
         begin: what the phase starts from, a `Carry` (loads on newly fixed freedoms taken off).
         end_states: element states at load factor 1; None for a group that does not change.
         held: (force at the start, force at the end) for a jacked group, else None.
-        added_load: nodal loads of this phase, [n_node, 3], N, or None.
+        added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
         added_element_loads: element loads of this phase.
-        released: reactions of newly freed freedoms, ramped out, [n_node, 3], N, or None.
+        moved: steps of the supports in this phase, [n_node, 3 or 6], or None.
+        released: reactions of newly freed freedoms, ramped out, as `Carry.nodal_load`, or None.
         freedoms: numbering of the unknowns.
     """
 
@@ -71,6 +87,7 @@ class Ramp:
     held: object
     added_load: object
     added_element_loads: object
+    moved: object
     released: object
     freedoms: object
 
@@ -80,21 +97,14 @@ class Ramp:
         released = None
         if data.freedoms_before is not None:
             was, now = data.freedoms_before.fixed, data.freedoms.fixed
-            before = System(
-                nodes,
-                groups,
-                carry.states,
-                total_load(nodes, groups, carry),
-                carry.displacement.reshape(-1),
-                data.freedoms_before,
-            )
-            released = jnp.where(was & ~now, before.unbalanced(carry.displacement), 0.0)
+            before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
+            released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
             carry = copy(carry, nodal_load=jnp.where(now & ~was, 0.0, carry.nodal_load))
         end_states, held = [], []
         for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
             end_state = jack = None
             if "jacking" in inputs:
-                force = each("tension", group, state, nodes, carry.displacement)
+                force = each("tension", group, state, nodes, carry.motion)
                 jack = (force, inputs["jacking"])
             elif inputs:
                 chord = jnp.linalg.norm(nodes[group.links[:, 1]] - nodes[group.links[:, 0]], axis=1)
@@ -103,7 +113,14 @@ class Ramp:
             held.append(jack)
         added = None
         if data.nodal_loads:
-            added = sum(load.nodal_forces(len(nodes), nodes.dtype) for load in data.nodal_loads)
+            shape = carry.nodal_load.shape
+            added = sum(load.nodal_forces(shape, nodes.dtype) for load in data.nodal_loads)
+        moved = None
+        if data.movements:
+            shape = carry.nodal_load.shape
+            moved = sum(movement.steps(shape, nodes.dtype) for movement in data.movements)
+            if data.freedoms.rows is not None:
+                moved = moved[data.freedoms.rows]
         return cls(
             nodes,
             groups,
@@ -112,12 +129,20 @@ class Ramp:
             held,
             added,
             data.element_loads,
+            moved,
             released,
             data.freedoms,
         )
 
-    def states(self, factor):
-        """Element states at a load factor."""
+    @property
+    def plastic(self):
+        """Plastic strains at the start of the phase, per group; None if no law remembers any."""
+        if not any(group.remembers for group in self.groups):
+            return None
+        return [state.plastic for state in self.begin.states]
+
+    def states(self, factor, plastic=None):
+        """Element states at a load factor, with plastic strains per group other than the start's."""
         now = []
         for start, end, jack in zip(self.begin.states, self.end_states, self.held, strict=True):
             if jack is not None:
@@ -129,10 +154,12 @@ class Ramp:
                 now.append(copy(mixed, rest_length=length))
             else:
                 now.append(start)
+        if plastic is not None:
+            now = [copy(state, plastic=own) for state, own in zip(now, plastic, strict=True)]
         return now
 
     def nodal_load(self, factor):
-        """Nodal loads and reactions being ramped out, at a load factor, [n_node, 3], N."""
+        """Nodal loads and reactions being ramped out, at a load factor."""
         load = self.begin.nodal_load
         if self.added_load is not None:
             load = load + factor * self.added_load
@@ -144,20 +171,66 @@ class Ramp:
         """Element loads at a load factor, with their factors."""
         return [*self.begin.element_loads, *((load, factor) for load in self.added_element_loads)]
 
-    def at(self, factor):
-        """The `System` at a load factor."""
-        states, begin = self.states(factor), self.begin.displacement
-        now = Carry(begin, states, self.nodal_load(factor), self.element_loads(factor))
-        load = total_load(self.nodes, self.groups, now)
-        return System(self.nodes, self.groups, states, load, begin.reshape(-1), self.freedoms)
+    def held_motion(self, factor):
+        """Motion of all nodes as the supports prescribe it at a load factor."""
+        begin = self.begin.motion
+        if self.moved is None:
+            return begin
+        if begin.shape[1] == 3:
+            return begin + factor * self.moved
+        return jax.vmap(turned)(begin, factor * self.moved)
 
-    def leave(self, factor, displacement):
+    def at(self, factor, plastic=None):
+        """The system at a load factor."""
+        states = self.states(factor, plastic)
+        now = Carry(self.begin.motion, states, self.nodal_load(factor), self.element_loads(factor))
+        return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
+
+    def settle(self, system, x, code, plastic):
+        """Plastic strains after an increment that ended at `x`; frozen by a failure."""
+        if plastic is None:
+            return None
+        ok, after = code == status.OK, system.settle(system.motion(x))
+        return jax.tree.map(lambda new, old: jnp.where(ok, new, old), after, plastic)
+
+    def leave(self, factor, motion, plastic=None):
         """What the phase leaves when it ends at `factor`; anchors the jacks."""
         states = []
-        for group, state in zip(self.groups, self.states(factor), strict=True):
+        for group, state in zip(self.groups, self.states(factor, plastic), strict=True):
+            state = copy(state, line_load=None)
             locked = state.held is not None
-            states.append(each("lock", group, state, self.nodes, displacement) if locked else state)
-        return Carry(displacement, states, self.nodal_load(factor), self.element_loads(factor))
+            states.append(each("lock", group, state, self.nodes, motion) if locked else state)
+        return Carry(motion, states, self.nodal_load(factor), self.element_loads(factor))
+
+
+def make_system(nodes, groups, carry, held, freedoms, load=None):
+    """The system of a state: a net's, or a frame's if nodes rotate; bends beams by their loads.
+
+    `held` is the motion that supports prescribe, None if it is not asked for; `load` the loads of
+    the carry, if at hand.
+    """
+    if load is None:
+        load = total_load(nodes, groups, carry)
+    if carry.motion.shape[1] == 3:
+        held = None if held is None else held.reshape(-1)
+        return System(nodes, groups, carry.states, load, held, freedoms)
+    states = [
+        copy(state, line_load=_line_load(number, group, state, carry.element_loads))
+        for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
+    ]
+    return FrameSystem(nodes, groups, states, load, held, freedoms)
+
+
+def _line_load(number, group, state, element_loads):
+    """Load per unstressed length, [n_elem, 3], N/m, that bends the elements of a group, or None."""
+    if group.n_freedom == 3:
+        return None
+    loads = [
+        factor * along
+        for load, factor in element_loads
+        if (along := load.per_length(number, group, state)) is not None
+    ]
+    return sum(loads) if loads else None
 
 
 def _mix(start, end, factor):
@@ -165,9 +238,9 @@ def _mix(start, end, factor):
 
 
 def total_load(nodes, groups, carry):
-    """All loads of a `Carry` on every node, [n_node, 3], N."""
+    """All loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
     load = carry.nodal_load
     for element_load, factor in carry.element_loads:
-        added = element_load.nodal_forces(groups, carry.states, len(nodes), nodes.dtype)
+        added = element_load.nodal_forces(groups, carry.states, load.shape, nodes.dtype)
         load = load + factor * added
     return load

@@ -2,6 +2,18 @@
 
 from ._tree import pytree
 
+PER_PHASE = (
+    "displacement",
+    "positions",
+    "tension",
+    "rest_length",
+    "reactions",
+    "rotation",
+    "reaction_moments",
+    "section_forces",
+)
+"""Results that a state, a phase and a solution have in common."""
+
 
 @pytree(static=("fixed",))
 class State:
@@ -19,7 +31,12 @@ class State:
         phase: number of the phase it belongs to, from 0; -1 before the first increment.
         load_factor: load factor of that phase.
         carry: what a further phase starts from.
-        fixed: supported freedoms before the first phase and in each phase, [n_node, 3] each.
+        fixed: supported freedoms before the first phase and in each phase, [n_node, 3] each (with
+            beams 6, and a row more for every hinged end).
+        rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
+        reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
+        section_forces: ``N, My, Mz`` and torque at the integration points of beams, in the shape of
+            `elements`, each [n_elem, n_point, 4] or None for other groups; None without beams.
     """
 
     displacement: object
@@ -32,6 +49,9 @@ class State:
     load_factor: object
     carry: object
     fixed: object
+    rotation: object = None
+    reaction_moments: object = None
+    section_forces: object = None
 
 
 @pytree
@@ -50,6 +70,10 @@ class Path:
         n_slack: number of slack elements, [n_inc]; -1 from a failure on.
         n_loose: number of nodes that touch only slack elements, [n_inc]; -1 from a failure on.
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
+        strain: strains of the fibres in the shape of `elements`, NaN from a failure on: of bars and
+            cables with a law or section [n_inc, n_elem]; of beams ``e0, ky, kz`` at the integration
+            points, [n_inc, n_elem, n_point, 3]. None for a group with a mere stiffness, and None
+            altogether if there is nothing else. `fibre_stress` makes stresses of them.
     """
 
     load_factor: object
@@ -62,6 +86,7 @@ class Path:
     n_slack: object
     n_loose: object
     equilibrated: object
+    strain: object = None
 
 
 @pytree
@@ -71,8 +96,10 @@ class PhaseResult:
     Attributes:
         status: code at the end of the phase.
         displacement: from the geometry in which the phase began, [n_node, 3], m.
-        positions, tension, rest_length, reactions: as in `State`.
+        positions, tension, rest_length, reactions: as in `State`; likewise rotation,
+            reaction_moments, section_forces.
         path: `Path`.
+        began: plastic strains that the phase began with, in the shape of `elements`, or None.
     """
 
     status: object
@@ -82,6 +109,10 @@ class PhaseResult:
     rest_length: object
     reactions: object
     path: Path
+    rotation: object = None
+    reaction_moments: object = None
+    section_forces: object = None
+    began: object = None
 
 
 @pytree(static=("links",))
@@ -104,6 +135,7 @@ class Solution:
         last: the last converged `State`.
         phases: one `PhaseResult` per phase.
         links: node numbers of the elements, one [n_elem, n_end] per group.
+        rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
     """
 
     status: object
@@ -116,3 +148,6 @@ class Solution:
     last: State
     phases: tuple
     links: tuple = ()
+    rotation: object = None
+    reaction_moments: object = None
+    section_forces: object = None

@@ -8,13 +8,12 @@ from jax import lax
 
 from . import equilibrium, implicit, incremental, status
 from ._tree import Indices, copy, fill, thaw
-from .assembly import System
 from .equilibrium import Newton
 from .incremental import Incremental
-from .loads import NodalLoads, as_list
+from .loads import LineLoads, NodalLoads, SupportMovement, as_list
 from .phases import Phase
-from .ramp import Carry, PhaseData, Ramp, total_load
-from .solution import Path, PhaseResult, Solution, State
+from .ramp import PhaseData, Ramp, make_system, total_load, unloaded
+from .solution import PER_PHASE, Path, PhaseResult, Solution, State
 from .structure import Freedoms, Structure, number_freedoms
 
 
@@ -50,7 +49,16 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
     method = Newton() if method is None else method
     if not isinstance(method, Newton | Incremental):
         raise ValueError(f"method: expected Newton or Incremental, got {type(method).__name__}")
+    if isinstance(method, Incremental) and method.stiffness == "secant":
+        for k, group in enumerate(structure.groups):
+            if not hasattr(group, "secant"):
+                raise ValueError(
+                    f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
+                    'stiffness; use "tangent"'
+                )
     carry, code, fixed = _begin(structure, start)
+    rows, groups = structure.rows()
+    nodes = structure.nodes if rows is None else structure.nodes[rows.array]
 
     sets, data = [fixed], []
     for phase in phases:
@@ -59,18 +67,27 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
         loads = as_list(phase.loads)
         for load in loads:
             load.check(structure)
+        movements = [load for load in loads if isinstance(load, SupportMovement)]
+        for movement in movements:
+            movement.check_supported(fixed.array)
+        kinds = NodalLoads | SupportMovement
         data.append(
             PhaseData(
                 inputs=phase.inputs(structure),
                 nodal_loads=[load for load in loads if isinstance(load, NodalLoads)],
-                element_loads=[load for load in loads if not isinstance(load, NodalLoads)],
-                freedoms=number_freedoms(fixed),
-                freedoms_before=None if fixed == sets[-1] else number_freedoms(sets[-1]),
+                element_loads=[
+                    load.among(structure) if isinstance(load, LineLoads) else load
+                    for load in loads
+                    if not isinstance(load, kinds)
+                ],
+                movements=movements,
+                freedoms=number_freedoms(fixed, rows),
+                freedoms_before=None if fixed == sets[-1] else number_freedoms(sets[-1], rows),
                 increments=int(phase.increments),
             )
         )
         sets.append(fixed)
-    thawed, arrays = thaw((structure.nodes, structure.groups, carry, data))
+    thawed, arrays = thaw((nodes, groups, carry, data))
     solution = _analyse(thawed, arrays, method, code, differentiate_path)
     return _arrange(structure, solution, tuple(sets))
 
@@ -113,8 +130,9 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         jax.tree.map(jnp.asarray, parameters),
     )
     if carry is None:
-        states = [group.start(nodes[group.links]) for group in groups]
-        carry = Carry(jnp.zeros_like(nodes), states, jnp.zeros_like(nodes), [])
+        carry = unloaded(nodes, groups)
+    # the iteration may pass through where a curve has ended; the answer may not
+    groups = [group.continued() if group.breaks else group for group in groups]
     # a state of numbers that are not finite is none: its NaN must not reach what a batch shares
     sound = _finite((nodes, groups))
     frame = implicit.gate(sound, (nodes, groups))
@@ -136,56 +154,85 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         now = (jnp.int32(number), factor, phase.freedoms.fixed)
         reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
         end = _state(frame, carry, load, *reached)
-        began = problem[2].displacement
-        values = (
-            end.displacement - began,
-            end.positions,
-            end.tension,
-            end.rest_length,
-            end.reactions,
-        )
-        ok = code == status.OK
-        results.append(PhaseResult(code, *implicit.nan_unless(ok, values, parameters), path))
-    names = ("displacement", "positions", "tension", "rest_length", "reactions", "load")
+        began = problem[2].motion[:, :3] if end.rotation is not None else problem[2].motion
+        own = copy(end, displacement=end.displacement - began)
+        values = _unless(code == status.OK, own, PER_PHASE, parameters)
+        results.append(PhaseResult(status=code, path=path, began=_plastic(problem[2]), **values))
+    names = (*PER_PHASE, "load")
+    last = copy(end, carry=carry, **_unless(sound, end, names, parameters))
+    final = _unless(code == status.OK, end, names, parameters)
+    return Solution(status=code, last=last, phases=tuple(results), **final)
+
+
+def _unless(ok, end, names, parameters):
+    """Results of a state by name, NaN unless `ok`."""
     values = [getattr(end, name) for name in names]
-    last = dict(zip(names, implicit.nan_unless(sound, values, parameters), strict=True))
-    final = implicit.nan_unless(code == status.OK, values, parameters)
-    return Solution(code, *final, copy(end, carry=carry, **last), tuple(results))
+    return dict(zip(names, implicit.nan_unless(ok, values, parameters), strict=True))
 
 
 def _run_phase(problem, method, code, differentiate_path):
     """One phase: status, carry, load at its end, load factor reached and path."""
     carry, data = problem[2:]
-    dtype, n_inc = carry.displacement.dtype, data.increments
+    dtype, n_inc = carry.motion.dtype, data.increments
     factors = jnp.arange(1, n_inc + 1, dtype=dtype) / n_inc
     if isinstance(method, Newton):
         ramp = Ramp.build(*lax.stop_gradient(problem))
-        start = ramp.at(factors[0]).unknowns(ramp.begin.displacement)
+        start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
         outcome = equilibrium.march(ramp, start, factors, method, code)
     else:
         ramp = Ramp.build(*implicit.gate(_finite(problem), problem))
-        start = ramp.at(factors[0]).unknowns(ramp.begin.displacement)
+        start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
         outcome = incremental.march(ramp, start, factors, method, code)
     good = outcome.code == status.OK
     n_good = jnp.sum(good)
     valid, factor = n_good > 0, (n_good / n_inc).astype(dtype)
-    xs, x = outcome.x, outcome.x[-1]  # unknowns stay where they were when an increment fails
-    if isinstance(method, Newton):
+    xs, x = outcome.x, outcome.x[-1]  # the point stays where it was when an increment fails
+    converges = isinstance(method, Newton)
+    if converges:
         ramp = Ramp.build(*implicit.gate(valid, problem))
-        x = implicit.attach(ramp.at(factor), x, valid)
-        if differentiate_path:
-            attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
-            xs = attach(factors, xs, good)
-    carry, load = _end(ramp, factor, x, valid, problem)
-    path = _path(ramp, factors, xs, outcome, good)
+    if ramp.plastic is not None:
+        rows, plastic, x = _follow(ramp, factors, xs, outcome.code, converges)
+        carry, load = _end(ramp, factor, x, valid, problem, plastic)
+    else:
+        if converges:
+            x = implicit.attach(ramp.at(factor), x, valid)
+            if differentiate_path:
+                attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
+                xs = attach(factors, xs, good)
+        carry, load = _end(ramp, factor, x, valid, problem)
+        rows = jax.vmap(lambda f, x: _row(ramp, ramp.at(f), x))(factors, xs)
+    path = _path(rows, factors, outcome, good)
     return outcome.code[-1], carry, load, factor, path
 
 
-def _end(ramp, factor, x, valid, problem):
+def _follow(ramp, factors, xs, codes, converges):
+    """Go through the increments of a phase with memory again, to differentiate them.
+
+    Every increment depends on the plastic strains that the one before left, so that the end of the
+    phase is not one implicit function, but each increment is. Their points are known by now.
+    """
+
+    @jax.checkpoint
+    def step(carry, increment):
+        plastic, last = carry
+        factor, x, code = increment
+        ok = code == status.OK
+        system = ramp.at(factor, plastic)
+        if converges:
+            x = implicit.attach(system, x, ok)
+        last = jnp.where(ok, x, last)
+        return (ramp.settle(system, x, code, plastic), last), _row(ramp, system, x)
+
+    start = (ramp.plastic, lax.stop_gradient(xs[0]))
+    (plastic, last), rows = lax.scan(step, start, (factors, xs, codes))
+    return rows, plastic, last
+
+
+def _end(ramp, factor, x, valid, problem, plastic=None):
     """Carry and load at the end of a phase; those before it if it has no good increment."""
     nodes, groups, before, data = problem
-    system = ramp.at(factor)
-    after = ramp.leave(factor, system.displacement(x))
+    system = ramp.at(factor, plastic)
+    after = ramp.leave(factor, system.motion(x), plastic)
     nothing = [
         (jax.tree.map(jnp.zeros_like, load), jnp.zeros_like(factor)) for load in data.element_loads
     ]
@@ -194,39 +241,64 @@ def _end(ramp, factor, x, valid, problem):
     return carry, jnp.where(valid, system.load, total_load(nodes, groups, before))
 
 
+def _plastic(carry):
+    """Plastic strains of a carry, per group, or None."""
+    plastic = [state.plastic for state in carry.states]
+    return None if all(p is None for p in plastic) else plastic
+
+
 def _state(frame, carry, load, number, factor, fixed):
     """The `State` that a carry stands for."""
     nodes, groups = frame
-    displacement = carry.displacement
+    motion = carry.motion
     freedoms = Freedoms(free=None, source=None, number=None, fixed=fixed)
-    system = System(nodes, groups, carry.states, load, None, freedoms)
-    return State(
+    system = make_system(nodes, groups, carry, None, freedoms, load)
+    turns = motion.shape[1] > 3
+    displacement = motion[:, :3] if turns else motion
+    state = State(
         displacement=displacement,
         positions=nodes + displacement,
-        tension=system.tensions(displacement),
+        tension=system.tensions(motion),
         rest_length=[state.rest_length for state in carry.states],
-        reactions=system.reactions(displacement),
+        reactions=system.reactions(motion),
         load=load,
         phase=number,
         load_factor=factor,
         carry=None,
         fixed=None,
     )
+    if not turns:
+        return state
+    return copy(
+        state,
+        reactions=state.reactions[:, :3],
+        load=load[:, :3],
+        rotation=motion[:, 3:],
+        reaction_moments=state.reactions[:, 3:],
+        section_forces=system.section_forces(motion),
+    )
 
 
-def _path(ramp, factors, xs, outcome, good):
+def _row(ramp, system, x):
+    """One increment of a path."""
+    motion = system.motion(x)
+    n_slack = sum(jnp.sum(slack) for slack in system.slack(motion))
+    n_loose = jnp.sum(system.loose_nodes(motion))
+    moved = motion - ramp.begin.motion
+    if motion.shape[1] > 3:
+        moved = moved[:, :3]
+    strain = system.strains(motion)
+    if all(own is None for own in strain):
+        strain = None
+    return moved, system.tensions(motion), n_slack, n_loose, strain
+
+
+def _path(rows, factors, outcome, good):
     """The increments of a phase; NaN where they are not good."""
-
-    def row(factor, x):
-        system = ramp.at(factor)
-        displacement = system.displacement(x)
-        n_slack = sum(jnp.sum(slack) for slack in system.slack(displacement))
-        n_loose = jnp.sum(system.loose_nodes(displacement))
-        moved = displacement - ramp.begin.displacement
-        return moved, system.tensions(displacement), n_slack, n_loose
-
-    displacement, tension, n_slack, n_loose = jax.vmap(row)(factors, xs)
+    displacement, tension, n_slack, n_loose, strain = rows
     nan = jnp.where(good, 1.0, jnp.nan).astype(factors.dtype)
+    if strain is not None:
+        strain = jax.tree.map(lambda e: e * nan.reshape(-1, *(1,) * (e.ndim - 1)), strain)
     return Path(
         load_factor=factors,
         displacement=displacement * nan[:, None, None],
@@ -238,6 +310,7 @@ def _path(ramp, factors, xs, outcome, good):
         n_slack=jnp.where(good, n_slack, -1).astype(jnp.int32),
         n_loose=jnp.where(good, n_loose, -1).astype(jnp.int32),
         equilibrated=outcome.equilibrated,
+        strain=strain,
     )
 
 
@@ -248,16 +321,31 @@ def _finite(tree):
 
 
 def _arrange(structure, solution, fixed):
-    """Put lists with an item per group into the shape of the structure's elements."""
+    """Put lists with an item per group into the shape of the elements, rows onto their nodes."""
+    rows = structure.rows()[0]
+    n_node = structure.n_node
 
     def arrange(part, *names):
-        return copy(part, **{name: structure.arrange(getattr(part, name)) for name in names})
+        present = [name for name in names if getattr(part, name) is not None]
+        return copy(part, **{name: structure.arrange(getattr(part, name)) for name in present})
 
-    phases = tuple(
-        copy(arrange(phase, "tension", "rest_length"), path=arrange(phase.path, "tension"))
-        for phase in solution.phases
-    )
-    last = copy(arrange(solution.last, "tension", "rest_length"), fixed=fixed)
+    def fold(part):
+        part = arrange(part, "tension", "rest_length", "section_forces")
+        if rows is None:
+            return part
+        one = ("displacement", "positions", "rotation", "load")
+        cut = {name: getattr(part, name)[:n_node] for name in one if hasattr(part, name)}
+        for name in ("reactions", "reaction_moments"):  # a hinge passes its force to the node
+            value = getattr(part, name)
+            cut[name] = jnp.zeros_like(value[:n_node]).at[rows.array].add(value)
+        return copy(part, **cut)
+
+    phases = []
+    for phase in solution.phases:
+        path = arrange(phase.path, "tension", "strain")
+        if rows is not None:
+            path = copy(path, displacement=path.displacement[:, :n_node])
+        phases.append(copy(arrange(fold(phase), "began"), path=path))
+    last = copy(fold(solution.last), fixed=fixed)
     links = tuple(group.links for group in structure.groups)
-    solution = arrange(solution, "tension", "rest_length")
-    return copy(solution, phases=phases, last=last, links=links)
+    return copy(fold(solution), phases=tuple(phases), last=last, links=links)

@@ -6,10 +6,10 @@ import jax
 import numpy as np
 
 from . import _check
-from ._tree import Indices, pytree
+from ._tree import Indices, copy, pytree
 
 N_FREEDOM = 3
-"""Freedoms of a node that only bars and cables touch: three displacements."""
+"""Freedoms of a node in a structure of bars and cables: three displacements."""
 
 
 def is_group(x):
@@ -17,54 +17,90 @@ def is_group(x):
     return hasattr(x, "links")
 
 
-@pytree(indices=("mask", "nodes"))
+@pytree(indices=("mask", "nodes", "clamps"))
 class Supports:
-    """Which freedoms are held.
+    """Which freedoms are held; `pinned` and `clamped` make them from node numbers, ``+`` joins.
+
+    Of a node's three rotations none, two (a hinge about the third axis) or all can be held: what
+    one held component alone means would depend on the way that led there.
 
     Args:
-        mask: True where a freedom is fixed, [n_node, 3].
+        mask: True where a freedom is fixed, [n_node, 3] displacements, or [n_node, 6] with
+            rotations about x, y, z.
+        nodes: nodes whose position is held, [n].
+        clamps: nodes whose position and rotation are held, [n].
     """
 
     mask: object = None
     nodes: object = None
+    clamps: object = None
 
     def __post_init__(self):
-        if (self.mask is None) == (self.nodes is None):
+        if self.mask is None and self.nodes is None and self.clamps is None:
             raise ValueError("Supports: give a mask [n_node, 3]; for node numbers use pinned(...)")
-        if self.nodes is not None and not isinstance(self.nodes, Indices):
-            nodes = _check.integers(self.nodes, "pinned nodes")
-            object.__setattr__(self, "nodes", Indices(nodes))
+        for name in ("nodes", "clamps"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Indices):
+                value = _check.integers(
+                    value, {"nodes": "pinned", "clamps": "clamped"}[name] + " nodes"
+                )
+                object.__setattr__(self, name, Indices(value))
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
-            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] != N_FREEDOM:
+            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
                 raise ValueError(
-                    f"supports mask: expected booleans [n_node, {N_FREEDOM}], "
+                    f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
                     f"got {mask.dtype} {mask.shape}"
                 )
             object.__setattr__(self, "mask", Indices(mask))
 
+    def __add__(self, other):
+        if not isinstance(other, Supports):
+            return NotImplemented
+        joined = {}
+        for name in ("nodes", "clamps"):
+            parts = [getattr(s, name) for s in (self, other) if getattr(s, name) is not None]
+            joined[name] = np.concatenate([p.array for p in parts]) if parts else None
+        masks = [s.mask.array for s in (self, other) if s.mask is not None]
+        if len(masks) == 2:
+            if len(masks[0]) != len(masks[1]):
+                raise ValueError(
+                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be joined"
+                )
+            masks = [np.pad(m, ((0, 0), (0, 6 - m.shape[1]))) for m in masks]
+            masks = [masks[0] | masks[1]]
+        return Supports(mask=masks[0] if masks else None, **joined)
+
     def fixed(self, n_node):
-        """True where a freedom is fixed, [n_node, 3], NumPy."""
+        """True where a freedom is fixed, [n_node, 6], NumPy."""
+        fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
                 raise ValueError(
                     f"supports mask: has {self.mask.shape[0]} rows, the structure {n_node} nodes"
                 )
-            return self.mask.array
-        unknown = self.nodes.array >= n_node
-        if unknown.any():
-            k = int(unknown.argmax())
-            raise ValueError(
-                f"pinned nodes[{k}] = {self.nodes[k]}: the structure has nodes 0 to {n_node - 1}"
-            )
-        fixed = np.zeros((n_node, N_FREEDOM), bool)
-        fixed[self.nodes.array] = True
+            fixed[:, : self.mask.shape[1]] = self.mask.array
+        for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
+            if nodes is None:
+                continue
+            unknown = nodes.array >= n_node
+            if unknown.any():
+                k = int(unknown.argmax())
+                raise ValueError(
+                    f"{name} nodes[{k}] = {nodes[k]}: the structure has nodes 0 to {n_node - 1}"
+                )
+            fixed[nodes.array, :width] = True
         return fixed
 
 
 def pinned(nodes):
     """Supports that hold the position of the given nodes, node numbers [n]."""
     return Supports(nodes=nodes)
+
+
+def clamped(nodes):
+    """Supports that hold position and rotation of the given nodes, node numbers [n]."""
+    return Supports(clamps=nodes)
 
 
 @pytree
@@ -115,6 +151,8 @@ class Structure:
                         f"elements{where}.links[{k}] = {group.links[k].tolist()}: zero length; "
                         "its two nodes coincide"
                     )
+                if hasattr(group, "check"):
+                    group.check(positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
         self.fixed(self.supports)
@@ -137,19 +175,74 @@ class Structure:
         """Put a list with one item per group into the shape of `elements`."""
         return jax.tree.unflatten(jax.tree.structure(self.elements, is_leaf=is_group), per_group)
 
+    @property
+    def turning(self):
+        """Whether any group gives its nodes rotations."""
+        return any(group.n_freedom == 6 for group in self.groups)
+
+    def turns(self):
+        """Whether a node has rotations: a beam is joined to it rigidly, [n_node] bool."""
+        turns = np.zeros(self.n_node, bool)
+        for group in self.groups:
+            if group.n_freedom == 6:
+                hinges = group.hinges
+                rigid = np.ones(group.links.shape, bool) if hinges is None else ~hinges.array
+                turns[group.links.array[rigid]] = True
+        return turns
+
+    def rows(self):
+        """Rows of motion: one a node, then one for every hinged end of a beam, which turns alone.
+
+        Returns:
+            rows: the node of every row, `Indices` [n_row], or None if there are no hinged ends.
+            groups: element groups whose links name rows.
+        """
+        rows, groups = list(range(self.n_node)), []
+        for group in self.groups:
+            hinges = getattr(group, "hinges", None)
+            if hinges is not None:
+                links = group.links.array.copy()
+                for k, end in np.argwhere(hinges.array):
+                    rows.append(int(links[k, end]))
+                    links[k, end] = len(rows) - 1
+                group = copy(group, links=Indices(links), hinges=None)
+            groups.append(group)
+        return Indices(np.array(rows, np.int32)) if len(rows) > self.n_node else None, groups
+
     def fixed(self, supports):
-        """Fixed freedoms under `supports`, [n_node, 3] bool; checks that the set makes sense."""
+        """Fixed freedoms under `supports`, [n_row, 3 or 6] bool; checks that the set makes sense.
+
+        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed.
+        """
         fixed = supports.fixed(self.n_node)
-        if not fixed.any():
+        if not fixed[:, :3].any():
             raise ValueError("supports: no freedom is fixed; the structure would float away")
         touched = np.zeros(self.n_node, bool)
         for group in self.groups:
             touched[group.links.array] = True
-        idle = ~touched & ~fixed.all(axis=1)
+        idle = ~touched & ~fixed[:, :3].all(axis=1)
         if idle.any():
             raise ValueError(
                 f"nodes[{int(idle.argmax())}]: no element touches this node and it is not "
                 "supported; connect it, support it or remove it"
+            )
+        if not self.turning:
+            if supports.mask is not None and supports.mask.shape[1] != N_FREEDOM:
+                raise ValueError(
+                    "supports mask: expected [n_node, 3]; no element of the structure has rotations"
+                )
+            return fixed[:, :3]
+        rows, _ = self.rows()
+        node = np.arange(self.n_node) if rows is None else rows.array
+        fixed = fixed[node]
+        fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
+        fixed[: self.n_node, 3:] |= ~self.turns()[:, None]
+        one = fixed[:, 3:].sum(axis=1) == 1
+        if one.any():
+            k = int(node[one.argmax()])
+            raise ValueError(
+                f"supports of node {k}: one rotation alone is held; hold none, two (a hinge about "
+                "the third axis) or all three"
             )
         return fixed
 
@@ -158,26 +251,47 @@ class Structure:
 class Freedoms:
     """Numbering of the unknowns of a phase; the only freedoms that are solved for.
 
+    A node has three freedoms, or six in a structure with beams. Hinged ends of beams follow the
+    nodes as rows of their own (see `Structure.rows`), whose translations are those of the node.
+
     Attributes:
-        free: free freedoms as flat numbers 3 node + direction, [n_free].
-        source: where each freedom finds its value in (unknowns, held values), [3 n_node].
-        number: unknown's number, or n_free for a held freedom, [n_node, 3].
-        fixed: True where held, [n_node, 3].
+        free: free freedoms as flat numbers n_freedom node + direction, [n_free].
+        source: where each freedom finds its value in (unknowns, held values), [3 n_node]; None in a
+            structure with beams.
+        number: unknown's number, or n_free for a held freedom, [n_node, n_freedom].
+        fixed: True where held, [n_node, n_freedom].
+        rows: the node that every row belongs to, or None if there are no hinged ends.
     """
 
     free: object
     source: object
     number: object
     fixed: object
+    rows: object = None
 
 
 @functools.lru_cache(maxsize=64)
-def number_freedoms(fixed):
-    """Number the free freedoms of `fixed` (an `Indices` of booleans [n_node, 3])."""
-    mask = fixed.array
+def number_freedoms(fixed, rows=None):
+    """Number the free freedoms of `fixed`, `Indices` of booleans [n_node, 3 or 6].
+
+    `rows`, `Indices` [n_row] or None: the node of every row of `fixed`.
+    """
+    mask = fixed.array.copy()
+    if rows is not None:
+        repeated = np.arange(len(mask)) != rows.array
+        mask[repeated, :3] = True  # numbered with their node
     free = np.flatnonzero(~mask.ravel()).astype(np.int32)
     n_free = len(free)
     number = np.full(mask.size, n_free, np.int32)
     number[free] = np.arange(n_free, dtype=np.int32)
     source = np.where(mask.ravel(), n_free + np.arange(mask.size), number).astype(np.int32)
-    return Freedoms(free, source, number.reshape(mask.shape), mask)
+    number = number.reshape(mask.shape)
+    if rows is not None:
+        number[:, :3] = number[rows.array, :3]
+    return Freedoms(
+        free,
+        source if mask.shape[1] == N_FREEDOM else None,
+        number,
+        fixed.array,
+        None if rows is None else rows.array,
+    )

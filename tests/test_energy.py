@@ -77,7 +77,7 @@ def test_residual_agrees_with_differences_of_an_independent_energy(name):
         stiffness = 1 / (1 / stiffness + np.asarray(group.compliance))
 
     def energy(x):
-        u = np.asarray(made.displacement(jnp.asarray(x)))
+        u = np.asarray(made.motion(jnp.asarray(x)))
         p = np.asarray(made.nodes) + u
         strain = np.linalg.norm(p[links[:, 1]] - p[links[:, 0]], axis=1) / rest - 1
         if group.tension_only:
@@ -92,8 +92,8 @@ def test_residual_agrees_with_differences_of_an_independent_energy(name):
 
 def test_a_slack_cable_has_exactly_no_force_and_no_stiffness():
     made, x = system("cable")
-    slack = np.asarray(made.slack(made.displacement(x))[0])
-    tension = np.asarray(made.tensions(made.displacement(x))[0])
+    slack = np.asarray(made.slack(made.motion(x))[0])
+    tension = np.asarray(made.tensions(made.motion(x))[0])
     assert 0 < slack.sum() < len(slack)
     assert (tension[slack] == 0.0).all() and (tension[~slack] > 0).all()
 
@@ -107,7 +107,7 @@ def test_tangent_at_zero_strain_is_that_of_the_taut_side():
 
 def test_scale_of_the_residual_is_end_forces_plus_load():
     made, x = system("bar")
-    u = made.displacement(x)
+    u = made.motion(x)
     _, scale = made.residual_and_scale(x)
     total = np.linalg.norm(np.asarray(made.load), axis=1)
     tension = np.abs(np.asarray(made.tensions(u)[0]))

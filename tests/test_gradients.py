@@ -42,7 +42,7 @@ def with_elements(**changes):
 
 PRESTRESS = jc.Phase(pretension=TENSION, increments=2)
 REST = 0.4 / (1 + TENSION / 97.97e3)
-MASK = np.asarray(STRUCTURE.supports.fixed(12)).copy()
+MASK = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
 MASK[4, 2] = True  # a prop that phase 2 removes
 PROPPED = jc.replace(STRUCTURE, supports=jc.Supports(MASK))
 

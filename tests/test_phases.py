@@ -161,7 +161,7 @@ def test_held_force_ramps_from_what_was_there():
 
 def test_released_freedoms_start_with_their_reaction_and_end_free():
     """Held up by a temporary prop, then released in increments: as if never propped."""
-    mask = np.asarray(STRUCTURE.supports.fixed(12)).copy()
+    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
     mask[3, 2] = True
     propped = jc.replace(STRUCTURE, supports=jc.Supports(mask))
     release = jc.Phase(supports=STRUCTURE.supports, increments=4)
@@ -175,7 +175,7 @@ def test_released_freedoms_start_with_their_reaction_and_end_free():
 
 
 def test_fixed_freedoms_are_held_where_they_are():
-    mask = np.asarray(STRUCTURE.supports.fixed(12)).copy()
+    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
     mask[3] = True
     solution = solved(
         STRUCTURE, [PRESTRESS, LOADING, jc.Phase(supports=jc.Supports(mask)), LOADING]
@@ -207,7 +207,7 @@ def test_start_continues_from_a_solution():
 
 def test_start_remembers_supports_and_weight():
     structure = jc.replace(STRUCTURE, elements=jc.replace(STRUCTURE.elements, weight=3.0))
-    mask = np.asarray(STRUCTURE.supports.fixed(12)).copy()
+    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
     mask[3] = True
     dead = jc.Phase(pretension=200.0, loads=jc.SelfWeight(), supports=jc.Supports(mask))
     first = solved(structure, [dead])

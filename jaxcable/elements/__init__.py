@@ -3,27 +3,36 @@
 A law knows nothing about nodes, numbering or solvers. A group of elements is a pytree class with
 these members. Of the whole group:
 
-- ``links``: node numbers, [n_elem, n_end];
+- ``links``: node numbers, [n_elem, n_end]; ``n_freedom``: freedoms that it gives a node, 3 or 6;
 - ``properties()``: dict of the arrays with a leading [n_elem] axis, vmapped together with the
-  state; everything else in the group (its material law) is shared by the elements;
+  state; everything else in the group (its material law, its section) is shared by the elements;
 - ``start(ends)``: the state before the first phase, from initial end positions [n_elem, n_end, 3];
 - ``weight``: None, or ``weight_at_ends(state)`` gives the share of each end, [n_elem, n_end], N;
-- ``restate(state, chord, inputs)`` and ``lock(state, ends, motion)``, if it can be prestressed.
+- ``restate(state, chord, inputs)``, if it can be prestressed, ``lock(state, ends, motion)``, if by
+  a jack; ``capacity()``: the forces between which it can be (`prestress` has the common part);
+- ``tension_only``, ``rising``: whether it holds only in tension, and whether its force is known not
+  to fall with strain (both: its energy is convex in the positions);
+- ``breaks``: whether its curve can end; ``continued()``: the group for an iteration, without ends;
+- ``remembers``: whether its state has plastic strains; ``virgin()``: those of an unused group.
 
 Of one element, vmapped over the group by `assembly`, from its state, the initial positions of its
-ends and their displacements, both [n_end, 3]:
+ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (unit quaternions):
 
-- ``end_forces``: internal force at each end, [n_end, 3], N; its derivative by autodiff is the
-  tangent stiffness, which is never written by hand;
+- ``end_forces``: internal force at each end, [n_end, 3], N, or with moments [n_end, 6];
+- ``tangent``: its derivative, the tangent stiffness, by autodiff and never written by hand;
+- ``end_forces_about(state, ends, motion, step)``, with rotations: forces conjugate to a step;
 - ``energy``: stored energy, J, written apart from the forces: they must be its gradient;
-- ``tension``: the element's result, N;
-- ``is_slack``: whether it has gone slack and holds nothing;
+- ``tension``: axial force, N; ``is_slack``: whether it has gone slack and holds nothing;
+- ``section_strain``: strains of its fibres; ``beyond``: whether they have left their curve;
+- ``settle``: plastic strains after an increment that ended here; ``size``: sum of the forces in it
+  that can balance each other, N;
 - ``secant(state, ends, before, motion)``: symmetric matrix with ``K (u - u0) = f(u) - f(u0)``, if
   the secant scheme is offered.
 """
 
 from .bar import Bars
+from .beam import Beams
 from .cable import Cables
 from .prestress import AxialState
 
-__all__ = ["AxialState", "Bars", "Cables"]
+__all__ = ["AxialState", "Bars", "Beams", "Cables"]

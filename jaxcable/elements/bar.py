@@ -63,6 +63,7 @@ class Bars(Prestressed):
     section: object = None
 
     tension_only = False
+    n_freedom = 3
 
     def __post_init__(self):
         links = checked_links(self.links)
@@ -73,8 +74,8 @@ class Bars(Prestressed):
         given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
         if sum(value is not None for value in given) > 1:
             raise ValueError(
-                "axial_stiffness, area, section: give either axial_stiffness, or area with law, or "
-                "section; not two of them"
+                "axial_stiffness, area: give either axial_stiffness, or area with law, or section; "
+                "not two of them"
             )
         if (self.area is None) != (self.law is None) or not any(v is not None for v in given):
             raise ValueError(
@@ -162,7 +163,7 @@ class Bars(Prestressed):
 
     def capacity(self):
         """Smallest and largest axial force, N, scalars or [n_elem]."""
-        if self.law is None and self.section is None:
+        if not self.breaks:
             return -jnp.inf, jnp.inf
         area, law = (self.area, self.law) if self.section is None else self.section.axial()
         low, high = law.capacity
@@ -203,6 +204,11 @@ class Bars(Prestressed):
         if state.held is not None:
             return self.strain_at(state.held, state.plastic)
         return self.strain(state, ends, motion)
+
+    def size(self, state, ends, motion):
+        """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
+        _, law, area = self._section()
+        return area * law.size_at(self.section_strain(state, ends, motion), state.plastic)
 
     def settle(self, state, ends, motion):
         """Plastic strains after an increment that ended here, [n_plastic]."""

@@ -33,6 +33,16 @@ def solve_definite(matrix, rhs):
     return x, definite
 
 
+def solve_general(matrix, rhs):
+    """Solve with a general matrix by LU; arguments and result as `solve_definite`.
+
+    Returns:
+        Solution [n] and whether the matrix is (numerically) regular.
+    """
+    factor = factorize(matrix)
+    return factor.solve(rhs, lambda v: matrix @ v), factor.regular
+
+
 @pytree
 class Factor:
     """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.

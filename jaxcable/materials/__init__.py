@@ -15,7 +15,8 @@ A law is a pytree shared by the elements or fibres of a group. Its members take 
 - ``rising`` (static): whether stress is known not to fall with strain (the energy is then convex);
 - ``corners(plastic)``: strains at which the slope jumps, last axis; ``corner_distance(strain)``;
 - ``n_plastic`` (static): how many plastic strains a fibre remembers, 0 for a reversible law;
-  ``settle(strain, plastic)`` returns them after an increment has ended at `strain`, [..., n_plastic].
+  ``size_at(strain, plastic)`` is the sum of the absolute stresses of its parts, Pa, which rounding
+  is relative to; ``settle(strain, plastic)`` returns them after an increment has ended at `strain`, [..., n_plastic].
 """
 
 from .elastic import Elastic

@@ -46,6 +46,10 @@ class Elastic:
         """Stress, Pa, at `strain`."""
         return self.E * strain
 
+    def size_at(self, strain, plastic):
+        """Absolute stress, Pa."""
+        return jnp.abs(self.E * strain)
+
     def energy_at(self, strain, plastic=None):
         """Strain energy per unstressed volume, J/m3."""
         return 0.5 * self.E * strain**2

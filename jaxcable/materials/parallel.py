@@ -75,6 +75,10 @@ class Parallel:
         """Stress over the whole area, Pa."""
         return sum(share * law.stress_at(strain, p) for share, law, p in self._each(plastic))
 
+    def size_at(self, strain, plastic):
+        """Sum of the absolute stresses of all parts, Pa."""
+        return sum(share * law.size_at(strain, p) for share, law, p in self._each(plastic))
+
     def energy_at(self, strain, plastic=None):
         """Energy per volume, J/m3."""
         return sum(share * law.energy_at(strain, p) for share, law, p in self._each(plastic))
@@ -109,7 +113,9 @@ class Parallel:
 
     def is_slack(self, strain, plastic=None):
         """Whether it carries nothing because all its laws are slack."""
-        return jnp.all(jnp.stack([law.is_slack(strain, own) for _, law, own in self._each(plastic)]))
+        return jnp.all(
+            jnp.stack([law.is_slack(strain, own) for _, law, own in self._each(plastic)])
+        )
 
     def continued(self):
         """The law for an iteration."""

@@ -157,6 +157,13 @@ class Polygonal:
             return stress
         return jnp.where(~self._two_sided & (stress < 0), 0.0, stress)
 
+    def size_at(self, strain, plastic):
+        """Sum of the absolute stresses of the parallel parts, Pa: what rounding is relative to."""
+        if plastic is None:
+            return jnp.abs(self._curve(strain, None))
+        stiffness, end, _, kept = self._yielding(strain, plastic)
+        return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
+
     def energy_at(self, strain, plastic=None):
         """Energy per volume, J/m3: under the curve, or of the parts at given plastic strains."""
         strain = jnp.asarray(strain)

@@ -23,7 +23,9 @@ def interaction(section, n_angle=24, n_axial=21):
         ValueError: no law of the section has an end.
     """
     if not section.breaks:
-        raise ValueError("interaction: no fibre of this section ever fails; its capacity is endless")
+        raise ValueError(
+            "interaction: no fibre of this section ever fails; its capacity is endless"
+        )
     turn = jnp.pi * (jnp.arange(n_axial) / (n_axial - 1) - 0.5)  # -90 to 90 degrees
     angle = 2 * jnp.pi * jnp.arange(n_angle) / n_angle
     size = jnp.maximum(jnp.max(jnp.abs(section.y)), jnp.max(jnp.abs(section.z)))

@@ -100,8 +100,9 @@ def areas(points, cells):
 def moments(points, cells):
     """Area [m] and centroid [m, 2] of every cell; `points` may be traced."""
     corner = points[cells]
-    first, second = _triangle(corner[:, 0], corner[:, 1], corner[:, 2]), _triangle(
-        corner[:, 0], corner[:, 2], corner[:, 3]
+    first, second = (
+        _triangle(corner[:, 0], corner[:, 1], corner[:, 2]),
+        _triangle(corner[:, 0], corner[:, 2], corner[:, 3]),
     )
     area = first[0] + second[0]
     centroid = (first[0][:, None] * first[1] + second[0][:, None] * second[1]) / area[:, None]

@@ -171,6 +171,13 @@ class Section:
         force = self.fibre_stress(e0, ky, kz, plastic)
         return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._levers()), -1, 0))
 
+    def size(self, e0, ky, kz, plastic):
+        """Sum of the absolute forces of all fibres and their parts, N."""
+        strain = self.fibre_strain(e0, ky, kz)
+        areas = [self.area[part] for part in self._parts()]
+        each = self._each(strain, plastic)
+        return sum(law.size_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
+
     def energy(self, e0, ky, kz, plastic=None):
         """Stored energy per length, J/m, at given plastic strains."""
         strain = self.fibre_strain(e0, ky, kz)
