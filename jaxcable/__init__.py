@@ -22,6 +22,7 @@ from .sections import Section, SectionState
 from .solution import Path, PhaseResult, Solution, State
 from .solver import solve
 from .status import AnalysisError, describe, raise_if_failed
+from .stresses import fibre_stress
 from .structure import Structure, Supports, clamped, pinned
 
 __version__ = "0.1.0"
@@ -50,6 +51,7 @@ __all__ = [
     "Supports",
     "clamped",
     "describe",
+    "fibre_stress",
     "materials",
     "pinned",
     "plots",

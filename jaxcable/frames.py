@@ -152,6 +152,12 @@ class FrameSystem(System):
         """Whether nodal moments act, which make the tangent unsymmetric."""
         return jnp.any(self.load[:, 3:] != 0)
 
+    def rounding(self, x):
+        """Force that the rounding of displacements alone leaves in the beams, N."""
+        moved = 1 + jnp.max(jnp.abs(x[:, :3])) / self.arm
+        stiffness = [g.section.stiffness()[0, 0] for g in self.groups if g.n_freedom == 6]
+        return 8 * jnp.finfo(x.dtype).eps * moved * jnp.max(jnp.stack(stiffness))
+
     def load_norm(self):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""
         return jnp.linalg.norm(self._collect(self.load))

@@ -3,7 +3,8 @@
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 
@@ -31,7 +32,7 @@ def net(solution, path=None, magnify=1.0):
     if high - low <= 1e-9 * max(abs(high), 1.0):
         low, high = low - 1.0, high + 1.0
     colours = {"cmap": "viridis", "norm": plt.Normalize(low, high)}
-    fixed = solution.last.fixed[-1].array.all(axis=1)
+    fixed = solution.last.fixed[-1].array[: len(before), :3].all(axis=1)
 
     figure = plt.figure(figsize=(12.0, 5.6), layout="constrained")
     plan, space = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
@@ -74,6 +75,55 @@ def net(solution, path=None, magnify=1.0):
         space.locator_params(axis=axis, nbins=bins)
         getattr(space, f"{axis}axis").labelpad = pad
     figure.colorbar(lines, ax=space, label="tension (N)", shrink=0.75, pad=0.12)
+    if path is not None:
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+    return figure
+
+
+def section(section, stress=None, path=None, scale=1e-6, unit="N/mm2"):
+    """Draw the fibres of a cross-section, coloured by stress, or else by law.
+
+    Args:
+        section: `Section` with a mesh.
+        stress: of every fibre, [n_fibre], Pa, for example a row of `fibre_stress`.
+        path: where to save a PNG, or None.
+        scale, unit: factor on the stress and its label.
+
+    Returns:
+        The matplotlib `Figure`.
+
+    Raises:
+        ValueError: no mesh, or a stress of the wrong shape.
+    """
+    if section.points is None:
+        raise ValueError("section: has no mesh to draw; it was made from fibres alone")
+    corners = np.asarray(section.points)[section.cells.array] * 1e3
+    figure, axes = plt.subplots(figsize=(5.6, 4.8), layout="constrained")
+    edges = {"edgecolors": "white", "linewidths": 0.4}
+    if stress is not None:
+        stress = np.asarray(stress) * scale
+        if stress.shape != (section.n_fibre,):
+            raise ValueError(f"stress: expected shape ({section.n_fibre},), got {stress.shape}")
+        largest = max(float(np.nanmax(np.abs(stress))), 1e-30)
+        cells = PolyCollection(corners, array=stress, cmap="RdBu_r", **edges)
+        cells.set_clim(-largest, largest)
+        axes.add_collection(cells)
+        figure.colorbar(cells, ax=axes, label=f"stress ({unit}), tension positive")
+    else:
+        number = np.repeat(np.arange(len(section.counts)), section.counts)
+        colours = plt.get_cmap("viridis")(np.linspace(0.15, 0.85, max(len(section.counts), 2)))
+        axes.add_collection(PolyCollection(corners, facecolors=colours[number], **edges))
+        names = [f"{k + 1}: {type(law).__name__}" for k, law in enumerate(section.laws)]
+        handles = [Patch(color=c, label=n) for c, n in zip(colours, names, strict=False)]
+        below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.14), "ncols": 3}
+        axes.legend(handles=handles, frameon=False, **below)
+    axes.axhline(0.0, color="0.3", linewidth=0.7, linestyle=":")
+    axes.axvline(0.0, color="0.3", linewidth=0.7, linestyle=":")
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.margins(0.08)
+    axes.set(xlabel="y (mm)", ylabel="z (mm)")
     if path is not None:
         figure.savefig(path, dpi=130)
         plt.close(figure)

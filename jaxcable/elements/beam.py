@@ -3,7 +3,7 @@
 Corotational (Crisfield 1990; Battini and Pacoste 2002). The element's own frame follows its chord
 and the mean of the rotations of its ends; in it only small rotations remain:
 
-- ``theta_1, theta_2``: rotations of the ends out of the frame, ``log(q_E^-1 q_i)``;
+- ``theta_1, theta_2``: rotations of the ends out of the frame, the vector of ``q_E^-1 q_i``;
 - deflections are cubic (Bernoulli), so the curvature at the place s of the axis, 0 to 1, is
   ``[(6 s - 4) theta_1 + (6 s - 2) theta_2] / L0``;
 - axial strain ``e0 = (l - L0)/L0 + sum_{y,z} (2 theta_1^2 - theta_1 theta_2 + 2 theta_2^2)/30``, the
@@ -21,7 +21,16 @@ import numpy as np
 
 from .. import _check
 from .._tree import Indices, copy, pytree
-from ..rotations import cross, inverse, log, middle, product, rotate, shortest, turned
+from ..rotations import (
+    cross,
+    inverse,
+    middle,
+    product,
+    rotate,
+    shortest,
+    small_vector,
+    turning,
+)
 from ..sections import Section
 from .prestress import Prestressed, checked_links, stretch
 
@@ -182,7 +191,7 @@ class Beams(Prestressed):
         mean = middle(motion[0, 3:], motion[1, 3:])
         frame = product(shortest(rotate(mean, axes[0]), vector / length), mean)
         back = inverse(frame)
-        rotations = jax.vmap(lambda q: axes @ log(product(back, q)))(motion[:, 3:])
+        rotations = jax.vmap(lambda q: axes @ small_vector(product(back, q)))(motion[:, 3:])
         return change, rotations, frame
 
     def _strains(self, state, ends, motion):
@@ -210,7 +219,7 @@ class Beams(Prestressed):
     def end_forces_about(self, state, ends, motion, step):
         """Forces and moments conjugate to `step` (translation and spin, [2, 6]), [2, 6]."""
         (strain, twist, work), pull = jax.vjp(
-            lambda s: self._strains(state, ends, jax.vmap(turned)(motion, s)), step
+            lambda s: self._strains(state, ends, jax.vmap(turning)(motion, s)), step
         )
         weight = jnp.asarray(_lobatto(self.points)[1], twist.dtype) * state.rest_length
         force = jnp.stack(self.section.forces(*strain.T, state.plastic), axis=-1)
