@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 
 
-
 def fibre_stress(structure, phase):
     """Stress of every fibre at every increment of a phase.
 

@@ -92,9 +92,9 @@ def independent_energy(ends, u, turns, section_stiffness, torsion, up):
         ei * 2 / length0 * (p**2 + p * q + q**2)
         for ei, p, q in zip((eiy, eiz), first[1:], second[1:])
     )
-    return 0.5 * ea * length0 * e0**2 + bending + 0.5 * torsion / length0 * (
-        second[0] - first[0]
-    ) ** 2
+    return (
+        0.5 * ea * length0 * e0**2 + bending + 0.5 * torsion / length0 * (second[0] - first[0]) ** 2
+    )
 
 
 def test_end_forces_are_differences_of_an_independent_energy():
@@ -302,9 +302,7 @@ def test_distributed_load_on_a_clamped_beam():
     solution = jc.solve(structure, [jc.Phase(loads=loads)])
     assert int(solution.status) == 0
     # consistent end moments: exact at the nodes, up to the second order of the deflection
-    assert float(solution.displacement[1, 2]) == pytest.approx(
-        -q * length**4 / 384 / EI, rel=1e-9
-    )
+    assert float(solution.displacement[1, 2]) == pytest.approx(-q * length**4 / 384 / EI, rel=1e-9)
     moments = np.asarray(solution.reaction_moments)[[0, 2], 1]
     assert np.abs(moments / (q * length**2 / 12) + [1, -1]).max() < 1e-9
     problems.assert_balanced(solution)

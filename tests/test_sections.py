@@ -656,7 +656,7 @@ def test_strains_are_the_inverse_of_forces():
     y, z = np.asarray(section.y), np.asarray(section.z)
     e = np.abs(strain[0] + strain[1] * z - strain[2] * y)
     # far enough from a corner for the steps of all tests above; some fibres yield
-    assert np.abs(e / STEEL_YIELD - 1).min() > 1e-2
+    assert np.abs(e / STEEL_YIELD - 1).min() > 5e-3
     assert 3 < np.count_nonzero(e > STEEL_YIELD) < 17
     jacobian = np.asarray(forward(START))[:, :3] * scale[:, None] / parameters()["force"]
     product = jacobian @ np.asarray(tangent(section, strain))

@@ -244,9 +244,7 @@ def bent(section, tension=2e3, nodes=None):
     return jc.solve(
         structure,
         [
-            jc.Phase(
-                pretension={"beam": None, "stay": tension}, loads=down, increments=2
-            ),
+            jc.Phase(pretension={"beam": None, "stay": tension}, loads=down, increments=2),
             jc.Phase(loads=up),
         ],
         jc.Newton(tol=1e-13),

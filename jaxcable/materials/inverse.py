@@ -24,8 +24,17 @@ def inverse(law, stress, plastic=None):
     curve = law.continued().stress_at(at, None if plastic is None else plastic[..., None, :])
     target = stress[..., None]
     pull = target >= 0
-    # the corner at which the target is first reached, going away from zero
-    reached = jnp.where(pull, curve >= target, curve <= target)
+    # The corner at which the target is first reached, going away from zero: to a rounding, so that
+    # a law reaches its own peak; and strictly beyond zero, so that zero is inverted by the branch
+    # that loads, not by the slack one.
+    rounding = (
+        8 * jnp.finfo(curve.dtype).eps * law.modulus * jnp.max(jnp.abs(at), -1, keepdims=True)
+    )
+    reached = jnp.where(
+        pull,
+        curve >= jnp.maximum(target - rounding, rounding),
+        curve <= jnp.minimum(target + rounding, -rounding),
+    )
     if plastic is None:  # may fall again: only the branch that starts from zero counts
         reached = reached & jnp.where(pull, at >= 0, at <= 0)
     last = at.shape[-1] - 1
@@ -38,7 +47,7 @@ def inverse(law, stress, plastic=None):
         return jnp.take_along_axis(values, index, axis=-1)[..., 0]
 
     v0, v1, e0, e1 = pick(curve, inner), pick(curve, outer), pick(at, inner), pick(at, outer)
-    rise = jnp.where(v1 == v0, 1.0, v1 - v0)
-    found = jnp.any(reached, axis=-1)
-    strain = e1 - (v1 - stress) * jnp.where(v1 == v0, 0.0, e1 - e0) / rise
-    return jnp.where(found, strain, jnp.nan)
+    flat = v1 == v0
+    # from the inner end, which is zero for small stresses: these keep their digits
+    strain = e0 + (stress - v0) * jnp.where(flat, 0.0, e1 - e0) / jnp.where(flat, 1.0, v1 - v0)
+    return jnp.where(jnp.any(reached, axis=-1), strain, jnp.nan)

@@ -66,7 +66,7 @@ class Parallel:
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
             own = None
-            if law.n_plastic:
+            if law.n_plastic and plastic is not None:
                 own = plastic[..., start : start + law.n_plastic]
                 start += law.n_plastic
             yield share, law, own
@@ -113,9 +113,8 @@ class Parallel:
 
     def is_slack(self, strain, plastic=None):
         """Whether it carries nothing because all its laws are slack."""
-        return jnp.all(
-            jnp.stack([law.is_slack(strain, own) for _, law, own in self._each(plastic)])
-        )
+        each = [law.is_slack(strain, own) for _, law, own in self._each(plastic)]
+        return jnp.all(jnp.stack(jnp.broadcast_arrays(*each)), axis=0)
 
     def continued(self):
         """The law for an iteration."""

@@ -119,29 +119,6 @@ class Polygonal:
         low, high = self.limits
         return (strain > high) | (strain < low)
 
-    def _parts(self):
-        """Stiffness, tension and compression yield strain of the parallel parts, [n_plastic] each.
-
-        Counted away from the origin; a side with fewer corners never yields in the last ones.
-        """
-        corners, drops = self.strain[1:-1], -jnp.diff(self._slopes)
-        rank = jnp.arange(self.n_plastic)
-        pulled, pushed = jnp.sum(corners <= 0) + rank, jnp.sum(corners < 0) - 1 - rank
-        pushed = jnp.where(pushed < 0, len(corners), pushed)  # not there: filled
-
-        def take(values, index, fill):
-            return jnp.take(values, index, mode="fill", fill_value=fill)
-
-        yield_pull = take(corners, pulled, jnp.inf)
-        yield_push = -take(corners, pushed, -jnp.inf)
-        if self.one_sided:
-            yield_push = jnp.full_like(yield_push, jnp.inf)
-        there = jnp.isfinite(yield_pull)
-        return jnp.where(there, take(drops, pulled, 0.0), take(drops, pushed, 0.0)), (
-            yield_pull,
-            yield_push,
-        )
-
     # --- the law
 
     def stress_at(self, strain, plastic=None):
@@ -201,13 +178,17 @@ class Polygonal:
         return ~self._two_sided & (self._curve(strain, plastic) < 0)
 
     def corners(self, plastic=None):
-        """Strains at which the slope jumps, on the last axis."""
+        """Strains at which the slope jumps, ends of the curve among them, on the last axis."""
         if plastic is None:
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
-        _, pull, push = self._parts()
-        both = jnp.stack([plastic + _row(pull, plastic), plastic - _row(push, plastic)], -1)
-        both = jnp.where(jnp.isfinite(both), both, plastic[..., None])  # yields on one side only
-        return both.reshape(*plastic.shape[:-1], -1)
+        low, high = self.limits
+        stiffness, pull, push = (_row(v, plastic) for v in self._parts())
+        both = jnp.concatenate([plastic + pull, plastic - push], -1)
+        both = jnp.where(jnp.isfinite(both), both, high)  # never yields that way
+        # no part yields while a material without compression goes slack
+        slack = jnp.sum(stiffness * plastic, axis=-1, keepdims=True) / self.modulus
+        ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
+        return jnp.concatenate([both, *ends], -1)
 
     def corner_distance(self, strain, plastic=None):
         """Distance in strain to the nearest corner or end of the curve."""
@@ -262,7 +243,7 @@ class Polygonal:
 
         Counted away from the origin; on a side with fewer corners the last ones never yield.
         """
-        corners, drops = self.strain[1:-1], -jnp.diff(self._slopes)
+        corners, changes = self.strain[1:-1], jnp.diff(self._slopes)
         n, rank = len(corners), jnp.arange(self.n_plastic)
         pulled = jnp.sum(corners <= 0) + rank
         pushed = jnp.sum(corners < 0) - 1 - rank
@@ -271,7 +252,8 @@ class Polygonal:
         def take(values, index, fill):
             return jnp.take(values, index, mode="fill", fill_value=fill)
 
-        stiffness = jnp.where(pulled < n, take(drops, pulled, 0.0), take(drops, pushed, 0.0))
+        # away from the origin slopes fall: with the strain in tension, against it in compression
+        stiffness = jnp.where(pulled < n, -take(changes, pulled, 0.0), take(changes, pushed, 0.0))
         push = jnp.where(self._two_sided, -take(corners, pushed, -jnp.inf), jnp.inf)
         return stiffness, take(corners, pulled, jnp.inf), push
 
@@ -281,8 +263,10 @@ class Polygonal:
         elastic = strain[..., None] - plastic
         # at a corner the plastic side: that of loading
         kept = jnp.where(elastic >= pull, pull, jnp.where(elastic <= -push, -push, elastic))
-        slopes = self._slopes
-        return stiffness, jnp.minimum(slopes[0], slopes[-1]), elastic, kept
+        # of the side with more corners; on the other the last parts never yield
+        corners, slopes = self.strain[1:-1], self._slopes
+        last = jnp.where(jnp.sum(corners > 0) >= jnp.sum(corners < 0), slopes[-1], slopes[0])
+        return stiffness, last, elastic, kept
 
 
 def _row(values, like):

@@ -14,7 +14,13 @@ DIAMETER = 0.05  # m: the paper's area is 19.63 cm2
 
 
 def saddle_net(
-    law=None, spacing=10.0, rise=0.1, pretension=30e3, load=90e3, increments=(500, 435), shape=(10, 10)
+    law=None,
+    spacing=10.0,
+    rise=0.1,
+    pretension=30e3,
+    load=90e3,
+    increments=(500, 435),
+    shape=(10, 10),
 ):
     """Saddle net of 201 links and 132 nodes, 15 x 6 free ones, of discs meshed in fibres.
 

@@ -4,6 +4,8 @@ A cell is a quadrilateral, or a triangle that names its last point twice. Its fi
 area and sits at its centroid.
 """
 
+import itertools
+
 import numpy as np
 
 
@@ -77,9 +79,7 @@ def polygon(outline, holes, size):
                 points += [(y_below, low), (y_above, high)]
             for k in range(first, len(points) - 2, 2):
                 cells.append((k, k + 2, k + 3, k + 1))
-    points, cells = np.array(points), np.array(cells)
-    keep = areas(points, cells) > 1e-14 * size**2
-    return points, cells[keep]
+    return np.array(points), np.array(cells)
 
 
 def triangles(cells):
@@ -93,20 +93,21 @@ def triangles(cells):
 
 
 def areas(points, cells):
-    """Area of every cell, [m], positive if its points turn from y to z."""
+    """Area of every cell, [m]."""
     return moments(points, cells)[0]
 
 
 def moments(points, cells):
-    """Area [m] and centroid [m, 2] of every cell; `points` may be traced."""
+    """Area [m] and centroid [m, 2] of every cell, either way round; `points` may be traced."""
     corner = points[cells]
     first, second = (
         _triangle(corner[:, 0], corner[:, 1], corner[:, 2]),
         _triangle(corner[:, 0], corner[:, 2], corner[:, 3]),
     )
     area = first[0] + second[0]
-    centroid = (first[0][:, None] * first[1] + second[0][:, None] * second[1]) / area[:, None]
-    return area, centroid
+    moment = first[0][:, None] * first[1] + second[0][:, None] * second[1]
+    flat = area == 0  # a cell without area has no centroid
+    return abs(area), moment / (area + flat)[:, None]
 
 
 def _triangle(a, b, c):
@@ -115,7 +116,7 @@ def _triangle(a, b, c):
 
 
 def _pairs(values):
-    return zip(values[:-1], values[1:], strict=True)
+    return itertools.pairwise(values)
 
 
 def _parts(length, size):

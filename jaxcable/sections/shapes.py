@@ -43,7 +43,7 @@ def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
     _positive(height, "height")
     width, height = _float(width), _float(height)
     points, quads = meshes.square(*_shape(shape))
-    points = points * _stack(width / 2, height / 2)
+    points = points * _stack(width / 2, height / 2)[None, :]
     return _from_mesh(points, _cells(quads, cells), law, _rectangle_torsion(width, height))
 
 
@@ -56,6 +56,8 @@ def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
     for name, value in {"height": height, "width": width, "web": web, "flange": flange}.items():
         _positive(value, name)
     height, width, web, flange = (_float(v) for v in (height, width, web, flange))
+    _check.require(2 * flange - height, lambda v: v < 0, "flange", "twice is too thick")
+    _check.require(web - width, lambda v: v <= 0, "web", "wider than the flange")
     along, through, tall = _shape(shape, (1, 1, 1))
     top = rectangle(width, flange, law, (along, through))
     middle = rectangle(web, height - 2 * flange, law, (max(1, through), tall))
@@ -82,7 +84,10 @@ def polygon(points, holes, law, size, cells="quadrilaterals"):
         raise ValueError(
             "points, holes: the outline crosses itself, or a hole crosses it or another hole"
         )
-    return _from_mesh(made[0], _cells(made[1], cells), law, None)
+    quads = _cells(made[1], cells)
+    # strips that end in a point have cells without area
+    quads = quads[meshes.areas(made[0], quads) > 1e-14 * float(size) ** 2]
+    return _from_mesh(made[0], quads, law, None)
 
 
 def mesh(points, cells, laws):
@@ -166,10 +171,6 @@ def _from_mesh(points, cells, laws, torsion, counts=None):
     from .section import Section
 
     area, centroid = meshes.moments(points, cells)
-    values = _check.concrete(area)
-    if values is not None and (values < 0).any():  # turn round what was given the other way
-        cells = np.where((values < 0)[:, None], cells[:, ::-1], cells)
-        area, centroid = meshes.moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
         torsion = _stack(torsion)

@@ -38,7 +38,8 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
     Args:
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
-        plastic: plastic strains of the fibres, only for single forces.
+        plastic: plastic strains of the fibres as from `Section.virgin`: one state for all forces,
+            or with the axes of the forces in front.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
             over the radius of gyration); default 64 eps. A curve of segments is met exactly once
             the fibres are on the right ones.
@@ -49,9 +50,7 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
     """
     N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
     if N.ndim:
-        flat = [v.ravel() for v in (N, My, Mz)]
-        states = jax.vmap(lambda *f: equilibrium(section, *f, None, tol, max_steps))(*flat)
-        return jax.tree.map(lambda v: v.reshape(N.shape), states)
+        return _batch(section, (N, My, Mz), plastic, tol, max_steps)
     if plastic is None and section.remembers:
         plastic = section.virgin()
     target, radius = jnp.stack([N, My, Mz]), _radius(section)
@@ -70,12 +69,24 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
 
     def tangent_solve(linearized, rhs):
         matrix = jax.jacfwd(lambda v: _forces(frozen[0].continued(), v, radius, frozen[2]))
-        matrix = jnp.where(ok, matrix(found), jnp.eye(3))
+        matrix = jnp.where(ok, matrix(found), jnp.eye(3, dtype=found.dtype))
         return linear.factorize(matrix).solve(rhs, linearized)
 
     scaled = lax.custom_root(unbalanced, found, lambda _, start: start, tangent_solve)
     strain = implicit.nan_unless(ok, scaled / radius, parameters)
     return SectionState(tuple(strain), code, residual, steps)
+
+
+def _batch(section, forces, plastic, tol, max_steps):
+    """The same for forces of any shape."""
+    shape = forces[0].shape
+    every = jax.tree.leaves(plastic)[0].ndim > 2 if plastic is not None else False
+    if every:
+        plastic = jax.tree.map(lambda p: p.reshape(-1, *p.shape[len(shape) :]), plastic)
+    states = jax.vmap(
+        lambda force, p: equilibrium(section, *force, p, tol, max_steps), (0, 0 if every else None)
+    )([v.ravel() for v in forces], plastic)
+    return jax.tree.map(lambda v: v.reshape(shape), states)
 
 
 def _radius(section):
@@ -111,7 +122,9 @@ def _iterate(section, target, plastic, radius, tol, max_steps):
         v, residual, scale, kappa, steps = s
         matrix = jax.jacfwd(lambda v: evaluate(v)[0])(v)
         shift = kappa * jnp.max(jnp.abs(residual))
-        step, definite = linear.solve_definite(matrix + shift * jnp.eye(3), -residual)
+        step, definite = linear.solve_definite(
+            matrix + shift * jnp.eye(3, dtype=matrix.dtype), -residual
+        )
         slope = residual @ step
         usable = definite & jnp.isfinite(slope) & (slope < 0)
         step = jnp.where(usable, step, 0.0)
