@@ -56,7 +56,7 @@ class System:
         return x + step
 
     def chart(self, x):
-        """Residual as a function of [n_free] numbers, those that belong to `x`, and the way back."""
+        """Residual as a function of numbers [n_free], the numbers of `x`, and the way back."""
         return self.residual, x, lambda numbers: numbers
 
     def internal_force(self, motion):

@@ -12,11 +12,11 @@ Each iteration factorises once:
    the search then allows only tiny ones. After 15 short steps a tension-only structure is softened
    by a spring in series with every element (strain 1 under the largest load), which keeps the
    energy convex, and stiffened by tens as it settles. It costs an ordinary net nothing.
-
-4. Beams: a full Newton step first stretches what only wants to bend, the energy rises, and the search
-   would creep along; the next full step puts it right. A structure with rotations therefore starts
-   with up to 15 plain Newton steps, and begins again, searched, if they lead nowhere or through an
-   indefinite tangent (which is allowed under nodal moments: they have no potential).
+4. Beams: a full Newton step first stretches what only wants to bend, the energy rises, and the
+   search would creep along; the next full step puts it right. A structure with rotations
+   therefore starts with up to 15 plain Newton steps, and begins again, searched, if they lead
+   nowhere or through an indefinite tangent (which is allowed under nodal moments: they have no
+   potential).
 
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
 of lengths), hence the iteration converges from any start, until the rounding of the displacements
@@ -52,9 +52,9 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. A structure
-            with beams is also in equilibrium to the rounding of their axial forces: it may have
-            moved a long way without any force.
+            absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. A
+            structure with beams is also in equilibrium to the rounding of their axial forces: it
+            may have moved a long way without any force.
         max_steps: factorisations allowed per increment; beyond it the status is NOT_CONVERGED.
     """
 

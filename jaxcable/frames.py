@@ -37,7 +37,7 @@ class FrameSystem(System):
 
     @property
     def arm(self):
-        """Length by which spins are multiplied, m; it scales unknowns and is no part of a result."""
+        """Length by which spins are multiplied, m; it scales unknowns, not results."""
         lengths = [
             jnp.linalg.norm(self.nodes[g.links[:, 1]] - self.nodes[g.links[:, 0]], axis=-1)
             for g in self.groups
@@ -56,7 +56,7 @@ class FrameSystem(System):
         return motion
 
     def place(self, x):
-        """`x` with held translations, and nodes held about all axes, put where their supports are."""
+        """`x` with held translations and clamped nodes put where their supports are."""
         fixed = self.freedoms.fixed
         displacement = jnp.where(fixed[:, :3], self.held[:, :3], x[:, :3])
         clamped = jnp.all(fixed[:, 3:], axis=1, keepdims=True)
@@ -99,7 +99,7 @@ class FrameSystem(System):
     # --- forces
 
     def internal_force(self, motion):
-        """Sum of end forces and moments at every node, [n_node, 6], and of their sizes, [n_node]."""
+        """Sum of end forces and moments at every node, [n_node, 6], and their sizes, [n_node]."""
         return self._internal_about(motion, None)
 
     def _internal_about(self, motion, step):

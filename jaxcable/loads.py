@@ -60,7 +60,7 @@ class NodalLoads:
             if not turns.all():
                 k = int((~turns).argmax())
                 raise ValueError(
-                    f"moments: node {self.nodes[k]} has no rotation; no beam is joined to it rigidly"
+                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
                 )
 
     def nodal_forces(self, shape, dtype):
@@ -225,7 +225,7 @@ class SupportMovement:
                 raise ValueError(f"rotations[{k}]: node {node} is not clamped")
 
     def steps(self, shape, dtype):
-        """Steps of all nodes, as `shape`: translation, and rotation vector if it has six columns."""
+        """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
         step = jnp.broadcast_to(self.displacements.astype(dtype), (len(self.nodes), 3))
         if shape[1] == 6:
             turn = 0.0 if self.rotations is None else self.rotations

@@ -142,7 +142,7 @@ class Ramp:
         return [state.plastic for state in self.begin.states]
 
     def states(self, factor, plastic=None):
-        """Element states at a load factor, with plastic strains per group other than the start's."""
+        """Element states at a load factor; plastic strains per group, if not the start's."""
         now = []
         for start, end, jack in zip(self.begin.states, self.end_states, self.held, strict=True):
             if jack is not None:

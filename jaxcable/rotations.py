@@ -1,8 +1,8 @@
 """Finite rotations as unit quaternions, scalar first, [4].
 
 A node's rotation is a state that is turned on, ``q <- exp(spin) q``, never a vector that is added
-to. Where a formula has 0/0 a series takes over, and the formula is kept away from the point, so that
-all derivatives exist. Functions inside elements are free of cases altogether, because they are
+to. Where a formula has 0/0 a series takes over, and the formula is kept away from the point, so
+that all derivatives exist. Functions inside elements are free of cases altogether, because they are
 compiled many times over.
 """
 
@@ -105,8 +105,9 @@ def turning(motion, step):
 def conjugate(spin, moment):
     """Moment that does the work of the spatial `moment` on changes of the rotation vector `spin`.
 
-    At ``exp(spin)`` a change d of the vector is a spin ``T d``, ``T = sum_k [spin x]^k / (k + 1)!``;
-    the result is ``T^T moment``, near a zero spin, where derivatives are taken: to the fifth order.
+    At ``exp(spin)`` a change d of the vector is a spin ``T d`` with ``T = sum_k [spin x]^k /
+    (k + 1)!``; the result is ``T^T moment`` near a zero spin, where derivatives are taken: to the
+    fifth order.
     With it a moment that keeps its direction is linearised exactly (it has no potential).
     """
     term = total = moment

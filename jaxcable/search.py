@@ -1,8 +1,8 @@
 """Line search on the directional derivative, for a step down a (locally) convex energy.
 
 ``g(a) = R(x + a p).p`` keeps its digits near the solution where the energy has lost them. Along any
-line a convex energy has growing ``g``, and ``g <= 0`` means that it fell all the way. A full step is
-taken unless it overshoots; then the zero of ``g`` is bracketed.
+line a convex energy has growing ``g``, and ``g <= 0`` means that it fell all the way. A full step
+is taken unless it overshoots; then the zero of ``g`` is bracketed.
 """
 
 import jax.numpy as jnp

@@ -94,11 +94,11 @@ PARAMETERS = {
 }
 
 
-def slope(value, p, gradient):
-    """Slope of log remainder over log step, in a random direction."""
+def slope(value, p, gradient, size=1.0):
+    """Slope of log remainder over log step, in a random direction; `size` scales the steps."""
     direction = jnp.asarray(np.random.default_rng(1).normal(size=p.shape)) * jnp.max(jnp.abs(p))
     f0, rate = value(p), jnp.sum(gradient * direction)
-    steps = 4e-4 * 0.5 ** np.arange(4)
+    steps = 4e-4 * size * 0.5 ** np.arange(4)
     remainder = [abs(float(value(p + h * direction) - f0 - h * rate)) for h in steps]
     return np.polyfit(np.log(steps), np.log(remainder), 1)[0]
 

@@ -6,8 +6,8 @@ and the mean of the rotations of its ends; in it only small rotations remain:
 - ``theta_1, theta_2``: rotations of the ends out of the frame, the vector of ``q_E^-1 q_i``;
 - deflections are cubic (Bernoulli), so the curvature at the place s of the axis, 0 to 1, is
   ``[(6 s - 4) theta_1 + (6 s - 2) theta_2] / L0``;
-- axial strain ``e0 = (l - L0)/L0 + sum_{y,z} (2 theta_1^2 - theta_1 theta_2 + 2 theta_2^2)/30``, the
-  mean over the element with the shortening of the deflected axis (a mean, lest the element lock);
+- axial strain ``e0 = (l - L0)/L0 + sum_{y,z} (2 theta_1^2 - theta_1 theta_2 + 2 theta_2^2)/30``,
+  the mean over the element with the shortening of the deflected axis (a mean, or it would lock);
 - twist ``theta_2x - theta_1x``, elastic and uniform.
 
 Forces are the derivative of these strains times the section's forces at Gauss-Lobatto points, by
@@ -194,6 +194,7 @@ class Beams(Prestressed):
         rotations = jax.vmap(lambda q: axes @ small_vector(product(back, q)))(motion[:, 3:])
         return change, rotations, frame
 
+    @jax.jit  # traced once for all its uses; a compilation has it many times over
     def _strains(self, state, ends, motion):
         """Section strains [n_point, 3], twist, and the line load's work on the bent axis."""
         change, (first, second), frame = self.deformation(ends, motion)
@@ -216,6 +217,7 @@ class Beams(Prestressed):
         given = self.torsional_stiffness
         return self.section.torsional_stiffness() if given is None else given
 
+    @jax.jit  # as above
     def end_forces_about(self, state, ends, motion, step):
         """Forces and moments conjugate to `step` (translation and spin, [2, 6]), [2, 6]."""
         (strain, twist, work), pull = jax.vjp(

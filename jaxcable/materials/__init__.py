@@ -2,9 +2,9 @@
 
 A law is a pytree shared by the elements or fibres of a group. Its members take arrays of any shape:
 
-- ``stress_at(strain, plastic=None)``, Pa; derivatives are one-sided at corners, on the loading side;
+- ``stress_at(strain, plastic=None)``, Pa; derivatives at corners are those of loading;
 - ``energy_at(strain, plastic=None)``: stress integrated over strain, written apart from it, J/m3;
-- ``strain_at(stress, plastic=None)``: the inverse, on the rising branch from zero; NaN above its peak;
+- ``strain_at(stress, plastic=None)``: the inverse on the rising branch from zero; NaN above;
 - ``modulus``: slope at the origin; ``capacity``: (smallest, largest) stress;
 - ``limits``: strains (lowest, highest) at which the curve ends; ``beyond(strain)``: whether it has
   been left there, and ``breaks`` (static): whether it can be;
@@ -16,7 +16,8 @@ A law is a pytree shared by the elements or fibres of a group. Its members take 
 - ``corners(plastic)``: strains at which the slope jumps, last axis; ``corner_distance(strain)``;
 - ``n_plastic`` (static): how many plastic strains a fibre remembers, 0 for a reversible law;
   ``size_at(strain, plastic)`` is the sum of the absolute stresses of its parts, Pa, which rounding
-  is relative to; ``settle(strain, plastic)`` returns them after an increment has ended at `strain`, [..., n_plastic].
+  is relative to; ``settle(strain, plastic)`` returns them, [..., n_plastic], after an increment
+  has ended at `strain`.
 """
 
 from .elastic import Elastic

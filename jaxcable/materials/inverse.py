@@ -16,8 +16,11 @@ def inverse(law, stress, plastic=None):
     corners = law.corners(plastic)
     corners = jnp.broadcast_to(corners, (*stress.shape, corners.shape[-1]))
     ends = jnp.stack(
-        [jnp.maximum(low, jnp.min(corners, -1, initial=0.0) - _FAR), jnp.zeros_like(stress)]
-        + [jnp.minimum(high, jnp.max(corners, -1, initial=0.0) + _FAR)],
+        [
+            jnp.maximum(low, jnp.min(corners, -1, initial=0.0) - _FAR),
+            jnp.zeros_like(stress),
+            jnp.minimum(high, jnp.max(corners, -1, initial=0.0) + _FAR),
+        ],
         axis=-1,
     )
     at = jnp.sort(jnp.clip(jnp.concatenate([corners, ends], -1), ends[..., :1], ends[..., 2:]))

@@ -10,8 +10,8 @@ plastic part of stiffness ``d_k = E_{k-1} - E_k`` that yields at ``e_k``,
 
     s(e) = E_end e + sum_k d_k [e - p_k],     [x] = x kept between its two yield strains,
 
-with plastic strains ``p_k``. It is the polygon in first loading, unloads with the initial slope, and
-yields backwards after twice the strain. At given ``p_k`` its energy is convex.
+with plastic strains ``p_k``. It is the polygon in first loading, unloads with the initial slope,
+and yields backwards after twice the strain. At given ``p_k`` its energy is convex.
 """
 
 import jax.numpy as jnp
@@ -258,7 +258,7 @@ class Polygonal:
         return stiffness, take(corners, pulled, jnp.inf), push
 
     def _yielding(self, strain, plastic):
-        """Stiffness of the parts, last slope, elastic strain of the parts before and after yield."""
+        """Stiffness of the parts, last slope, elastic strain of parts before and after yield."""
         stiffness, pull, push = (_row(v, plastic) for v in self._parts())
         elastic = strain[..., None] - plastic
         # at a corner the plastic side: that of loading

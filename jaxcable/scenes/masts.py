@@ -90,8 +90,8 @@ def strung_arch(
 
     The feet of the arch (tube 168.3 x 8 mm, linear) are clamped. From every second node between the
     quarter points and the crown cables of 100 mm2 (165 kN/mm2) run to both feet, crossing each
-    other: they hold the arch against swaying. Phase 1 tensions them under self-weight, phase 2 loads
-    the nodes of one half, or all of them.
+    other: they hold the arch against swaying. Phase 1 tensions them under self-weight, phase 2
+    loads the nodes of one half, or all of them.
 
     Args:
         span, rise: of the arch, m.

@@ -8,8 +8,8 @@ def interaction(section, n_angle=24, n_axial=21):
     """Points of the interaction surface N-My-Mz at which the first fibre reaches its curve's end.
 
     Strains are scaled up along directions that cover all ratios of elongation to curvature and all
-    axes of bending, until the first fibre reaches the end of its curve. For laws that rise it is the
-    surface beyond which no equilibrium exists.
+    axes of bending, until the first fibre reaches the end of its curve. For laws that rise it is
+    the surface beyond which no equilibrium exists.
 
     Args:
         section: `Section`; a law without compression branch does not bound compression.

@@ -68,7 +68,7 @@ def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
 
 
 def polygon(points, holes, law, size, cells="quadrilaterals"):
-    """Polygon [n, 2] (y, z), with `holes`, a list of polygons, in cells up to `size`, m; exact area.
+    """Polygon [n, 2] (y, z) with `holes`, a list of polygons, in cells up to `size`, m.
 
     The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
     is not known: an element has to state its torsional stiffness.
@@ -184,7 +184,7 @@ def _with_torsion(section, torsion):
 
 
 def _rectangle_torsion(width, height):
-    """Torsion constant, m4: Saint-Venant's series, to rounding (Timoshenko and Goodier, art. 109)."""
+    """Torsion constant, m4: Saint-Venant's series (Timoshenko and Goodier, art. 109)."""
     pack = np if isinstance(width, float) and isinstance(height, float) else jnp
     short, long = pack.minimum(width, height), pack.maximum(width, height)
     n = np.arange(1, 40, 2)

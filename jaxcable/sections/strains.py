@@ -1,8 +1,8 @@
 """Equilibrium of a section: strains from forces.
 
 The complementary question to `Section.forces`. With laws that rise the potential
-``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton with a line search finds its minimum; the
-curves go on elastically beyond their ends, so that every force has strains, and whether a fibre
+``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton with a line search finds its minimum.
+The curves go on elastically beyond their ends, so that every force has strains, and whether a fibre
 then lies beyond its curve says that the force is beyond the capacity.
 """
 
