@@ -124,10 +124,11 @@ def newton(system, x, method, active):
     length, extent = system.length_scale(), system.extent()
 
     def converged(it):
+        rigid = it.softness == 0
         balanced = _largest(it.residual) <= tol * it.scale
         if system.turning:
             balanced = balanced | (_largest(it.residual) <= system.rounding(it.x))
-        return (it.softness == 0) & balanced
+        return rigid & balanced
 
     def unfinished(it):
         return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)
