@@ -1,7 +1,8 @@
 """Stresses of the fibres along the path of a phase, from the strains that it recorded."""
 
 import jax
-import jax.numpy as jnp
+
+from .elements.prestress import element
 
 
 def fibre_stress(structure, phase):
@@ -19,14 +20,16 @@ def fibre_stress(structure, phase):
 
     A law that remembers is followed from the plastic strains that the phase began with.
     """
-    strains = _leaves(structure, phase.path.strain)
-    began = _leaves(structure, phase.began)
-    return structure.arrange(
-        [
-            None if strain is None else _follow(group, strain, plastic)
-            for group, strain, plastic in zip(structure.groups, strains, began, strict=True)
-        ]
-    )
+    path = phase.path
+    records = [_leaves(structure, tree) for tree in (path.strain, path.tension, phase.began)]
+    stresses = []
+    for group, strain, tension, plastic in zip(structure.groups, *records, strict=True):
+        if strain is not None:
+            stresses.append(_follow(group, strain, plastic))
+        else:  # a linear law keeps no record: it needs none
+            area = getattr(group, "area", None)
+            stresses.append(None if area is None else tension / area[None, :])
+    return structure.arrange(stresses)
 
 
 def _leaves(structure, tree):
@@ -44,55 +47,18 @@ def _leaves(structure, tree):
 
 
 def _follow(group, strain, plastic):
-    """Stress [n_inc, ...] of a group from its strains and the plastic strains it began with."""
-    if group.n_freedom == 6:
-        return _remember(
-            strain,
-            plastic,
-            lambda e, p: group.section.fibre_stress(e[..., 0], e[..., 1], e[..., 2], p),
-            lambda e, p: group.section.settle(e[..., 0], e[..., 1], e[..., 2], p),
-        )
-    section = group.section
-    laws = (group.law,) if section is None else section.laws
-    counts = (1,) if section is None else section.counts
-    if group.tension_only:
-        laws = tuple(law.tension_only() for law in laws)
+    """Stress [n_inc, n_elem, ...] of a group from its strains and the plastic strains at first."""
 
-    def parts(plastic):
-        start = 0
-        for law in laws:
-            own = None if not law.n_plastic else plastic[..., start : start + law.n_plastic]
-            start += law.n_plastic
-            yield law, own
+    def of_all(method, strain, plastic):
+        def one(properties, strain, plastic):
+            return getattr(element(group, properties), method)(strain, plastic)
 
-    def stress(strain, plastic):
-        each = [law.stress_at(strain, own) for law, own in parts(plastic)]
-        if group.tension_only and plastic is None:
-            each = [jnp.where(strain < 0, 0.0, value) for value in each]
-        if section is None:
-            return each[0]
-        shape = strain.shape
-        return jnp.concatenate(
-            [
-                jnp.broadcast_to(s[..., None], (*shape, n))
-                for s, n in zip(each, counts, strict=True)
-            ],
-            axis=-1,
-        )
+        return jax.vmap(one)(group.properties(), strain, plastic)
 
-    def settle(strain, plastic):
-        kept = [law.settle(strain, own) for law, own in parts(plastic) if own is not None]
-        return jnp.concatenate(kept, axis=-1)
-
-    return _remember(strain, plastic, stress, settle)
-
-
-def _remember(strain, plastic, stress, settle):
-    """Evaluate `stress` at every increment, with the plastic strains that `settle` leaves."""
     if plastic is None:
-        return stress(strain, None)
+        return jax.vmap(lambda e: of_all("fibre_stress", e, None))(strain)
 
     def step(plastic, e):
-        return settle(e, plastic), stress(e, plastic)
+        return of_all("settle_at", e, plastic), of_all("fibre_stress", e, plastic)
 
     return jax.lax.scan(step, plastic, strain)[1]

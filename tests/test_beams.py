@@ -84,7 +84,9 @@ def independent_energy(ends, u, turns, section_stiffness, torsion, up):
     align = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
     frame = align * mean
     first, second = (axes @ (frame.inv() * turn).as_rotvec() for turn in turns)
-    shortening = sum(2 * p**2 - p * q + 2 * q**2 for p, q in zip(first[1:], second[1:], strict=True)) / 30
+    shortening = (
+        sum(2 * p**2 - p * q + 2 * q**2 for p, q in zip(first[1:], second[1:], strict=True)) / 30
+    )
     e0 = (length - length0) / length0 + shortening
     ea, eiy, eiz = np.diag(section_stiffness)
     bending = sum(

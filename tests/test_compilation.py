@@ -141,3 +141,21 @@ def test_import_leaves_the_configuration_of_jax_alone():
         "assert dict(jax.config.values) == before"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_scene_without_beams_has_nothing_of_them():
+    """No motion with rotations, no freedoms beside displacements, no record of strains."""
+    net, phases = jc.scenes.saddle(3, 2)
+    text, count = program(net, phases)
+    n = net.n_node
+    assert f"f64[{n},3]" in text
+    assert not re.search(rf"f64\[{n},[67]\]|f64\[7\]|f64\[2,7\]", text)
+    assert jc.solve(net, phases).phases[0].path.strain is None
+    frame = jc.Structure(
+        net.nodes,
+        [net.elements, jc.Beams([[0, 1]], section=jc.Section.disc(0.1, jc.Elastic(1e9), (2, 2)))],
+        net.supports,
+    )
+    phases = [jc.replace(phase, pretension=None) for phase in phases]
+    with_beam, more = program(frame, phases)
+    assert f"f64[{n},7]" in with_beam and more > 1.5 * count

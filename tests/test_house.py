@@ -34,6 +34,7 @@ FLOORS = [
     ["ramp"],
     ["solution"],
     ["solver"],
+    ["stresses"],
     ["scenes"],
     ["plots"],
     ["__init__", "__main__"],

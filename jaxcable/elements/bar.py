@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from .. import _check
 from .._tree import copy, pytree
+from ..materials import Parallel
 from .prestress import Prestressed, checked_links, stretch
 
 _PROPERTIES = (
@@ -93,10 +94,6 @@ class Bars(Prestressed):
         values = {name: getattr(self, name) for name in _PROPERTIES}
         return {name: value for name, value in values.items() if value is not None}
 
-    @property
-    def _dtype(self):
-        return jnp.result_type(*(jnp.asarray(v).dtype for v in self.properties().values()))
-
     # --- the cross-section: force from strain, energy from strain, strain from force
 
     def force(self, strain, plastic=None):
@@ -153,7 +150,8 @@ class Bars(Prestressed):
         """Plastic strains of unused elements, [n_elem, n_plastic], or None."""
         if not self.remembers:
             return None
-        return jnp.zeros((len(self.links), self._section()[1].n_plastic), self._dtype)
+        _, law, area = self._section()
+        return jnp.zeros((len(self.links), law.n_plastic), jnp.asarray(area).dtype)
 
     def continued(self):
         """The group for an iteration: its law goes on beyond its ends."""
@@ -212,8 +210,21 @@ class Bars(Prestressed):
 
     def settle(self, state, ends, motion):
         """Plastic strains after an increment that ended here, [n_plastic]."""
+        return self.settle_at(self.section_strain(state, ends, motion), state.plastic)
+
+    def settle_at(self, strain, plastic):
+        """Plastic strains after an increment that ended at `strain`."""
+        return self._section()[1].settle(strain, plastic)
+
+    def fibre_stress(self, strain, plastic=None):
+        """Stress of every fibre, [n_fibre], all of one law the same; without section scalar, Pa."""
         law = self._section()[1]
-        return law.settle(self.section_strain(state, ends, motion), state.plastic)
+        if self.section is None:
+            return law.stress_at(strain, plastic)
+        parts = law.each(plastic) if isinstance(law, Parallel) else [(1.0, law, plastic)]
+        stress = [one.stress_at(strain, own) for _, one, own in parts]
+        counts = self.section.counts
+        return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
     def beyond(self, state, ends, motion):
         """Whether the element is strained beyond its curve."""

@@ -265,7 +265,15 @@ class Beams(Prestressed):
 
     def settle(self, state, ends, motion):
         """Plastic strains after an increment that ended here, as `state.plastic`."""
-        return self.section.settle(*self.section_strain(state, ends, motion).T, state.plastic)
+        return self.settle_at(self.section_strain(state, ends, motion), state.plastic)
+
+    def settle_at(self, strain, plastic):
+        """Plastic strains after an increment that ended at section strains [n_point, 3]."""
+        return self.section.settle(*strain.T, plastic)
+
+    def fibre_stress(self, strain, plastic=None):
+        """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
+        return self.section.fibre_stress(*strain.T, plastic)
 
     def beyond(self, state, ends, motion):
         """Whether a fibre is strained beyond its curve."""

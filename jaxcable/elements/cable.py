@@ -26,6 +26,10 @@ class Cables(Bars):
         slack = self._slack(strain, plastic)
         return jnp.where(slack, 0.0, super().energy_per_length(strain, plastic))
 
+    def fibre_stress(self, strain, plastic=None):
+        """Stress of every fibre, Pa: zero in a slack cable."""
+        return jnp.where(self._slack(strain, plastic), 0.0, super().fibre_stress(strain, plastic))
+
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
         if state.held is not None:

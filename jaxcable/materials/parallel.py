@@ -61,8 +61,8 @@ class Parallel:
             jnp.isfinite(high), most, jnp.inf
         )
 
-    def _each(self, plastic):
-        """Share, law and its own plastic strains."""
+    def each(self, plastic):
+        """Share, law and its own plastic strains, of every law."""
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
             own = None
@@ -73,15 +73,15 @@ class Parallel:
 
     def stress_at(self, strain, plastic=None):
         """Stress over the whole area, Pa."""
-        return sum(share * law.stress_at(strain, p) for share, law, p in self._each(plastic))
+        return sum(share * law.stress_at(strain, p) for share, law, p in self.each(plastic))
 
     def size_at(self, strain, plastic):
         """Sum of the absolute stresses of all parts, Pa."""
-        return sum(share * law.size_at(strain, p) for share, law, p in self._each(plastic))
+        return sum(share * law.size_at(strain, p) for share, law, p in self.each(plastic))
 
     def energy_at(self, strain, plastic=None):
         """Energy per volume, J/m3."""
-        return sum(share * law.energy_at(strain, p) for share, law, p in self._each(plastic))
+        return sum(share * law.energy_at(strain, p) for share, law, p in self.each(plastic))
 
     def strain_at(self, stress, plastic=None):
         """Strain at a stress over the whole area, Pa."""
@@ -95,12 +95,12 @@ class Parallel:
     def settle(self, strain, plastic):
         """Plastic strains after an increment."""
         return jnp.concatenate(
-            [law.settle(strain, p) for _, law, p in self._each(plastic) if p is not None], axis=-1
+            [law.settle(strain, p) for _, law, p in self.each(plastic) if p is not None], axis=-1
         )
 
     def corners(self, plastic=None):
         """Corners of all laws, on the last axis."""
-        parts = [law.corners(own) for _, law, own in self._each(plastic)]
+        parts = [law.corners(own) for _, law, own in self.each(plastic)]
         shape = max((part.shape[:-1] for part in parts), key=len)
         return jnp.concatenate(
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
@@ -108,12 +108,12 @@ class Parallel:
 
     def corner_distance(self, strain, plastic=None):
         """Distance in strain to the nearest corner of any law."""
-        each = [law.corner_distance(strain, own) for _, law, own in self._each(plastic)]
+        each = [law.corner_distance(strain, own) for _, law, own in self.each(plastic)]
         return jnp.min(jnp.stack(each), axis=0)
 
     def is_slack(self, strain, plastic=None):
         """Whether it carries nothing because all its laws are slack."""
-        each = [law.is_slack(strain, own) for _, law, own in self._each(plastic)]
+        each = [law.is_slack(strain, own) for _, law, own in self.each(plastic)]
         return jnp.all(jnp.stack(jnp.broadcast_arrays(*each)), axis=0)
 
     def continued(self):

@@ -1,0 +1,101 @@
+"""Moved supports and loads along elements, in nets: closed forms and derivatives."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import problems
+import pytest
+from test_gradients import slope
+
+import jaxcable as jc
+
+EA, REST = 1e5, 0.99
+
+
+def two_links(phases):
+    nodes = np.array([[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0]])
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=EA)
+    return jc.solve(jc.Structure(nodes, cables, jc.pinned([0, 2])), phases)
+
+
+@jax.jit
+def spread(move):
+    """Two links whose supports are moved along x and z; prestressed before."""
+    phases = [
+        jc.Phase(rest_length=REST, increments=1),
+        jc.Phase(loads=jc.SupportMovement([0, 2], move), increments=2),
+    ]
+    return two_links(phases)
+
+
+MOVE = np.array([[-0.01, 0.0, -0.1], [0.02, 0.0, 0.3]])
+
+
+def test_moved_supports_stretch_the_links():
+    solution = spread(MOVE)
+    assert int(solution.status) == 0
+    ends = np.array([[-1.0, 0, 0], [1.0, 0, 0]]) + MOVE
+    assert np.abs(np.asarray(solution.positions)[[0, 2]] - ends).max() == 0
+    length = np.linalg.norm(ends[1] - ends[0]) / 2  # no load: straight, halved
+    force = EA * (length - REST) / REST
+    assert np.abs(np.asarray(solution.tension) - force).max() < 1e-9 * force
+    # half of the movement after the first of two increments
+    path = np.asarray(solution.phases[1].path.displacement)
+    assert np.abs(path[0, [0, 2]] - 0.5 * MOVE).max() < 1e-15
+    problems.assert_balanced(solution)
+
+
+def test_movements_keep_what_was_moved_before():
+    move = jc.SupportMovement([2], (0.01, 0.0, 0.0))
+    once = two_links([jc.Phase(rest_length=REST), jc.Phase(loads=move)])
+    twice = two_links([jc.Phase(rest_length=REST), jc.Phase(loads=move), jc.Phase(loads=move)])
+    assert int(once.status) == int(twice.status) == 0
+    assert float(once.positions[2, 0]) == 1.01 and float(twice.positions[2, 0]) == 1.02
+
+
+def test_gradient_by_the_movement():
+    def value(move):
+        solution = spread(move)
+        return solution.tension[0] / EA + solution.reactions[2, 2] / EA
+
+    gradient = jax.jit(jax.grad(value))(MOVE)
+    assert abs(slope(value, MOVE, gradient) - 2) < 0.05
+    assert slope(value, MOVE, gradient.at[1, 0].multiply(1.01)) < 1.5
+    along = np.array([[-1.0, 0, 0], [1.0, 0, 0]]) + MOVE
+    length = np.linalg.norm(along[1] - along[0])
+    normal = (along[1] - along[0]) / length
+    force = 0.5 * length / REST - 1  # over EA
+    expected = normal[0] / (2 * REST)  # tension, and the reaction's force and turn
+    # reaction = tension times direction, pulling outwards
+    expected += normal[2] * normal[0] / (2 * REST) - force * normal[0] * normal[2] / length
+    assert float(gradient[1, 0]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_line_loads_on_cables_go_to_their_ends():
+    nodes = np.array([[-1.0, 0, 0], [0, 0, 0], [2.0, 0, 0]])
+    cables = {
+        "left": jc.Cables([[0, 1]], axial_stiffness=EA),
+        "right": jc.Cables([[1, 2]], axial_stiffness=EA),
+    }
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 2]))
+    load = jc.LineLoads((0.0, 0.0, -30.0), on="right")
+    solution = jc.solve(structure, [jc.Phase(rest_length={"left": 0.9, "right": 1.8}, loads=load)])
+    assert int(solution.status) == 0
+    # per unstressed length, half to each end
+    expected = np.zeros((3, 3))
+    expected[1:, 2] = -0.5 * 30.0 * 1.8
+    assert np.abs(np.asarray(solution.load) - expected).max() < 1e-12
+    both = jc.solve(
+        structure,
+        [jc.Phase(rest_length={"left": 0.9, "right": 1.8}, loads=jc.LineLoads((0, 0, -30.0)))],
+    )
+    assert float(both.load[0, 2]) == pytest.approx(-0.5 * 30.0 * 0.9, rel=1e-14)
+    problems.assert_balanced(both)
+
+
+def test_a_batch_of_movements():
+    scale = jnp.array([0.5, 1.0, -1.0])
+    batch = jax.vmap(lambda s: spread(s * MOVE))(scale)
+    assert (np.asarray(batch.status) == 0).all()
+    single = spread(MOVE)
+    assert np.abs(np.asarray(batch.tension[1] - single.tension)).max() < 1e-9 * EA
