@@ -17,10 +17,7 @@ from jaxcable.sections import Section
 
 @jax.jit
 def solve(section, target):
-    """Batches of five, one after the other: only four forces wait for the slowest one."""
-    parts = target.reshape(-1, 5, 3)
-    states = jax.lax.map(lambda part: section.strains(*part.T), parts)
-    return jax.tree.map(lambda v: v.reshape(-1), states)
+    return section.strains(*target.T)
 
 
 def feasible(section, n=1000, seed=5):

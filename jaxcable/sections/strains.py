@@ -21,7 +21,8 @@ class SectionState:
 
     Attributes:
         strain: ``(e0, ky, kz)``, each of the shape of the forces, -, 1/m, 1/m.
-        status: OK, BEYOND_CAPACITY or NOT_CONVERGED.
+        status: OK; BEYOND_CAPACITY if a fibre of the last iterate is beyond its curve, converged or
+            not; NOT_CONVERGED.
         residual: largest unbalanced force, moments over the radius of gyration, N.
         steps: iterations.
     """
@@ -35,14 +36,16 @@ class SectionState:
 def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
     """Strains ``(e0, ky, kz)`` that balance the forces.
 
+    Forces of any shape are taken in turn, so that none waits for the slowest of them: on a CPU five
+    times faster than all at once. For a GPU use `jax.vmap` over single forces.
+
     Args:
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
         plastic: plastic strains of the fibres as from `Section.virgin`: one state for all forces,
             or with the axes of the forces in front.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
-            over the radius of gyration); default 64 eps. A curve of segments is met exactly once
-            the fibres are on the right ones.
+            over the radius of gyration); default 64 eps, which costs one iteration more than 1e-4.
         max_steps: iterations allowed.
 
     Returns:
@@ -80,12 +83,15 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
 def _batch(section, forces, plastic, tol, max_steps):
     """The same for forces of any shape."""
     shape = forces[0].shape
+    flat = [v.ravel() for v in forces]
     every = jax.tree.leaves(plastic)[0].ndim > 2 if plastic is not None else False
-    if every:
-        plastic = jax.tree.map(lambda p: p.reshape(-1, *p.shape[len(shape) :]), plastic)
-    states = jax.vmap(
-        lambda force, p: equilibrium(section, *force, p, tol, max_steps), (0, 0 if every else None)
-    )([v.ravel() for v in forces], plastic)
+    own = jax.tree.map(lambda p: p.reshape(-1, *p.shape[len(shape) :]), plastic) if every else None
+
+    def one(item):
+        force, p = item
+        return equilibrium(section, *force, p if every else plastic, tol, max_steps)
+
+    states = lax.map(one, (flat, own))
     return jax.tree.map(lambda v: v.reshape(shape), states)
 
 
@@ -126,12 +132,15 @@ def _iterate(section, target, plastic, radius, tol, max_steps):
             matrix + shift * jnp.eye(3, dtype=matrix.dtype), -residual
         )
         slope = residual @ step
-        usable = definite & jnp.isfinite(slope) & (slope < 0)
+        # in a batch a finished lane is carried along: it must not make the others wait for a search
+        usable = definite & jnp.isfinite(slope) & (slope < 0) & unfinished(s)
         step = jnp.where(usable, step, 0.0)
         a, new_residual, new_scale, found = search(
             lambda a: evaluate(v + a * step), step, slope, usable
         )
-        # the shift, residual per strain, only keeps a yielded section from being singular
+        # The shift, residual per strain, keeps a yielded section from being singular and, of the
+        # many strains that balance a force on a plateau, leads to small ones. Without it the last
+        # step would be exact; with it the residual falls by a thousand, for one more iteration.
         kappa = jnp.where(found, jnp.maximum(0.1 * kappa, 1e-3), 100 * kappa)
         return (
             jnp.where(found, v + a * step, v),
