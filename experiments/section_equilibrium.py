@@ -12,9 +12,9 @@ Error      Residual: what `tol` bounds, found by NumPy: largest unbalanced force
 Command    python experiments/section_equilibrium.py
            (writes experiments/results/section_equilibrium.txt)
 
-Times are wall seconds, median of 5 calls, each blocked on completion. A batch goes round until its
-slowest member is done; in turn (lax.map) each force has its own iteration. Compile: the first call
-less the median warm one, with no compilation cache.
+Times are wall seconds, median of 5 calls, each blocked on completion. In turn (one call with all
+forces) each force has its own iteration; a batch (vmap) goes round until its slowest is done.
+Compile: the first call less the median warm one, with no compilation cache.
 """
 
 import io
@@ -149,12 +149,12 @@ def main():
     from jaxcable import status
 
     @jax.jit
-    def batch(section, target, tol):
+    def in_turn(section, target, tol):
         return section.strains(*target.T, tol=tol)
 
     @jax.jit
-    def in_turn(section, target, tol):
-        return jax.lax.map(lambda force: section.strains(*force, tol=tol), target)
+    def batch(section, target, tol):
+        return jax.vmap(lambda force: section.strains(*force, tol=tol))(target)
 
     out = io.StringIO()
 
