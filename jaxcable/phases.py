@@ -25,8 +25,9 @@ _CABLE_RULES = {
 class Phase:
     """One phase of the analysis: everything is scaled by a load factor that goes from 0 to 1.
 
-    Ways to state prestress, each a scalar (all bars and cables), an array [n_elem], or a prefix
-    pytree of the structure's elements. Absolute, referred to the initial nodes; one per element:
+    Ways to state prestress, each a scalar (all bars and cables; beams only where these are absent,
+    or for a temperature if they have an `expansion`), an array [n_elem], or a prefix pytree of the
+    structure's elements. Absolute, referred to the initial nodes; one per element:
 
     - pretension: axial force in the initial geometry, N.
     - force_density: pretension over initial length, N/m.
@@ -75,6 +76,11 @@ class Phase:
         per_group = [{} for _ in structure.groups]
         for name in ABSOLUTE + INCREMENTS:
             values = _spread(getattr(self, name), structure, name)
+            if _is_scalar(getattr(self, name)):
+                values = [
+                    None if _passes_by(group, name, structure) else value
+                    for value, group in zip(values, structure.groups, strict=True)
+                ]
             for statement, group, value in zip(per_group, structure.groups, values, strict=True):
                 if value is not None:
                     statement[name] = _checked(value, group, name)
@@ -91,6 +97,18 @@ class Phase:
                     f"{next(n for n in INCREMENTS if n in statement)} must go into another phase"
                 )
         return per_group
+
+
+def _is_scalar(value):
+    leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
+    return leaf and value is not None and np.ndim(value) == 0
+
+
+def _passes_by(group, name, structure):
+    """Whether a scalar for the whole structure leaves out `group`: beams beside cables or bars."""
+    mixed = any(other.n_freedom == 3 for other in structure.groups)
+    warms = name == "temperature" and getattr(group, "expansion", None) is not None
+    return group.n_freedom == 6 and mixed and not warms
 
 
 def _spread(value, structure, name):

@@ -356,7 +356,7 @@ MOMENT = jnp.asarray([100.0, 200.0, 300.0])
 def mixed():
     """The mixed structure, prestressed and loaded with forces and moments at once."""
     loads = jc.NodalLoads([1, 2], (1e3, 0, 0), moments=MOMENT)
-    return jc.solve(MIXED, [jc.Phase(pretension={"mast": None, "guys": 1e4}, loads=loads)])
+    return jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)])
 
 
 def test_cables_and_beams_share_nodes():
@@ -373,6 +373,21 @@ def test_cables_and_beams_share_nodes():
     turn = np.asarray(solution.rotation)
     assert (turn[3:] == [1.0, 0, 0, 0]).all()  # cables turn nothing
     assert np.abs(np.linalg.norm(turn, axis=1) - 1).max() < 1e-15
+
+
+def test_a_scalar_prestress_is_for_cables_and_bars():
+    """Beams beside them are left out; a temperature finds those that expand."""
+    guys, mast = jc.Phase(pretension=1e4).inputs(MIXED)  # in the order of the keys
+    assert mast == {} and guys["pretension"].tolist() == [1e4] * 3
+    (alone,) = jc.Phase(pretension=1e4).inputs(straight(2))
+    assert alone["pretension"].tolist() == [1e4] * 2
+    warm = jc.replace(
+        MIXED,
+        elements={name: jc.replace(g, expansion=1e-5) for name, g in MIXED.elements.items()},
+    )
+    assert all("temperature" in inputs for inputs in jc.Phase(temperature=5.0).inputs(warm))
+    mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).inputs(MIXED)[::-1]
+    assert guys == {} and mast["pretension"].tolist() == [1.0, 1.0]
 
 
 def test_incremental_scheme_takes_beams():

@@ -44,9 +44,12 @@ def test_forces_of_a_nonlinear_section_are_the_fibre_sum(name):
     at_zero = tangent(section, np.zeros(3))
     # the slope at the origin is that of tension; a sum in another order
     assert np.abs(at_zero - section.stiffness()).max() <= 1e-14 * np.abs(at_zero).max()
-    for strain in strains[:5]:
+    force, matrices = jax.jit(lambda s, e: s.linearized(*e.T))(section, strains)
+    assert np.abs(force - expected).max() <= 1e-13 * np.abs(expected).max()
+    for strain, own in zip(strains[:5], matrices, strict=False):
         matrix = np.asarray(tangent(section, strain))
         assert np.abs(matrix - matrix.T).max() <= 1e-14 * np.abs(at_zero).max()
+        assert np.abs(matrix - own).max() <= 1e-14 * np.abs(at_zero).max()
 
 
 @pytest.mark.parametrize("name", SECTIONS)

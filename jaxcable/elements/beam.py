@@ -220,22 +220,40 @@ class Beams(Prestressed):
     @jax.jit  # as above
     def end_forces_about(self, state, ends, motion, step):
         """Forces and moments conjugate to `step` (translation and spin, [2, 6]), [2, 6]."""
+
+        def forces(strain):
+            return jnp.stack(self.section.forces(*strain.T, state.plastic), axis=-1)
+
+        return self._balance(state, ends, motion, step, forces)
+
+    def _balance(self, state, ends, motion, step, forces):
+        """Forces conjugate to `step`, for any section forces [n_point, 3] from section strains."""
         (strain, twist, work), pull = jax.vjp(
             lambda s: self._strains(state, ends, jax.vmap(turning)(motion, s)), step
         )
         weight = jnp.asarray(_lobatto(self.points)[1], twist.dtype) * state.rest_length
-        force = jnp.stack(self.section.forces(*strain.T, state.plastic), axis=-1)
         torque = self._twisting() * twist / state.rest_length
-        return pull((weight[:, None] * force, torque, -jnp.ones_like(work)))[0]
+        return pull((weight[:, None] * forces(strain), torque, -jnp.ones_like(work)))[0]
 
     def end_forces(self, state, ends, motion):
         """Internal forces and spatial moments at both ends, [2, 6], N and N m."""
         return self.end_forces_about(state, ends, motion, jnp.zeros((2, 6), ends.dtype))
 
+    @jax.jit  # as above
     def tangent(self, state, ends, motion):
-        """Tangent stiffness, [2, 6, 2, 6]: symmetric, being a Hessian in the steps."""
+        """Tangent stiffness, [2, 6, 2, 6]: symmetric, being a Hessian in the steps.
+
+        By autodiff, of the section first: its tangent is the same for all 12 columns, and linear
+        forces with this tangent save going through all fibres for each of them.
+        """
+        at = self.section_strain(state, ends, motion)
+        force, stiffness = self.section.linearized(*at.T, state.plastic)
+
+        def forces(strain):
+            return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
+
         step = jnp.zeros((2, 6), ends.dtype)
-        return jax.jacfwd(self.end_forces_about, argnums=3)(state, ends, motion, step)
+        return jax.jacfwd(lambda s: self._balance(state, ends, motion, s, forces))(step)
 
     def energy(self, state, ends, motion):
         """Stored energy less the line load's work on the bent axis, J."""

@@ -74,7 +74,7 @@ def guyed_mast(
         structure,
         [
             Phase(
-                pretension={"mast": None, "guys": pretension},
+                pretension=pretension,
                 loads=SelfWeight(),
                 increments=increments[0],
             ),
@@ -125,7 +125,7 @@ def strung_arch(
         structure,
         [
             Phase(
-                pretension={"arch": None, "net": pretension},
+                pretension=pretension,
                 loads=SelfWeight(),
                 increments=increments[0],
             ),

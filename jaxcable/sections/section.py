@@ -5,6 +5,7 @@ Plane sections: ``e = e0 + ky z - kz y`` with the section's axes y and z, hence
 size of the fibres.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -148,10 +149,11 @@ class Section:
 
     def fibre_stress(self, e0, ky, kz, plastic=None):
         """Stress of every fibre, [..., n_fibre], Pa."""
-        strain = self.fibre_strain(e0, ky, kz)
-        return jnp.concatenate(
-            [law.stress_at(e, p) for law, e, p in self._each(strain, plastic)], axis=-1
-        )
+        return self._stress(self.fibre_strain(e0, ky, kz), plastic)
+
+    def _stress(self, strain, plastic):
+        each = self._each(strain, plastic)
+        return jnp.concatenate([law.stress_at(e, p) for law, e, p in each], axis=-1)
 
     def forces(self, e0, ky, kz, plastic=None):
         """Axial force and bending moments.
@@ -170,6 +172,24 @@ class Section:
             plastic = self.virgin(jnp.shape(jnp.asarray(e0) + ky + kz))
         force = self.fibre_stress(e0, ky, kz, plastic)
         return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._levers()), -1, 0))
+
+    def linearized(self, e0, ky, kz, plastic=None):
+        """Forces ``N, My, Mz``, [..., 3], and their tangent, [..., 3, 3], as of `forces`."""
+        shape = jnp.shape(jnp.asarray(e0) + ky + kz)
+        if self.is_elastic:
+            force = jnp.stack(self.forces(e0, ky, kz), axis=-1)
+            return force, jnp.broadcast_to(self.stiffness(), (*shape, 3, 3))
+        if plastic is None and self.remembers:
+            plastic = self.virgin(shape)
+        strain = self.fibre_strain(e0, ky, kz)
+        # a fibre's stress depends on its own strain only: one derivative along all of them at once
+        stress, modulus = jax.jvp(
+            lambda e: self._stress(e, plastic), (strain,), (jnp.ones_like(strain),)
+        )
+        lever = self._levers()
+        weighted = self.area[:, None] * lever
+        outer = (weighted[:, :, None] * lever[:, None, :]).reshape(-1, 9)
+        return stress @ weighted, (modulus @ outer).reshape(*shape, 3, 3)
 
     def size(self, e0, ky, kz, plastic):
         """Sum of the absolute forces of all fibres and their parts, N."""

@@ -71,8 +71,8 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
         return _forces(section.continued(), v, radius, plastic) - target / radius
 
     def tangent_solve(linearized, rhs):
-        matrix = jax.jacfwd(lambda v: _forces(frozen[0].continued(), v, radius, frozen[2]))
-        matrix = jnp.where(ok, matrix(found), jnp.eye(3, dtype=found.dtype))
+        matrix = _tangent(frozen[0].continued(), found, radius, frozen[2])
+        matrix = jnp.where(ok, matrix, jnp.eye(3, dtype=found.dtype))
         return linear.factorize(matrix).solve(rhs, linearized)
 
     scaled = lax.custom_root(unbalanced, found, lambda _, start: start, tangent_solve)
@@ -108,6 +108,12 @@ def _forces(section, scaled, radius, plastic):
     return jnp.stack(section.forces(*(scaled / radius), plastic)) / radius
 
 
+def _tangent(section, scaled, radius, plastic):
+    """Derivative of `_forces`, [3, 3], N."""
+    _, tangent = section.linearized(*(scaled / radius), plastic)
+    return tangent / jnp.outer(radius, radius)
+
+
 def _iterate(section, target, plastic, radius, tol, max_steps):
     """Newton with line search from zero strain: strains, steps, residual, success."""
     section = section.continued()
@@ -126,7 +132,7 @@ def _iterate(section, target, plastic, radius, tol, max_steps):
 
     def iterate(s):
         v, residual, scale, kappa, steps = s
-        matrix = jax.jacfwd(lambda v: evaluate(v)[0])(v)
+        matrix = _tangent(section, v, radius, plastic)
         shift = kappa * jnp.max(jnp.abs(residual))
         step, definite = linear.solve_definite(
             matrix + shift * jnp.eye(3, dtype=matrix.dtype), -residual
