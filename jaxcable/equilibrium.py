@@ -52,9 +52,9 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. A
-            structure with beams is also in equilibrium to the rounding of their axial forces: it
-            may have moved a long way without any force.
+            absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. At
+            beams a residual is also allowed that the rounding of their displacements leaves,
+            ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move a long way without force.
         max_steps: factorisations allowed per increment; beyond it the status is NOT_CONVERGED.
     """
 
@@ -125,10 +125,10 @@ def newton(system, x, method, active):
 
     def converged(it):
         rigid = it.softness == 0
-        balanced = _largest(it.residual) <= tol * it.scale
         if system.turning:
-            balanced = balanced | (_largest(it.residual) <= system.rounding(it.x))
-        return rigid & balanced
+            allowed = jnp.maximum(tol * it.scale, system.rounding(it.x))
+            return rigid & jnp.all(jnp.abs(it.residual) <= allowed)
+        return rigid & (_largest(it.residual) <= tol * it.scale)
 
     def unfinished(it):
         return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)

@@ -93,7 +93,10 @@ class FrameSystem(System):
     def chart(self, x):
         """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
         x = self.place(x)
-        zero = jnp.zeros(self.freedoms.free.shape[0], x.dtype)
+        # zero whatever x is, with the axes that x has in a batch: a root is sought from there
+        zero = jnp.full(
+            self.freedoms.free.shape[0], jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0), x.dtype
+        )
         return (lambda step: self._residual_about(x, step)), zero, lambda step: self.move(x, step)
 
     # --- forces
@@ -153,10 +156,12 @@ class FrameSystem(System):
         return jnp.any(self.load[:, 3:] != 0)
 
     def rounding(self, x):
-        """Force that the rounding of displacements alone leaves in the beams, N."""
-        moved = 1 + jnp.max(jnp.abs(x[:, :3])) / self.arm
-        stiffness = [g.section.stiffness()[0, 0] for g in self.groups if g.n_freedom == 6]
-        return 8 * jnp.finfo(x.dtype).eps * moved * jnp.max(jnp.stack(stiffness))
+        """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
+        left = jnp.zeros_like(x[:, :6])
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.n_freedom == 6:
+                left = left.at[group.links].add(each("rounding", group, state, self.nodes, x))
+        return self._collect(left)
 
     def load_norm(self):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""

@@ -119,7 +119,8 @@ class LineLoads:
     """Dead loads along the elements, per unstressed length; beams bend under them.
 
     Half of each element's load goes to each end; beams get the work on their deflection as well
-    (consistent end moments that turn with the element).
+    (consistent end moments that turn with the element). A jacked element counts with the unstressed
+    length with which the jack began, until it is anchored.
 
     Args:
         forces: force per length, [3], N/m.
@@ -174,7 +175,7 @@ class SupportMovement:
 
     Args:
         nodes: node numbers, [n].
-        displacements: [3] or [n, 3], m; along freedoms that are held in the phase.
+        displacements: [3] or [n, 3], m, or None; along freedoms that are held in the phase.
         rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
     """
 
@@ -185,6 +186,8 @@ class SupportMovement:
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
             object.__setattr__(self, "nodes", Indices(_check.integers(self.nodes, "moved nodes")))
+        if self.displacements is None:
+            object.__setattr__(self, "displacements", (0.0, 0.0, 0.0))
         for name in ("displacements", "rotations"):
             value = getattr(self, name)
             if value is None:

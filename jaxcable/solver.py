@@ -109,6 +109,17 @@ def _begin(structure, start):
         )
     if len(last.carry.states) != len(structure.groups):
         raise ValueError("start: belongs to a structure with other element groups")
+    rows = structure.rows()[0]
+    motion = (
+        structure.n_node if rows is None else len(rows),
+        7 if structure.turns().any() else 3,
+    )
+    if last.carry.motion.shape != motion:
+        raise ValueError("start: belongs to a structure with other beams or hinges")
+    for k, (group, state) in enumerate(zip(structure.groups, last.carry.states, strict=True)):
+        shapes = [jax.tree.map(jnp.shape, plastic) for plastic in (group.virgin(), state.plastic)]
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"start: the law of group {k} remembers other plastic strains")
     fixed = last.fixed[-1]
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):
@@ -146,10 +157,10 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         problem = (nodes, groups, carry, phase)
         code, carry, load, factor, path = _run_phase(problem, method, code, differentiate_path)
         if not differentiate_path and isinstance(method, Newton):
+            names = ("displacement", "tension", "strain")
+            rows = {n: getattr(path, n) for n in names if getattr(path, n) is not None}
             path = copy(
-                path,
-                displacement=implicit.undifferentiated(path.displacement, parameters),
-                tension=implicit.undifferentiated(path.tension, parameters),
+                path, **{n: implicit.undifferentiated(v, parameters) for n, v in rows.items()}
             )
         now = (jnp.int32(number), factor, phase.freedoms.fixed)
         reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
@@ -333,9 +344,10 @@ def _arrange(structure, solution, fixed):
         part = arrange(part, "tension", "rest_length", "section_forces")
         if rows is None:
             return part
-        one = ("displacement", "positions", "rotation", "load")
-        cut = {name: getattr(part, name)[:n_node] for name in one if hasattr(part, name)}
-        for name in ("reactions", "reaction_moments"):  # a hinge passes its force to the node
+        one = ("displacement", "positions", "rotation")
+        cut = {name: getattr(part, name)[:n_node] for name in one}
+        summed = ("reactions", "reaction_moments", "load")  # a hinge passes its force to the node
+        for name in (name for name in summed if hasattr(part, name)):
             value = getattr(part, name)
             cut[name] = jnp.zeros_like(value[:n_node]).at[rows.array].add(value)
         return copy(part, **cut)

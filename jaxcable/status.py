@@ -17,7 +17,8 @@ _TEXTS = {
     OK: "converged",
     NOT_CONVERGED: (
         "no equilibrium found within the allowed Newton steps; try more increments, a larger "
-        "max_steps, or check that the residual is not already at rounding level (then raise tol)"
+        "max_steps, or check that the residual is not already at rounding level (then raise tol); "
+        "a frame of beams may also be a mechanism that turns without limit: look at its hinges"
     ),
     MECHANISM: (
         "the structure moves without limit under its loads: a part is not held by any taut "

@@ -18,8 +18,11 @@ def fibre_stress(structure, phase):
         [n_inc, n_elem, n_point, n_fibre], the fibres in the order of the section's `y` and `z`;
         None for a group with a mere stiffness.
 
-    A law that remembers is followed from the plastic strains that the phase began with.
+    Differentiable if the analysis was told to `differentiate_path`, else its derivative is NaN. A
+    law that remembers is followed from the plastic strains that the phase began with.
     """
+    if not hasattr(phase, "path"):
+        raise ValueError(f"phase: expected one of solution.phases, got {type(phase).__name__}")
     path = phase.path
     records = [_leaves(structure, tree) for tree in (path.strain, path.tension, phase.began)]
     stresses = []

@@ -51,6 +51,18 @@ CASES = {
         lambda: analyse(structure=frame(group=beams(up=[2.0, 0.0, 0.0]))),
         r"up\[0\] = .*: must not be along the element",
     ),
+    "a section for a law": (
+        lambda: jc.Bars([[0, 1]], area=1.0, law=SECTION),
+        "law: Section is not a uniaxial law",
+    ),
+    "a number for a law": (
+        lambda: jc.Cables([[0, 1]], area=1.0, law=210e9),
+        "law: float is not a uniaxial law",
+    ),
+    "a law for a section": (
+        lambda: jc.Bars([[0, 1]], section=jc.Elastic(1.0)),
+        "section: Elastic is not a Section",
+    ),
     "points": (lambda: beams(points=2), "points = 2: expected an integer >= 3"),
     "hinges": (lambda: beams(hinges=[True, False]), r"hinges: expected booleans \[2, 2\]"),
     "two hinges": (

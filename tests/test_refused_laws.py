@@ -19,6 +19,11 @@ BAD = {
         r"strain\[2\] = 0.001: must be above strain\[1\] = 0.002",
     ),
     "twice": (([0, 1e-3, 1e-3], [0, 1e8, 2e8]), r"strain\[2\] = 0.001: must be above strain\[1\]"),
+    "infinite": (([0, np.inf], [0, 1e8]), r"strain\[1\] = inf: must be finite"),
+    "other sign": (
+        ([0, 1e-3, 2e-3], [0, 1e8, -1e8]),
+        r"stress\[2\] = -100000000.0: of the other sign than its strain",
+    ),
     "all tension": (([1e-3, 2e-3], [1e8, 2e8]), "strain: goes from 0.001 to 0.002"),
     "all compression": (([-2e-3, -1e-3], [-2e8, -1e8]), "strain: goes from -0.002 to -0.001"),
     "no tension": (([-2e-3, 0], [-2e8, 0]), "strain: goes from -0.002 to 0.0; .* pass the origin"),
@@ -67,7 +72,7 @@ def test_bad_points_are_refused(name):
             lambda: materials.steel(ultimate_strain=1e-3),
             r"strain\[1\] .* must be above strain\[0\]",
         ),
-        (lambda: materials.steel(hardening=-0.1), r"stress\[0\]: elastic unloading needs"),
+        (lambda: materials.steel(hardening=-0.01), r"stress\[0\]: elastic unloading needs"),
         (lambda: materials.strand(ultimate_strain=5e-3), r"strain\[2\] = 0.005: must be above"),
     ],
 )

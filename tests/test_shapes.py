@@ -273,6 +273,11 @@ BAD = {
         lambda: Section.disc(0.1, ONE, (0, 5)),
         r"shape = \(0, 5\): expected 2 integers",
     ),
+    "disc of many diameters": (
+        lambda: Section.disc([0.1, 0.2], ONE),
+        r"dimension: expected a scalar, got shape \(2,\)",
+    ),
+    "ring of one number": (lambda: Section.ring(0.3, 0.01, ONE, 16), "shape = 16: expected 2"),
     "disc cells": (lambda: Section.disc(0.1, ONE, cells="hex"), "cells = 'hex': expected one of"),
     "law": (lambda: Section.disc(0.1, 210e9), r"laws\[0\]: float is not a uniaxial law"),
     "thickness": (lambda: Section.ring(0.3, 0.0, ONE), "thickness = 0.0: must be positive"),

@@ -82,6 +82,10 @@ class Bars(Prestressed):
             raise ValueError(
                 "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
             )
+        if self.law is not None and not hasattr(self.law, "stress_at"):
+            raise ValueError(f"law: {type(self.law).__name__} is not a uniaxial law")
+        if self.section is not None and not hasattr(self.section, "axial"):
+            raise ValueError(f"section: {type(self.section).__name__} is not a Section")
         for name in ("axial_stiffness", "area", "rest_length", "strength"):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")

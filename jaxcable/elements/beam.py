@@ -264,22 +264,37 @@ class Beams(Prestressed):
 
     def tension(self, state, ends, motion):
         """Axial force, mean over the element, N."""
-        return _lobatto(self.points)[1] @ self.section_forces(state, ends, motion)[:, 0]
+        force = self.section_forces(state, ends, motion)[:, 0]
+        return jnp.asarray(_lobatto(self.points)[1], force.dtype) @ force
 
     def section_strain(self, state, ends, motion):
         """Strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
         return self._strains(state, ends, motion)[0]
 
     def section_forces(self, state, ends, motion):
-        """``N, My, Mz`` and torque at the integration points, [n_point, 4], N and N m."""
+        """``N, My, Mz`` and torque at the integration points, [n_point, 4], N and N m.
+
+        Those of the cubic deflection: of a line load they have its work at the ends, not the
+        ``q L^2 / 12`` that its own element adds there. Use several elements where it matters.
+        """
         strain, twist, _ = self._strains(state, ends, motion)
         torque = jnp.full(self.points, self._twisting() * twist / state.rest_length)
         return jnp.stack([*self.section.forces(*strain.T, state.plastic), torque], axis=-1)
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of all fibres, mean over the element, N."""
-        strain = self.section_strain(state, ends, motion)
-        return _lobatto(self.points)[1] @ self.section.size(*strain.T, state.plastic)
+        size = self.section.size(*self.section_strain(state, ends, motion).T, state.plastic)
+        return jnp.asarray(_lobatto(self.points)[1], size.dtype) @ size
+
+    def rounding(self, state, ends, motion):
+        """What the rounding of its displacements leaves of its end forces, [2, 6], N and N m."""
+        vector, length, _, _ = stretch(ends, motion[:, :3])
+        stiffness = jnp.diagonal(self.section.stiffness())
+        bending = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2
+        moved = jnp.max(jnp.abs(motion[:, :3])) / length
+        force = stiffness[0] * jnp.abs(vector) / length + bending
+        both = jnp.append(force, jnp.full(3, bending * length, force.dtype))
+        return 8 * jnp.finfo(force.dtype).eps * moved * jnp.stack([both, both])
 
     def settle(self, state, ends, motion):
         """Plastic strains after an increment that ended here, as `state.plastic`."""

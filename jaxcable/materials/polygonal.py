@@ -275,6 +275,9 @@ def _row(values, like):
 
 
 def _check_strain(e):
+    if np.isinf(e).any():
+        k = int(np.isinf(e).argmax())
+        raise ValueError(f"strain[{k}] = {e[k]}: must be finite")
     if not (np.isnan(e).any() or (np.diff(e) > 0).all()):
         k = int(np.argmax(np.diff(e) <= 0)) + 1
         raise ValueError(f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}")
@@ -310,6 +313,8 @@ def _check_stress(e, s, unloading):
             raise ValueError(
                 f"stress: the slope at the origin, {slopes[k]:.6g} Pa, must be positive"
             )
+    for k in np.flatnonzero(s * e < 0):
+        raise ValueError(f"stress[{k}] = {s[k]}: of the other sign than its strain, {e[k]}")
     if unloading == "reversible":
         return
     size = slopes.max()

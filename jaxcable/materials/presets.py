@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from .. import _check
 from .polygonal import Polygonal
 
 
@@ -15,6 +16,7 @@ def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unl
         ultimate_strain: strain at which the fibre counts as failed; 5 % (EN 1993-1-5, C.8).
         unloading: as in `Polygonal`.
     """
+    _positive(yield_stress=yield_stress, E=E, ultimate_strain=ultimate_strain)
     e = yield_stress / E
     top = yield_stress + hardening * E * (ultimate_strain - e)
     strain = [-ultimate_strain, -e, 0.0, e, ultimate_strain]
@@ -33,6 +35,7 @@ def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, unloading="elas
         ultimate_strain: strain at the strength.
         unloading: as in `Polygonal`.
     """
+    _positive(strength=strength, E=E, ultimate_strain=ultimate_strain)
     proof = 0.9 * strength
     return Polygonal([0.0, proof / E, ultimate_strain], [0.0, proof, strength], unloading)
 
@@ -46,7 +49,13 @@ def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible
         ultimate_strain: if given, the strength is held up to this strain.
         unloading: as in `Polygonal`.
     """
+    _positive(strength=strength, E=E)
     e = min(strength / E, 1.0)
     if ultimate_strain is None:
         return Polygonal([0.0, e], [0.0, E * e], unloading)
     return Polygonal([0.0, e, ultimate_strain], [0.0, E * e, E * e], unloading)
+
+
+def _positive(**numbers):
+    for name, value in numbers.items():
+        _check.require(_check.floats(value, name), lambda v: v > 0, name, "must be positive")

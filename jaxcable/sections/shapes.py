@@ -200,7 +200,8 @@ def _cells(quads, kind):
 
 
 def _shape(shape, least=(1, 1)):
-    ok = len(shape) == len(least) and all(
+    ok = isinstance(shape, list | tuple) and len(shape) == len(least)
+    ok = ok and all(
         isinstance(n, int | np.integer) and n >= m for n, m in zip(shape, least, strict=False)
     )
     if not ok:
@@ -214,6 +215,8 @@ def _positive(value, name):
 
 def _float(value):
     value = _check.floats(value, "dimension")
+    if value.ndim:
+        raise ValueError(f"dimension: expected a scalar, got shape {value.shape}")
     return value if _check.concrete(value) is None else float(value)
 
 
