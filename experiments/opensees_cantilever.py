@@ -357,7 +357,7 @@ def draw(solver, opensees, errors, control):
             label=f"OpenSees {name}, 10 elements",
         )
     left.axhline(FIRST_YIELD / 1e3, color="0.7", linewidth=0.8, zorder=0)
-    left.text(0.2, FIRST_YIELD / 1e3, "first yield", color="0.4", va="bottom", fontsize=9)
+    left.text(0.2, FIRST_YIELD / 1e3, "first yield", color="0.4", va="top", fontsize=9)
     left.set(xlabel="tip displacement downwards (mm)", ylabel="tip load (kN)")
     left.legend(loc="upper left", fontsize=9)
     left.set_ylim(top=120)

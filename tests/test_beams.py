@@ -285,6 +285,7 @@ def test_axial_stiffness_of_a_frame():
     assert float(solution.reactions[1, 2]) == pytest.approx(pull, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_axial_force_of_a_column_under_its_own_weight():
     n, length, weight = 3, 6.0, 500.0
     nodes = np.column_stack([np.zeros((n + 1, 2)), np.linspace(0, length, n + 1)])

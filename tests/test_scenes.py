@@ -39,6 +39,7 @@ def test_guyed_mast():
     assert float(solution.reactions[0, 2]) > down
 
 
+@pytest.mark.slow
 def test_a_net_stiffens_an_arch():
     structure, phases = jc.scenes.strung_arch(n=8, load=2e3, increments=(1, 2))
     stiffened = jc.solve(structure, phases)
@@ -66,7 +67,9 @@ def test_a_net_stiffens_an_arch():
     assert sway(stiffened) < 0.8 * sway(bare)
 
 
-@pytest.mark.parametrize("law", [None, SADDLE_LAW], ids=["linear", "strand"])
+@pytest.mark.parametrize(
+    "law", [pytest.param(None, marks=pytest.mark.slow), SADDLE_LAW], ids=["linear", "strand"]
+)
 def test_saddle_net_of_fibres(law):
     scene = jc.scenes.saddle_net(law=law, increments=(2, 3), spacing=2.0, load=9e3)
     structure, phases = scene
