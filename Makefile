@@ -8,7 +8,7 @@ demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
 
 test: .venv/installed-test
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 slow: .venv/installed-test
 	$(BIN)/python -m pytest -m slow

@@ -194,15 +194,20 @@ def test_loads_add_over_phases_and_an_empty_phase_changes_nothing():
     assert np.abs(np.asarray(two.phases[2].displacement)).max() == 0.0
 
 
+def assert_same(a, b):
+    """Equal to the rounding of two programs that go through the same iterates."""
+    assert np.abs(np.asarray(a) - np.asarray(b)).max() <= 1e-13 * np.abs(np.asarray(b)).max()
+
+
 def test_start_continues_from_a_solution():
     first = solved(STRUCTURE, [PRESTRESS])
     again = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first)
     jc.raise_if_failed(again)
     whole = solved(STRUCTURE, [PRESTRESS, LOADING])
-    assert np.array_equal(again.displacement, whole.displacement)
-    assert np.array_equal(again.tension, whole.tension)
+    assert_same(again.displacement, whole.displacement)
+    assert_same(again.tension, whole.tension)
     same = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first.last)
-    assert np.array_equal(same.displacement, whole.displacement)
+    assert_same(same.displacement, whole.displacement)
 
 
 def test_start_remembers_supports_and_weight():
@@ -213,7 +218,7 @@ def test_start_remembers_supports_and_weight():
     first = solved(structure, [dead])
     whole = solved(structure, [dead, LOADING])
     again = solved(structure, [LOADING], start=first)
-    assert np.array_equal(again.displacement, whole.displacement)
+    assert_same(again.displacement, whole.displacement)
     assert float(again.load[:, 2].sum()) == pytest.approx(
         -4 * 75 - 3 * np.sum(np.asarray(again.rest_length)), rel=1e-12
     )
