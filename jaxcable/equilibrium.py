@@ -123,10 +123,14 @@ def newton(system, x, method, active):
     tol = limit(method, x.dtype)
     length, extent = system.length_scale(), system.extent()
 
+    came_from = system.rounding(system.place(x)) if system.turning else None
+
     def converged(it):
         rigid = it.softness == 0
         if system.turning:
-            allowed = jnp.maximum(tol * it.scale, system.rounding(it.x))
+            # also of where the iteration came from: released, a beam ends at rounding of that
+            rounding = jnp.maximum(system.rounding(it.x), came_from)
+            allowed = jnp.maximum(tol * it.scale, rounding)
             return rigid & jnp.all(jnp.abs(it.residual) <= allowed)
         return rigid & (_largest(it.residual) <= tol * it.scale)
 
@@ -144,15 +148,18 @@ def newton(system, x, method, active):
         if it.sprint is not None:
             shift = jnp.where(it.sprint, 0.0, shift)
         matrix = working.tangent(it.x) + shift * jnp.eye(it.residual.shape[0], dtype=x.dtype)
-        if it.sprint is None:
-            step, definite = linear.solve_definite(matrix, -it.residual)
-        else:  # moments have no potential, hence no definite tangent to ask for
+        step, definite = linear.solve_definite(matrix, -it.residual)
+        if it.sprint is not None:
+            # Moments have no potential, hence no definite tangent to ask for. In a batch both are
+            # done: after each other, because LAPACK's batched calls can wait for each other.
+            after, _ = lax.optimization_barrier((-it.residual, step))
             step, definite = lax.cond(
                 it.sprint & working.unsymmetric(),
-                linear.solve_general,
-                linear.solve_definite,
+                lambda matrix, rhs, _: linear.solve_general(matrix, rhs),
+                lambda matrix, rhs, found: found,
                 matrix,
-                -it.residual,
+                after,
+                (step, definite),
             )
         slope = it.residual @ step
         usable = definite & jnp.isfinite(slope) & (slope < 0)

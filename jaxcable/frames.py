@@ -10,8 +10,8 @@ unknowns are lengths, all residuals forces, and one tolerance judges them.
 The residual about ``x`` is the derivative of the energy with respect to a step from ``x``, at that
 step. Its own derivative is a Hessian, symmetric also off equilibrium. A nodal moment that keeps its
 direction in space has no potential; it enters by its work on the step and makes the tangent
-unsymmetric (of the order of the moment). Newton then uses the symmetric part; derivatives of the
-result use all of it.
+unsymmetric (of the order of the moment). Plain Newton steps and derivatives of the result use all
+of it, searched steps the symmetric part.
 """
 
 import jax

@@ -7,6 +7,7 @@ import jaxlib.version
 
 # The programs of beams compile a quarter faster without fusion emitters. An unknown flag ends the
 # process, hence only where it is known to exist.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share the cores
 if jaxlib.version.__version_info__[:2] == (0, 10):
     FASTER = "--xla_cpu_use_fusion_emitters=false"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FASTER}".strip()

@@ -53,6 +53,19 @@ def test_a_small_load_in_single_precision_moves_the_beam():
         assert float(deflection) == pytest.approx(-force * 8 / 3 / EI, rel=1e-4)
 
 
+def test_a_released_beam_comes_to_rest():
+    """At exactly no load: forces and displacements are all rounding of where it came from."""
+    structure = cantilever()
+    down = jc.NodalLoads([2], (0, 0, -500.0))
+    up = jc.NodalLoads([2], (0, 0, 500.0))
+    phases = [jc.Phase(loads=down), jc.Phase(loads=up, increments=2), jc.Phase()]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    loaded = float(solution.phases[0].displacement[2, 2])
+    # rounding of the displacement times the condition of the frame
+    assert np.abs(np.asarray(solution.displacement)).max() < 1e-11 * abs(loaded)
+
+
 def test_a_stiff_beam_does_not_hide_a_small_load():
     rigid = jc.Section.rectangle(0.02, 0.05, jc.Elastic(1e18))
     structure = jc.Structure(
