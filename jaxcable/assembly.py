@@ -9,6 +9,7 @@ rotations too: `frames.FrameSystem` has the same members for them.
 import jax
 import jax.numpy as jnp
 
+from . import linear
 from ._tree import copy, pytree
 from .elements.prestress import element
 
@@ -100,19 +101,27 @@ class System:
         return jnp.linalg.norm(self.unknowns(self.load))
 
     def tangent(self, x):
-        """Tangent stiffness, dense [n_free, n_free], N/m: autodiff of the element forces."""
-        return self._matrix(lambda one, state, ends, u: one.tangent(state, ends, u), self.motion(x))
+        """Tangent stiffness, a matrix of `linear`, N/m: autodiff of the element forces.
 
-    def secant(self, before, x):
-        """Secant stiffness between two states, each [n_free], dense [n_free, n_free], N/m."""
-        return self._matrix(
-            lambda one, *args: one.secant(*args), self.motion(before), self.motion(x)
+        Dense [n_free, n_free], or sparse if the freedoms have a pattern.
+        """
+        return self._assemble(
+            self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), self.motion(x))
         )
 
-    def _matrix(self, block, *motions):
-        """Assemble element matrices block(element, state, ends, *motions), [n_end, 3, n_end, 3]."""
-        n = self.freedoms.free.shape[0]
-        matrix = jnp.zeros((n, n), self.nodes.dtype)
+    def secant(self, before, x):
+        """Secant stiffness between two states, each [n_free], as `tangent`, N/m."""
+        return self._assemble(
+            self._blocks(lambda one, *args: one.secant(*args), self.motion(before), self.motion(x))
+        )
+
+    def _blocks(self, block, *motions):
+        """Element matrices block(element, state, ends, *motions) [n_end, 3, n_end, 3], per group.
+
+        Returns:
+            List of (matrices [n_elem, d, d], numbers of their unknowns [n_elem, d]).
+        """
+        parts = []
         for group, state in zip(self.groups, self.states, strict=True):
             blocks = jax.vmap(lambda p, *args, group=group: block(element(group, p), *args))(
                 group.properties(),
@@ -124,10 +133,11 @@ class System:
             if number.shape[-1] != group.n_freedom:
                 number = number[..., : group.n_freedom]
             number = number.reshape(len(blocks), -1)
-            blocks = blocks.reshape(*number.shape, number.shape[1])
-            # held freedoms have number n: out of range, dropped
-            matrix = matrix.at[number[:, :, None], number[:, None, :]].add(blocks, mode="drop")
-        return matrix
+            parts.append((blocks.reshape(*number.shape, number.shape[1]), number))
+        return parts
+
+    def _assemble(self, parts):
+        return linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
 
     def stored_energy(self, motion):
         """Energy stored in the elements, J."""

@@ -1,6 +1,6 @@
 """Newton's method for one state of loading, globalised so that cable nets converge from anywhere.
 
-Each iteration factorises once:
+Each iteration factorises once, at most:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. The shift
    dies with the residual, so that convergence stays quadratic even where loose nodes leave ``K``
@@ -37,7 +37,10 @@ _PATIENCE = 15  # short steps before a tension-only structure is softened
 _SETTLED = 0.1  # relative residual at which the added softness is taken back a step
 _HARDEN = 0.1  # by this factor
 _STIFF = 0.01  # added strain, relative to the elastic one, that is dropped altogether
-_SPRINT = 15  # plain Newton steps that a structure with rotations may try first
+_SPRINT = 20  # plain Newton steps that may be tried first
+_ASTRAY = 10.0  # displacement, in structure sizes, at which they have led nowhere
+_INEXACT = 1e-2  # residual that an iterative linear solve may leave, at most
+_WORTH = 12  # steps of it that a factorisation is worth
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -46,7 +49,7 @@ def default_tolerance(dtype):
     return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
 
 
-@pytree
+@pytree(static=("linear_solver",))
 class Newton:
     """Iterate every increment to equilibrium.
 
@@ -55,15 +58,20 @@ class Newton:
             absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. At
             beams a residual is also allowed that the rounding of their displacements leaves,
             ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move a long way without force.
-        max_steps: factorisations allowed per increment; beyond it the status is NOT_CONVERGED.
+        max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
+        linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
+            None chooses by size: dense for small systems, else PARDISO where installed, else
+            SuperLU.
     """
 
     tol: object = None
     max_steps: object = 200
+    linear_solver: str | None = None
 
     def __post_init__(self):
         _require_positive(self.tol, "tol")
         _require_positive(self.max_steps, "max_steps")
+        linear.check(self.linear_solver)
 
 
 @pytree
@@ -76,8 +84,10 @@ class _Iterate:
     kappa: object  # Levenberg shift, in |R| / length
     softness: object  # compliance added to every element for the time being
     short: object  # short steps so far
-    steps: object  # factorisations so far
+    steps: object  # so far
     code: object  # OK while nothing has gone wrong
+    memory: object  # of sparse solves, see `linear.solve_next`
+    stiffness: object = None  # largest on the diagonal, times a length, where it may be softened
     sprint: object = None  # whether plain steps are being tried; None where they never are
 
 
@@ -88,7 +98,8 @@ class Outcome:
     Attributes:
         x: the point reached; the one it began with if it failed.
         code: status.
-        steps: factorisations.
+        steps: Newton steps.
+        factorizations: of the tangent; with sparse matrices fewer than steps.
         residual: largest unbalanced force at a free freedom, N.
         scale: the force that it is judged by, N.
         equilibrated: whether it was iterated to equilibrium.
@@ -97,6 +108,7 @@ class Outcome:
     x: object
     code: object
     steps: object
+    factorizations: object
     residual: object
     scale: object
     equilibrated: object
@@ -108,7 +120,15 @@ def limit(method, dtype):
     return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
 
 
-def newton(system, x, method, active):
+def adjoint_effort(method, system, dtype):
+    """Tolerance and number of conjugate gradient steps for derivatives, see `implicit.attach`.
+
+    As exact as the state whose derivative it is: its residual is below `tol` times the forces.
+    """
+    return 0.1 * limit(method, dtype), _WORTH if system.convex else 0
+
+
+def newton(system, x, method, active, memory=None):
     """Bring `system` to equilibrium from `x`.
 
     Args:
@@ -116,10 +136,14 @@ def newton(system, x, method, active):
         x: start, a point of the system, [n_free] or a motion.
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
+        memory: of sparse solves in earlier increments, if they were on the same pattern.
 
     Returns:
-        `Outcome`. Not differentiable: `implicit.attach` gives the derivative.
+        `Outcome`, and the memory after it. Not differentiable: `implicit.attach` gives the
+        derivative.
     """
+    if memory is None:
+        memory = linear.no_memory(system.freedoms.pattern, x.dtype)
     tol = limit(method, x.dtype)
     length, extent = system.length_scale(), system.extent()
 
@@ -143,32 +167,23 @@ def newton(system, x, method, active):
         return system.softened(c) if soften else system
 
     def iterate(it):
-        working = at_softness(it.softness)
-        shift = it.kappa * _largest(it.residual) / length
-        if it.sprint is not None:
+        working, wanted = at_softness(it.softness), unfinished(it)
+        largest = _largest(it.residual)
+        shift = it.kappa * largest / length
+        if system.turning:
             shift = jnp.where(it.sprint, 0.0, shift)
-        matrix = working.tangent(it.x) + shift * jnp.eye(it.residual.shape[0], dtype=x.dtype)
-        step, definite = linear.solve_definite(matrix, -it.residual)
-        if it.sprint is not None:
-            # Moments have no potential, hence no definite tangent to ask for. In a batch both are
-            # done: after each other, because LAPACK's batched calls can wait for each other.
-            after, _ = lax.optimization_barrier((-it.residual, step))
-            step, definite = lax.cond(
-                it.sprint & working.unsymmetric(),
-                lambda matrix, rhs, _: linear.solve_general(matrix, rhs),
-                lambda matrix, rhs, found: found,
-                matrix,
-                after,
-                (step, definite),
-            )
+        matrix = linear.plus_diagonal(working.tangent(it.x), shift)
+        step, definite, memory = _solve(working, matrix, it, tol, wanted)
         slope = it.residual @ step
         usable = definite & jnp.isfinite(slope) & (slope < 0)
         if it.sprint is not None:
             usable = usable | (it.sprint & definite & jnp.isfinite(slope))
         step = jnp.where(usable, step, 0.0)
-        new, residual, scale, taken, found = _search(working, it, step, slope, usable)
+        # in a batch, nobody waits for the search of a case that has finished
+        new, residual, scale, taken, found = _search(working, it, step, slope, usable & wanted)
         sprint = it.sprint
         if sprint is not None:
+            found = found & ~(sprint & (_largest(new) > _ASTRAY * extent))
             on = sprint & found & (it.steps + 1 < _SPRINT)
             reached = converged(copy(it, x=new, residual=residual, scale=scale))
             restart = sprint & ~on & ~reached
@@ -184,20 +199,47 @@ def newton(system, x, method, active):
         )
         # keeps the shift a usable float; it steers the steps and is no part of the result
         kappa = jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX)
-        softness, short = it.softness, it.short
+        if it.sprint is not None:
+            kappa = jnp.where(restart, _KAPPA, kappa)
+        short, stiffness = it.short, it.stiffness
         if soften:
             short = short + jnp.where((taken < SHORT) | ~found, 1, 0)
-            begin = (short == _PATIENCE) & (softest > 0)
-            settled = _largest(residual) <= _SETTLED * scale
-            stiffness = jnp.max(jnp.diagonal(matrix), initial=0.0) * length
-            harder = jnp.where(softness * stiffness < _STIFF, 0.0, softness * _HARDEN)
-            softness = jnp.where(begin, softest, jnp.where(settled, harder, softness))
-            short = jnp.where(begin, short + 1, short)
-            kappa = jnp.where(softness != it.softness, _KAPPA, kappa)
-            residual, scale = at_softness(softness).residual_and_scale(new)
+            stiffness = jnp.max(linear.diagonal(matrix), initial=0.0) * length
         runaway = jnp.max(jnp.abs(new), initial=0.0) > _RUNAWAY * extent
         code = jnp.where(runaway, status.MECHANISM, status.OK).astype(jnp.int32)
-        return _Iterate(new, residual, scale, kappa, softness, short, it.steps + 1, code, sprint)
+        return copy(
+            it,
+            x=new,
+            residual=residual,
+            scale=scale,
+            kappa=kappa,
+            short=short,
+            steps=it.steps + 1,
+            code=code,
+            memory=memory,
+            stiffness=stiffness,
+            sprint=sprint,
+        )
+
+    def due(it):
+        """Whether the added softness has to change before the next step."""
+        begin = (it.short == _PATIENCE) & (softest > 0)
+        settled = (it.softness > 0) & (_largest(it.residual) <= _SETTLED * it.scale)
+        return begin | settled
+
+    def change(it):
+        begin = (it.short == _PATIENCE) & (softest > 0)
+        harder = jnp.where(it.softness * it.stiffness < _STIFF, 0.0, it.softness * _HARDEN)
+        softness = jnp.where(begin, softest, harder)
+        residual, scale = at_softness(softness).residual_and_scale(it.x)
+        short = jnp.where(begin, it.short + 1, it.short)
+        kappa = zero + _KAPPA
+        return copy(it, softness=softness, residual=residual, scale=scale, short=short, kappa=kappa)
+
+    def stage(it):
+        """Steps with one softness, and the change to the next one."""
+        it = lax.while_loop(lambda it: active & unfinished(it) & ~due(it), iterate, it)
+        return lax.cond(due(it) & unfinished(it), change, lambda it: it, it)
 
     begin, x = x, system.place(x)
     load = jnp.max(jnp.sqrt(jnp.sum(system.load**2, axis=-1)))
@@ -207,10 +249,14 @@ def newton(system, x, method, active):
     code = jnp.where(bad_start & active, status.NONFINITE, status.OK).astype(jnp.int32)
     zero = jnp.zeros((), x.dtype)
     begun = residual, scale
-    start = _Iterate(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code)
-    if system.turning:
+    start = _Iterate(
+        *(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code, memory)
+    )
+    if system.turning or soften:
         start = copy(start, sprint=jnp.ones((), bool))
-    end = lax.while_loop(lambda it: active & unfinished(it), iterate, start)
+    if soften:
+        start = copy(start, stiffness=zero)
+    end = lax.while_loop(lambda it: active & unfinished(it), stage if soften else iterate, start)
     stuck = (end.code == status.OK) & ~converged(end)
     code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)
     if system.breaks:  # the iteration follows curves beyond their ends, an answer does not
@@ -219,12 +265,18 @@ def newton(system, x, method, active):
     good = active & (code == status.OK)
     residual, scale = end.residual, end.scale
     if soften:  # it may have stopped while softened: report the residual of the real system
-        residual, scale = system.residual_and_scale(end.x)
+        residual, scale = lax.cond(
+            end.softness > 0,
+            lambda: system.residual_and_scale(end.x),
+            lambda: (end.residual, end.scale),
+        )
     x = jnp.where(good, end.x, begin)
-    return Outcome(x, code, end.steps, _largest(residual), scale, good)
+    factorizations = end.steps if memory is None else end.memory.count - memory.count
+    outcome = Outcome(x, code, end.steps, factorizations, _largest(residual), scale, good)
+    return outcome, end.memory
 
 
-def march(ramp, x, factors, method, code):
+def march(ramp, x, factors, method, code, memory=None):
     """Bring a phase to equilibrium at each load factor in turn, each from the one before.
 
     Args:
@@ -233,20 +285,49 @@ def march(ramp, x, factors, method, code):
         factors: load factors, [n_inc].
         method: `Newton`.
         code: status so far; if it is a failure, or from the first failure on, nothing moves.
+        memory: as for `newton`.
 
     Returns:
-        `Outcome` with a leading axis [n_inc]; codes are latched.
+        `Outcome` with a leading axis [n_inc], codes latched; and the memory after it.
     """
+    if memory is None:
+        memory = linear.no_memory(ramp.freedoms.pattern, x.dtype)
 
     def step(carry, factor):
-        x, code, plastic = carry
+        x, code, plastic, memory = carry
         system = ramp.at(factor, plastic)
-        outcome = newton(system, x, method, code == status.OK)
+        outcome, memory = newton(system, x, method, code == status.OK, memory)
         code = status.first_failure(code, outcome.code)
         plastic = ramp.settle(system, outcome.x, code, plastic)
-        return (outcome.x, code, plastic), copy(outcome, code=code)
+        return (outcome.x, code, plastic, memory), copy(outcome, code=code)
 
-    return lax.scan(step, (x, code, ramp.plastic), factors)[1]
+    (*_, memory), outcome = lax.scan(step, (x, code, ramp.plastic, memory), factors)
+    return outcome, memory
+
+
+def _solve(working, matrix, it, tol, wanted):
+    """The step of Newton's method: solution, whether it can be used, memory of sparse solves."""
+    # Conjugate gradients cannot tell that a matrix is indefinite; a convex energy has no such.
+    # They leave what the next step of Newton's method will leave anyway.
+    relative = _largest(it.residual) / it.scale
+    forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
+    limit = _WORTH if working.convex else 0
+    step, definite, memory = linear.solve_next(
+        matrix, -it.residual, it.memory, forcing, limit, wanted
+    )
+    if working.turning:
+        # Moments have no potential, hence no definite tangent to ask for. In a batch both are
+        # done: after each other, because LAPACK's batched calls can wait for each other.
+        after, _ = lax.optimization_barrier((-it.residual, step))
+        step, definite = lax.cond(
+            it.sprint & working.unsymmetric(),
+            lambda matrix, rhs, _: linear.solve_general(matrix, rhs),
+            lambda matrix, rhs, found: found,
+            matrix,
+            after,
+            (step, definite),
+        )
+    return step, definite, memory
 
 
 def _search(working, it, step, slope, usable):

@@ -168,7 +168,7 @@ class FrameSystem(System):
         return jnp.linalg.norm(self._collect(self.load))
 
     def tangent(self, x):
-        """Derivative of the residual by a step, dense [n_free, n_free], N/m."""
+        """Derivative of the residual by a step, a matrix of `linear`, N/m."""
         scale = self._scaling()[0]
 
         def block(one, state, ends, motion):
@@ -176,13 +176,10 @@ class FrameSystem(System):
             tangent = one.tangent(state, ends, motion)
             return tangent * own[None, :, None, None] * own[None, None, None, :]
 
-        matrix = self._matrix(block, x)
+        parts = self._blocks(block, x)
         # the change of a moment's work on the step, see `rotations.conjugate`
         change = jax.vmap(jax.jacfwd(conjugate))(jnp.zeros_like(x[:, :3]), self.load[:, 3:])
-        number = self.freedoms.number[:, 3:]
-        return matrix.at[number[:, :, None], number[:, None, :]].add(
-            -change / self.arm**2, mode="drop"
-        )
+        return self._assemble([*parts, (-change / self.arm**2, self.freedoms.number[:, 3:])])
 
     def potential(self, x):
         """Stored energy minus the work of the nodal forces, J; moments have no potential."""

@@ -26,7 +26,7 @@ def gate(open_, tree):
     return jax.tree.map(one, tree)
 
 
-def attach(system, x, valid):
+def attach(system, x, valid, memory=None, tol=0.0, limit=0):
     """Return `x` with the derivative of the equilibrium of `system`.
 
     Args:
@@ -34,17 +34,19 @@ def attach(system, x, valid):
         x: its equilibrium, the point of an iteration; its own derivative is ignored.
         valid: whether `x` is an equilibrium; if not, the result has derivative zero (and the caller
             must see to it that nobody takes that for an answer).
+        memory, tol, limit: see `linear.solve_built`.
     """
     x = lax.stop_gradient(x)
     frozen = lax.stop_gradient(system)
     residual, numbers, back = system.chart(system.carried(x))
 
-    def tangent_solve(linearized, rhs):
-        n = numbers.shape[0]
-        matrix = jnp.where(valid, frozen.tangent(x), jnp.eye(n, dtype=x.dtype))
+    def build():
+        matrix = linear.or_identity(frozen.tangent(x), valid)
         node = frozen.freedoms.free // frozen.freedoms.number.shape[1]
-        loose = frozen.loose_nodes(frozen.motion(x))[node] & valid
-        return linear.factorize(matrix, loose).solve(rhs, linearized)
+        return matrix, frozen.loose_nodes(frozen.motion(x))[node] & valid
+
+    def tangent_solve(linearized, rhs):
+        return linear.solve_built(build, rhs, linearized, memory, tol, limit)
 
     return back(lax.custom_root(residual, numbers, lambda f, start: start, tangent_solve))
 

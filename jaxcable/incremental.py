@@ -21,7 +21,7 @@ from ._tree import pytree
 from .equilibrium import Newton, Outcome, newton
 
 
-@pytree(static=("corrections", "stiffness"))
+@pytree(static=("corrections", "stiffness", "linear_solver"))
 class Incremental:
     """A fixed number of linear solves per increment, as in the paper.
 
@@ -35,11 +35,13 @@ class Incremental:
         tol: largest unbalanced force that an increment may end with, as a part of the load (both
             Euclidean norms over the free freedoms; without load, of the element forces at the
             nodes); beyond it the status is DRIFTED. The paper uses 0.05. `numpy.inf` never stops.
+        linear_solver: as for `Newton`.
     """
 
     corrections: int = 0
     stiffness: str = "tangent"
     tol: object = 0.05
+    linear_solver: str | None = None
 
     def __post_init__(self):
         if not isinstance(self.corrections, int | np.integer) or self.corrections < 0:
@@ -47,6 +49,7 @@ class Incremental:
         if self.stiffness not in ("tangent", "secant"):
             raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
         _check.require(self.tol, lambda v: v > 0, "tol", "must be positive")
+        linear.check(self.linear_solver)
 
 
 def march(ramp, x, factors, method, code):
@@ -77,7 +80,7 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     x, regular = _step(system, x, ramp, method)
     steps, settled = jnp.int32(1), jnp.zeros((), bool)
     if first:
-        newtons = newton(frozen, jax.lax.stop_gradient(begin), Newton(), active & ~regular)
+        newtons, _ = newton(frozen, jax.lax.stop_gradient(begin), Newton(), active & ~regular)
         settled = newtons.equilibrated
         x = jnp.where(settled, implicit.attach(system, newtons.x, settled), x)
         steps = jnp.where(settled, newtons.steps, steps)
@@ -101,7 +104,8 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     own = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
     code = status.first_failure(code, jnp.asarray(own, jnp.int32))
     x = jnp.where(code == status.OK, x, begin)
-    outcome = Outcome(x, code, jnp.where(active, steps, 0), largest, scale, settled)
+    steps = jnp.where(active, steps, 0)
+    outcome = Outcome(x, code, steps, steps, largest, scale, settled)
     return outcome, ramp.settle(system, x, code, plastic)
 
 

@@ -64,7 +64,9 @@ class Path:
             failure on.
         tension: in the shape of `elements`, each [n_inc, n_elem], N; NaN from a failure on.
         status: codes, [n_inc]; from a failure on its code.
-        iterations: factorisations, [n_inc].
+        iterations: linear solves, [n_inc].
+        factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
+            factor often serves several solves.
         residual: largest unbalanced force at a free freedom, [n_inc], N.
         relative_residual: the same over the force it is judged by (see `Newton.tol`), [n_inc].
         n_slack: number of slack elements, [n_inc]; -1 from a failure on.
@@ -81,6 +83,7 @@ class Path:
     tension: object
     status: object
     iterations: object
+    factorizations: object
     residual: object
     relative_residual: object
     n_slack: object

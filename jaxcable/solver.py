@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from . import equilibrium, implicit, incremental, status
+from . import equilibrium, implicit, incremental, linear, status
 from ._tree import Indices, copy, fill, thaw
 from .equilibrium import Newton
 from .incremental import Incremental
@@ -14,7 +14,7 @@ from .loads import LineLoads, NodalLoads, SupportMovement, as_list
 from .phases import Phase
 from .ramp import PhaseData, Ramp, make_system, total_load, unloaded
 from .solution import PER_PHASE, Path, PhaseResult, Solution, State
-from .structure import Freedoms, Structure, number_freedoms
+from .structure import Freedoms, Structure, count_free, number_freedoms
 
 
 def solve(structure, phases, method=None, start=None, differentiate_path=False):
@@ -58,6 +58,12 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
                 )
     carry, code, fixed = _begin(structure, start)
     rows, groups = structure.rows()
+    links = tuple((group.links, group.n_freedom) for group in groups)
+
+    def numbered(fixed):
+        solver = linear.choose(method.linear_solver, count_free(fixed, rows))
+        return number_freedoms(fixed, rows, links, solver)
+
     nodes = structure.nodes if rows is None else structure.nodes[rows.array]
 
     sets, data = [fixed], []
@@ -81,7 +87,7 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
                     if not isinstance(load, kinds)
                 ],
                 movements=movements,
-                freedoms=number_freedoms(fixed, rows),
+                freedoms=numbered(fixed),
                 freedoms_before=None if fixed == sets[-1] else number_freedoms(sets[-1], rows),
                 increments=int(phase.increments),
             )
@@ -152,10 +158,14 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         jnp.zeros((), dtype),
         (data[0].freedoms_before or data[0].freedoms).fixed,
     )
-    results = []
+    results, memory = [], None
     for number, phase in enumerate(data):
         problem = (nodes, groups, carry, phase)
-        code, carry, load, factor, path = _run_phase(problem, method, code, differentiate_path)
+        if phase.freedoms_before is not None:
+            memory = None  # of matrices with other unknowns
+        code, carry, load, factor, path, memory = _run_phase(
+            problem, method, code, differentiate_path, memory
+        )
         if not differentiate_path and isinstance(method, Newton):
             names = ("displacement", "tension", "strain")
             rows = {n: getattr(path, n) for n in names if getattr(path, n) is not None}
@@ -181,15 +191,15 @@ def _unless(ok, end, names, parameters):
     return dict(zip(names, implicit.nan_unless(ok, values, parameters), strict=True))
 
 
-def _run_phase(problem, method, code, differentiate_path):
-    """One phase: status, carry, load at its end, load factor reached and path."""
+def _run_phase(problem, method, code, differentiate_path, memory):
+    """One phase: status, carry, load at its end, load factor reached, path, memory of solves."""
     carry, data = problem[2:]
     dtype, n_inc = carry.motion.dtype, data.increments
     factors = jnp.arange(1, n_inc + 1, dtype=dtype) / n_inc
     if isinstance(method, Newton):
         ramp = Ramp.build(*lax.stop_gradient(problem))
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
-        outcome = equilibrium.march(ramp, start, factors, method, code)
+        outcome, memory = equilibrium.march(ramp, start, factors, method, code, memory)
     else:
         ramp = Ramp.build(*implicit.gate(_finite(problem), problem))
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
@@ -206,14 +216,15 @@ def _run_phase(problem, method, code, differentiate_path):
         carry, load = _end(ramp, factor, x, valid, problem, plastic)
     else:
         if converges:
-            x = implicit.attach(ramp.at(factor), x, valid)
+            tol, worth = equilibrium.adjoint_effort(method, ramp.at(factor), dtype)
+            x = implicit.attach(ramp.at(factor), x, valid, memory, tol, worth)
             if differentiate_path:
                 attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
                 xs = attach(factors, xs, good)
         carry, load = _end(ramp, factor, x, valid, problem)
         rows = jax.vmap(lambda f, x: _row(ramp, ramp.at(f), x))(factors, xs)
     path = _path(rows, factors, outcome, good)
-    return outcome.code[-1], carry, load, factor, path
+    return outcome.code[-1], carry, load, factor, path, memory
 
 
 def _follow(ramp, factors, xs, codes, converges):
@@ -316,6 +327,7 @@ def _path(rows, factors, outcome, good):
         tension=[t * nan[:, None] for t in tension],
         status=outcome.code,
         iterations=outcome.steps,
+        factorizations=outcome.factorizations,
         residual=outcome.residual,
         relative_residual=outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0),
         n_slack=jnp.where(good, n_slack, -1).astype(jnp.int32),

@@ -5,7 +5,7 @@ import functools
 import jax
 import numpy as np
 
-from . import _check
+from . import _check, linear
 from ._tree import Indices, copy, pytree
 
 N_FREEDOM = 3
@@ -261,6 +261,7 @@ class Freedoms:
         number: unknown's number, or n_free for a held freedom, [n_node, n_freedom].
         fixed: True where held, [n_node, n_freedom].
         rows: the node that every row belongs to, or None if there are no hinged ends.
+        pattern: `linear.Pattern` of sparse matrices; None if they are dense.
     """
 
     free: object
@@ -268,13 +269,27 @@ class Freedoms:
     number: object
     fixed: object
     rows: object = None
+    pattern: object = None
+
+
+def count_free(fixed, rows=None):
+    """Number of unknowns; arguments as `number_freedoms`."""
+    held = fixed.array
+    if rows is None:
+        return int(np.sum(~held))
+    repeated = np.arange(len(held)) != rows.array
+    return int(np.sum(~held) - np.sum(~held[repeated, :3]))
 
 
 @functools.lru_cache(maxsize=64)
-def number_freedoms(fixed, rows=None):
-    """Number the free freedoms of `fixed`, `Indices` of booleans [n_node, 3 or 6].
+def number_freedoms(fixed, rows=None, links=None, solver=None):
+    """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
 
-    `rows`, `Indices` [n_row] or None: the node of every row of `fixed`.
+    Args:
+        fixed: True where a freedom is held, `Indices` [n_row, 3 or 6].
+        rows: the node of every row of `fixed`, `Indices` [n_row], or None.
+        links: (`Indices` of links, freedoms of a node) for every group, a tuple; for a pattern.
+        solver: the solver that the pattern is made for; None for no pattern.
     """
     mask = fixed.array.copy()
     if rows is not None:
@@ -288,10 +303,18 @@ def number_freedoms(fixed, rows=None):
     number = number.reshape(mask.shape)
     if rows is not None:
         number[:, :3] = number[rows.array, :3]
+    turning = mask.shape[1] > N_FREEDOM
+    pattern = None
+    if solver is not None and not (turning and solver == "dense"):
+        numbers = [number[own.array][..., :width].reshape(len(own), -1) for own, width in links]
+        if turning:  # moments have entries of their own, unsymmetric ones
+            numbers.append(number[:, 3:])
+        pattern = linear.make_pattern(numbers, n_free, not turning, solver)
     return Freedoms(
         free,
-        source if mask.shape[1] == N_FREEDOM else None,
+        None if turning else source,
         number,
         fixed.array,
         None if rows is None else rows.array,
+        pattern,
     )

@@ -72,8 +72,9 @@ def test_nets_of_equal_shape_share_a_compilation():
 def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
     sizes = {program(STRUCTURE, [jc.Phase(pretension=200.0, increments=n)])[1] for n in (2, 7, 300)}
     assert len(sizes) == 1
-    small, large = (program(*jc.scenes.saddle(n, n))[1] for n in (3, 9))
-    assert small == large
+    for sizes in ((3, 6), (9, 12)):  # dense and sparse
+        small, large = (program(*jc.scenes.saddle(n, n))[1] for n in sizes)
+        assert small == large
 
 
 def test_only_free_freedoms_are_solved_for():

@@ -186,9 +186,13 @@ class Bars(Prestressed):
 
     def end_forces(self, state, ends, motion):
         """Internal force at both ends, [2, 3], N."""
-        vector, length, _, _ = stretch(ends, motion)
-        pull = self.tension(state, ends, motion) * vector / length
+        pull = self._pull(state, ends, motion)
         return jnp.stack([-pull, pull])
+
+    def _pull(self, state, ends, motion):
+        """Axial force as a vector from the first end to the second, [3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        return self.tension(state, ends, motion) * vector / length
 
     def energy(self, state, ends, motion):
         """Stored energy, J; of a held force its work on the change of length."""
@@ -198,8 +202,17 @@ class Bars(Prestressed):
         return state.rest_length * self.energy_per_length(strain, state.plastic)
 
     def tangent(self, state, ends, motion):
-        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces."""
-        return jax.jacfwd(self.end_forces, argnums=2)(state, ends, motion)
+        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
+
+        They depend on the relative displacement of the ends alone, so that a third of the
+        derivatives gives them all.
+        """
+
+        def pull(second):
+            return self._pull(state, ends, jnp.stack([motion[0], second]))
+
+        block = jax.jacfwd(pull)(motion[1])
+        return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
     def section_strain(self, state, ends, motion):
         """Strain of its fibres, all the same; of a held force the strain that belongs to it."""

@@ -1,5 +1,116 @@
-"""Factorise and solve: the only place that knows matrix formats."""
+"""Factorise and solve: the only place that knows matrix formats.
 
-from .dense import Factor, factorize, solve_definite, solve_general
+A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the same functions.
+"""
 
-__all__ = ["Factor", "factorize", "solve_definite", "solve_general"]
+import jax.numpy as jnp
+
+from . import dense, sparse
+from .choice import check, choose
+from .dense import Factor, solve_definite
+from .pattern import Pattern, Sparse, assemble, make_pattern
+from .sparse import SparseFactor, no_memory
+
+__all__ = [
+    "Factor",
+    "Pattern",
+    "Sparse",
+    "SparseFactor",
+    "assemble",
+    "check",
+    "choose",
+    "diagonal",
+    "factorize",
+    "make_pattern",
+    "no_memory",
+    "or_identity",
+    "plus_diagonal",
+    "solve_built",
+    "solve_definite",
+    "solve_general",
+    "solve_next",
+]
+
+
+def diagonal(matrix):
+    """Diagonal of a matrix, [n]."""
+    return matrix.diagonal() if isinstance(matrix, Sparse) else jnp.diagonal(matrix)
+
+
+def plus_diagonal(matrix, shift):
+    """A matrix and `shift`, a scalar, on its diagonal."""
+    if isinstance(matrix, Sparse):
+        return matrix.plus_diagonal(shift)
+    return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
+
+
+def or_identity(matrix, valid):
+    """A matrix where `valid`, else the identity."""
+    if isinstance(matrix, Sparse):
+        return matrix.or_identity(valid)
+    return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
+
+
+def factorize(matrix, loose=None):
+    """A general (indefinite or unsymmetric) matrix [n, n], ready to solve with.
+
+    Args:
+        matrix: [n, n]; no derivative is taken of it.
+        loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
+
+    Returns:
+        `Factor` or `SparseFactor`: `regular`, `solve(rhs, matvec)`, `or_identity()`.
+    """
+    if isinstance(matrix, Sparse):
+        return sparse.factorize(matrix, loose)
+    return dense.factorize(matrix, loose)
+
+
+def solve_built(build, rhs, matvec, memory=None, tol=0.0, limit=0):
+    """Solve with a general matrix that is assembled by ``build() -> (matrix, loose)``.
+
+    The same as ``factorize(*build()).solve(rhs, matvec)``. But where matrices are sparse, nothing
+    is assembled in a program that in the end does not solve; and a positive semidefinite one that
+    is near to a matrix factorised before is solved by conjugate gradients.
+
+    Args:
+        build: function without arguments.
+        rhs: [n].
+        matvec: the linear function that derivatives of the solve go through.
+        memory: of `solve_next`.
+        tol: residual that conjugate gradients may leave, relative to that of the start.
+        limit: conjugate gradient steps that a factorisation is worth; 0 unless the matrix is
+            known to be positive semidefinite.
+    """
+    if memory is None:
+        return factorize(*build()).solve(rhs, matvec)
+    return sparse.solve_built(build, rhs, matvec, memory, tol, limit)
+
+
+def solve_general(matrix, rhs):
+    """Solve with a general matrix: solution [n], and whether the matrix is regular."""
+    factor = factorize(matrix)
+    return factor.solve(rhs, lambda v: matrix @ v), factor.regular
+
+
+def solve_next(matrix, rhs, memory, tol, limit, wanted):
+    """Solve the next of a sequence of similar, positive definite systems; not differentiable.
+
+    A dense matrix is factorised. So is a sparse one, unless conjugate gradients with the factor of
+    an earlier matrix get there first.
+
+    Args:
+        matrix: [n, n].
+        rhs: [n].
+        memory: what earlier solves left, `no_memory` at first; None for dense matrices.
+        tol: residual, relative to that of the start, that conjugate gradients may leave.
+        limit: conjugate gradient steps that a factorisation is worth; 0 always factorises.
+        wanted: False if the result does not matter (a finished case of a batch).
+
+    Returns:
+        Solution [n], whether the matrix is positive definite (as far as seen), memory.
+    """
+    if isinstance(matrix, Sparse):
+        tol, limit = jnp.asarray(tol, rhs.dtype), jnp.int32(limit)
+        return sparse.solve_next(matrix, rhs, memory, tol, limit, jnp.asarray(wanted))
+    return *solve_definite(matrix, rhs), memory

@@ -33,16 +33,6 @@ def solve_definite(matrix, rhs):
     return x, definite
 
 
-def solve_general(matrix, rhs):
-    """Solve with a general matrix by LU; arguments and result as `solve_definite`.
-
-    Returns:
-        Solution [n] and whether the matrix is (numerically) regular.
-    """
-    factor = factorize(matrix)
-    return factor.solve(rhs, lambda v: matrix @ v), factor.regular
-
-
 @pytree
 class Factor:
     """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.
@@ -96,11 +86,7 @@ class Factor:
 
 
 def factorize(matrix, loose=None):
-    """Factorise a general (indefinite or unsymmetric) matrix [n, n] by LU.
-
-    Args:
-        matrix: [n, n]; no derivative is taken of it.
-        loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
+    """See `linear.factorize`.
 
     The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps of the
     largest: scaling first, so that a stiffness of 1e-12 of the others is still a stiffness.

@@ -1,0 +1,150 @@
+"""Symmetric positive definite banded solves for batches of small systems on CPU.
+
+XLA runs a loop over columns of one small matrix as a string of tiny kernels. Here the batch is the
+last axis, so that each kernel works on a row of cases in vector registers, and the batch is worked
+off in chunks whose window of the factor stays in cache. `solve_banded` takes one case; under
+`jax.vmap`, however deep, it becomes one such program.
+
+Storage of a matrix A with half-bandwidth b: ``band[k, i] = A[k + i, k]``, [n, b + 1], that is the
+transpose of the lower form of `scipy.linalg.solveh_banded`. Entries past the last row (k + i >= n)
+are without influence, but must be finite.
+
+The solve is not differentiable by itself: it belongs inside `lax.custom_linear_solve`.
+"""
+
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_batching import custom_vmap
+
+_ROW_BYTES = 256  # of one number of all cases of a chunk, at most
+_VECTOR = 4  # chunks are multiples of this
+_SEGMENTS, _SEGMENT = 6, 4  # a column in at most so many parts, of at least so many rows
+
+
+def solve_banded(band, rhs):
+    """Solve one system; map it with `jax.vmap` for many.
+
+    Args:
+        band: lower band of the matrix by columns, [n, b + 1] (see the module).
+        rhs: [n].
+
+    Returns:
+        Solution [n] and whether the matrix is (numerically) positive definite; if it is not, the
+        solution is not to be used.
+    """
+    x, definite = _solve_cases(band[None], rhs[None, :, None])
+    return x[0, :, 0], definite[0]
+
+
+@custom_vmap
+def _solve_cases(band, rhs):
+    """Solve a batch: band [B, n, b + 1], rhs [B, n, q] to x [B, n, q] and definite [B]."""
+    cases, n, width = band.shape
+    sides = rhs.shape[2]
+    most = _ROW_BYTES // band.dtype.itemsize
+    turns = -(-cases // most)
+    size = min(cases, -(-cases // (turns * _VECTOR)) * _VECTOR)
+    segment = min(width, max(_SEGMENT, -(-width // _SEGMENTS)))
+
+    def step(turn, carry):
+        factor, x, definite = carry
+        at = turn * size  # reading and writing move the last chunk back to where it is complete
+        band_part = _read(band, (at, 0, 0), (size, n, width))
+        rhs_part = _read(rhs, (at, 0, 0), (size, n, sides))
+        factor, x_part, definite_part = _solve_chunk(
+            factor, jnp.transpose(band_part, (1, 2, 0)), jnp.transpose(rhs_part, (1, 2, 0))
+        )
+        x = _write(x, jnp.transpose(x_part, (2, 0, 1)), (at, 0, 0))
+        return factor, x, _write(definite, definite_part, (at,))
+
+    # zero in front of the first column and below the band, and stays so
+    factor = jnp.zeros((width - 1 + n, width - 1 + segment, size), band.dtype)
+    carry = (factor, jnp.zeros_like(rhs), jnp.zeros(cases, bool))
+    return lax.fori_loop(jnp.uint32(0), jnp.uint32(turns), step, carry)[1:]
+
+
+@_solve_cases.def_vmap
+def _solve_mapped(axis_size, mapped, band, rhs):
+    """One more axis in front: more right sides if the matrices do not have it, else more cases."""
+    if not mapped[0]:
+        cases, n, sides = rhs.shape[1:]
+        rhs = jnp.moveaxis(rhs, 0, 2).reshape(cases, n, axis_size * sides)
+        x, definite = _solve_cases(band, rhs)
+        return (jnp.moveaxis(x.reshape(cases, n, axis_size, sides), 2, 0), definite), (True, False)
+    if not mapped[1]:
+        rhs = jnp.broadcast_to(rhs[None], (axis_size, *rhs.shape))
+    x, definite = _solve_cases(band.reshape(-1, *band.shape[2:]), rhs.reshape(-1, *rhs.shape[2:]))
+    return (x.reshape(rhs.shape), definite.reshape(rhs.shape[:2])), (True, True)
+
+
+def _read(array, start, shape):
+    return lax.dynamic_slice(array, [jnp.uint32(i) for i in start], shape)
+
+
+def _write(array, part, start):
+    return lax.dynamic_update_slice(array, part, [jnp.uint32(i) for i in start])
+
+
+def _solve_chunk(factor, band, rhs):
+    """Cholesky by columns, looking left, and both substitutions; the cases are the last axis.
+
+    A column is reduced in segments, each of which skips the products known to be zero.
+
+    What the loops carry is arranged for XLA: a kernel that reads one place of an array and writes
+    another would make it copy the array in every turn. Hence the right sides in rolling windows,
+    and unsigned counters, which need no test for negative positions.
+
+    Args:
+        factor: work array [b + n, b + segment, C], column k of the factor at b + k; zero in its
+            first b columns and below the band.
+        band: [n, b + 1, C].
+        rhs: [n, q, C].
+
+    Returns:
+        Work array, solution [n, q, C], definite [C].
+    """
+    n, width, size = band.shape
+    b = width - 1
+    segment = factor.shape[1] - b
+    sides = rhs.shape[1]
+    start, end = jnp.uint32(0), jnp.uint32(n)
+    rhs = jnp.pad(rhs, ((0, width), (0, 0), (0, 0)))
+
+    def reduce(factor, k, low):
+        """Rows low ... of column k less the products with the columns before it."""
+        rows = min(segment, width - low)
+        column = _read(band, (k, low, 0), (1, rows, size))
+        for m in range(1, b + 1 - low):
+            before = _read(factor, (k + (b - m), m + low, 0), (1, rows, size))
+            column = column - before * _read(factor, (k + (b - m), m, 0), (1, 1, size))
+        return column
+
+    def forward(k, carry):
+        factor, y, window = carry  # window: right sides k ... k + b, reduced so far
+        column = lax.concatenate([reduce(factor, k, low) for low in range(0, width, segment)], 1)
+        scale = lax.rsqrt(column[:, :1])
+        factor = _write(factor, column * scale, (k + b, 0, 0))
+        first = window[:1] * scale
+        y = _write(y, first, (k, 0, 0))
+        rest = window[1:] - (column * scale)[0, 1:, None, :] * first
+        window = lax.concatenate([rest, _read(rhs, (k + width, 0, 0), (1, sides, size))], 0)
+        return factor, y, window
+
+    y = jnp.zeros((n, sides, size), rhs.dtype)
+    factor, y, _ = lax.fori_loop(start, end, forward, (factor, y, rhs[:width]))
+    pivots = factor[b:, 0]
+    definite = jnp.all((pivots > 0) & jnp.isfinite(pivots), axis=0)
+
+    def backward(turn, carry):
+        x, window = carry  # window: solution k + 1 ... k + b
+        k = jnp.uint32(n - 1) - turn
+        value = _read(y, (k, 0, 0), (1, sides, size))
+        for i in range(1, width):
+            value = value - _read(factor, (k + b, i, 0), (1, 1, size)) * window[i - 1 : i]
+        value = value / _read(factor, (k + b, 0, 0), (1, 1, size))
+        return _write(x, value, (k, 0, 0)), lax.concatenate([value, window[:-1]], 0)[:b]
+
+    x = jnp.zeros((n, sides, size), rhs.dtype)
+    window = jnp.zeros((b, sides, size), rhs.dtype)
+    x, _ = lax.fori_loop(start, end, backward, (x, window))
+    return factor, x, definite

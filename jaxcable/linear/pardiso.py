@@ -1,0 +1,176 @@
+"""PARDISO of Intel's MKL, by way of `pypardiso`: analysed once, factorised many times.
+
+`pypardiso`'s own calls repeat the analysis with every factorisation and take matrices to be
+unsymmetric. Here a pattern is analysed once a matrix type, several factors live side by side
+(PARDISO's `mnum`), and symmetric positive definite matrices are treated as such.
+"""
+
+import ctypes
+import functools
+
+import numpy as np
+
+_DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
+_SLOTS = 8  # factors of a pattern that can live side by side
+_SMALL = 3000  # unknowns up to which one thread is faster than several
+_INT = ctypes.POINTER(ctypes.c_int32)
+_FLOAT = ctypes.POINTER(ctypes.c_double)
+
+
+@functools.cache
+def library():
+    """The MKL library with PARDISO; raises ImportError if it is not installed."""
+    from pypardiso.pardiso_wrapper import PyPardisoSolver
+
+    mkl = PyPardisoSolver().libmkl
+    mkl.pardiso_getdiag.argtypes = [ctypes.c_void_p, _FLOAT, _FLOAT, _INT, _INT]
+    mkl.pardiso_getdiag.restype = None
+    mkl.MKL_Set_Num_Threads_Local.argtypes = [ctypes.c_int]
+    mkl.MKL_Set_Num_Threads_Local.restype = ctypes.c_int
+    return mkl
+
+
+class Pardiso:
+    """Symbolic analysis of a pattern, of the matrix types that are asked for.
+
+    Args:
+        n: number of unknowns.
+        indptr, indices: compressed rows of the whole matrix (both triangles), columns ascending.
+    """
+
+    def __init__(self, n, indptr, indices):
+        self.arguments = n, indptr, indices
+        self.handles = {}
+
+    def factorize(self, values, definite):
+        """Numeric factor of `values` (in the order of the rows given); None if it is singular.
+
+        `definite` demands a positive definite matrix and is faster.
+        """
+        if not np.isfinite(values).all():
+            return None
+        kind = _DEFINITE if definite else _GENERAL
+        if kind not in self.handles:
+            self.handles[kind] = _Handle(kind, *self.arguments)
+        return self.handles[kind].factorize(values)
+
+    def release(self):
+        """Give all memory back."""
+        for handle in self.handles.values():
+            handle.call(-1, 1, None)
+        self.handles.clear()
+
+
+class _Handle:
+    """PARDISO's own memory for a pattern and a matrix type."""
+
+    def __init__(self, kind, n, indptr, indices):
+        self.kind, self.n = kind, n
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        # of a symmetric matrix PARDISO takes the upper triangle
+        self.take = np.flatnonzero(indices >= rows) if kind == _DEFINITE else slice(None)
+        self.rows, self.indices = rows[self.take], indices[self.take].astype(np.int32)
+        self.indptr = np.searchsorted(self.rows, np.arange(n + 1)).astype(np.int32)
+        self.diagonal = np.flatnonzero(self.rows == self.indices)
+        self.memory = np.zeros(64, np.int64)
+        self.iparm = np.zeros(64, np.int32)  # counted from zero here, from one in its manual
+        self.iparm[0] = 1  # no defaults
+        self.iparm[1] = 2  # nested dissection
+        self.iparm[9] = 13  # pivots below 1e-13 of the matrix are perturbed, and counted
+        self.iparm[17] = -1  # count the entries of the factor
+        self.iparm[34] = 1  # indices from zero
+        self.iparm[55] = 1  # the diagonal of the factor may be asked for
+        self.free = list(range(_SLOTS, 0, -1))
+        self.call(11, 1, np.ones(len(self.indices)))
+
+    def factorize(self, values):
+        """`Factor` in a free slot, or None."""
+        values, size = values[self.take], None
+        if self.kind == _GENERAL:  # so that pivots can be compared
+            size = np.sqrt(np.abs(values[self.diagonal]))
+            size[size == 0] = 1.0
+            values = values / (size[self.rows] * size[self.indices])
+        slot = self.free.pop()
+        error = self.call(22, slot, values)
+        factor = Factor(self, slot, values, size)
+        if error == 0 and self.regular(slot):
+            return factor
+        factor.release()
+        return None
+
+    def regular(self, slot):
+        """Whether no pivot of a factor has lost all its digits."""
+        if self.kind == _GENERAL:
+            return self.iparm[13] == 0  # none was perturbed
+        pivot, diagonal = np.empty(self.n), np.empty(self.n)
+        library().pardiso_getdiag(
+            self.memory.ctypes.data,
+            pivot.ctypes.data_as(_FLOAT),
+            diagonal.ctypes.data_as(_FLOAT),
+            ctypes.byref(ctypes.c_int32(slot)),
+            ctypes.byref(ctypes.c_int32(0)),
+        )
+        return bool((pivot > self.n * np.finfo(float).eps * diagonal).all())
+
+    def call(self, phase, slot, values, b=None, x=None):
+        """Run a phase; returns PARDISO's error number."""
+        mkl = library()
+        error = ctypes.c_int32(0)
+        count = 1 if b is None or b.ndim == 1 else b.shape[1]
+        unused = np.zeros(1)
+
+        def integer(value):
+            return ctypes.byref(ctypes.c_int32(value))
+
+        def floats(array):
+            return (unused if array is None else array).ctypes.data_as(_FLOAT)
+
+        before = mkl.MKL_Set_Num_Threads_Local(1) if self.n <= _SMALL else None
+        mkl.pardiso(
+            self.memory.ctypes.data_as(ctypes.POINTER(ctypes.c_int64)),
+            integer(_SLOTS),
+            integer(slot),
+            integer(self.kind),
+            integer(phase),
+            integer(self.n),
+            floats(values),
+            self.indptr.ctypes.data_as(_INT),
+            self.indices.ctypes.data_as(_INT),
+            unused.ctypes.data_as(_INT),
+            integer(count),
+            self.iparm.ctypes.data_as(_INT),
+            integer(0),
+            floats(b),
+            floats(x),
+            ctypes.byref(error),
+        )
+        if before is not None:
+            mkl.MKL_Set_Num_Threads_Local(before)
+        return error.value
+
+
+class Factor:
+    """A numeric factor in a slot of a handle."""
+
+    def __init__(self, handle, slot, values, size):
+        self.handle, self.slot, self.values, self.size = handle, slot, values, size
+        self.n_bytes = 8 * (int(handle.iparm[17]) + len(values))
+
+    def solve(self, b, transposed=False):
+        """Solve for right-hand sides [n] or [n, m]."""
+        handle, size = self.handle, self.size
+        handle.iparm[11] = 2 if transposed and handle.kind == _GENERAL else 0
+        if size is not None:
+            size = size if b.ndim == 1 else size[:, None]
+            b = b / size
+        b = np.asfortranarray(b)
+        x = np.empty_like(b, order="F")
+        error = handle.call(33, self.slot, self.values, b, x)
+        if error != 0:
+            raise RuntimeError(f"PARDISO: the solution failed with error {error}")
+        return x if size is None else x / size
+
+    def release(self):
+        """Give the memory back and free the slot."""
+        self.handle.call(0, self.slot, self.values)
+        self.handle.free.append(self.slot)

@@ -1,0 +1,208 @@
+"""Where entries of element matrices go in a sparse matrix; found once a structure, on the host.
+
+A tangent is assembled as a list of values on a fixed pattern. The contributions of the elements
+are put into the order of their targets beforehand, so that assembly is a gather and a sorted sum.
+"""
+
+import hashlib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._tree import copy, pytree
+
+_WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones
+
+
+@pytree(static=("size", "symmetric", "solver"))
+class Pattern:
+    """Sparsity of a square matrix in compressed rows, and the way of element entries into it.
+
+    Attributes:
+        source: contributions that count, as positions among all entries of all element matrices
+            one after the other, [n_part].
+        target: the value that each of them is added to, ascending, [n_part].
+        indptr, indices: compressed rows, [n + 1], [n_value]; columns ascending.
+        diagonal: positions of the diagonal among the values, [n].
+        digest: 128 bits that stand for `indptr` and `indices`, [4] uint32.
+        order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is not so, or b
+            is too large.
+        band: where the values of ``A[order][:, order]`` are, by columns from the diagonal down,
+            [n, b + 1]; n_value for a zero.
+        size: n.
+        symmetric: only the upper triangle is stored.
+        solver: "dense", "superlu" or "pardiso".
+    """
+
+    source: object
+    target: object
+    indptr: object
+    indices: object
+    diagonal: object
+    digest: object
+    order: object = None
+    band: object = None
+    size: int = 0
+    symmetric: bool = False
+    solver: str = "superlu"
+
+
+def make_pattern(numbers, size, symmetric, solver):
+    """The pattern that element matrices with the given unknowns fill.
+
+    Args:
+        numbers: per group of elements, the unknown of every row of an element matrix, NumPy
+            [n_elem, d]; `size` or more for a row that is left out.
+        size: number of unknowns n.
+        symmetric: store the upper triangle only.
+        solver: "dense", "superlu" or "pardiso".
+    """
+    rows, columns, sources, offset = [], [], [], 0
+    for number in numbers:
+        n_elem, d = number.shape
+        row = np.repeat(number, d, axis=1).ravel()
+        column = np.tile(number, (1, d)).ravel()
+        keep = (row < size) & (column < size)
+        if symmetric:
+            keep &= column >= row
+        sources.append(offset + np.flatnonzero(keep))
+        rows.append(row[keep])
+        columns.append(column[keep])
+        offset += n_elem * d * d
+    key = np.concatenate(rows).astype(np.int64) * size + np.concatenate(columns)
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    first = np.append(True, key[1:] != key[:-1])
+    entries = key[first]
+    row, indices = entries // size, entries % size
+    indptr = np.searchsorted(row, np.arange(size + 1))
+    diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
+    # every unknown is one of some element, whose matrix has its diagonal
+    assert np.array_equal(entries[diagonal], np.arange(size, dtype=np.int64) * (size + 1))
+    indptr, indices = indptr.astype(np.int32), indices.astype(np.int32)
+    digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
+    arrays = (
+        np.concatenate(sources)[order].astype(np.int32),
+        (np.cumsum(first) - 1).astype(np.int32),
+        indptr,
+        indices,
+        diagonal.astype(np.int32),
+        np.frombuffer(digest, np.uint32),
+        *(_band(row, indices, size) if symmetric else (None, None)),
+    )
+    with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
+        arrays = [None if array is None else jnp.asarray(array) for array in arrays]
+    return Pattern(*arrays, size, symmetric, solver)
+
+
+def _band(rows, columns, size):
+    """`Pattern.order` and `.band` for an upper triangle, or None for both."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+    if size > _WIDEST**2:
+        return None, None
+    upper = csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
+    order = reverse_cuthill_mckee(upper + upper.T, symmetric_mode=True)
+    place = np.empty(size, np.int64)
+    place[order] = np.arange(size)
+    low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
+    width = int(np.max(high - low, initial=0)) + 1
+    if width > _WIDEST + 1:
+        return None, None
+    band = np.full((size, width), len(rows), np.int32)
+    band[low, high - low] = np.arange(len(rows))
+    return order.astype(np.int32), band
+
+
+@pytree
+class Sparse:
+    """A matrix: values on a pattern.
+
+    Attributes:
+        values: entries in the order of the pattern, [n_value].
+        pattern: `Pattern`.
+    """
+
+    values: object
+    pattern: Pattern
+
+    @property
+    def shape(self):
+        """Rows and columns."""
+        return self.pattern.size, self.pattern.size
+
+    def diagonal(self):
+        """The diagonal, [n]."""
+        return self.values[self.pattern.diagonal]
+
+    def plus_diagonal(self, shift):
+        """This matrix and `shift`, a scalar, on its diagonal."""
+        at = self.values.at[self.pattern.diagonal]
+        values = at.add(shift, indices_are_sorted=True, unique_indices=True)
+        return copy(self, values=values)
+
+    def or_identity(self, valid):
+        """This matrix where `valid`, else the identity."""
+        one = jnp.zeros_like(self.values).at[self.pattern.diagonal].set(1.0)
+        return copy(self, values=jnp.where(valid, self.values, one))
+
+    def dense(self):
+        """This matrix as an array [n, n]."""
+        rows, columns = self._rows(), self.pattern.indices
+        full = (
+            jnp.zeros(self.shape, self.values.dtype)
+            .at[rows, columns]
+            .set(self.values, indices_are_sorted=True, unique_indices=True)
+        )
+        if self.pattern.symmetric:
+            full = full.at[columns, rows].set(self.values, unique_indices=True)
+        return full
+
+    def banded(self):
+        """Lower band of ``A[order][:, order]`` by columns, [n, b + 1]; see `banded`."""
+        return jnp.append(self.values, 0.0)[self.pattern.band]
+
+    def _rows(self):
+        """Row of every value, [n_value]."""
+        p = self.pattern
+        return jnp.repeat(
+            jnp.arange(p.size, dtype=jnp.int32),
+            jnp.diff(p.indptr),
+            total_repeat_length=len(p.indices),
+        )
+
+    def __matmul__(self, v):
+        """Product with a vector [n]."""
+        p, rows = self.pattern, self._rows()
+        product = jnp.zeros_like(v).at[rows].add(self.values * v[p.indices])
+        if not p.symmetric:
+            return product
+        product = product.at[p.indices].add(self.values * v[rows])
+        return product - self.diagonal() * v
+
+
+def assemble(parts, number, pattern):
+    """Sum element matrices.
+
+    Args:
+        parts: list of (matrices [n_elem, d, d], unknowns of their rows [n_elem, d]).
+        number: of unknowns; a row with this number is left out.
+        pattern: None for a dense result [number, number], or the `Pattern` made of the same
+            unknowns for a `Sparse` one.
+    """
+    if pattern is None:
+        matrix = jnp.zeros((number, number), parts[0][0].dtype)
+        for blocks, rows in parts:
+            # rows left out are out of range, dropped
+            matrix = matrix.at[rows[:, :, None], rows[:, None, :]].add(blocks, mode="drop")
+        return matrix
+    entries = [blocks.reshape(-1) for blocks, _ in parts]
+    entries = entries[0] if len(entries) == 1 else jnp.concatenate(entries)
+    # computed once, and not again for every entry that is taken from them
+    entries = jax.lax.optimization_barrier(entries)
+    n_value = pattern.indices.shape[0]
+    values = jnp.zeros(n_value, entries.dtype)
+    values = values.at[pattern.target].add(entries[pattern.source], indices_are_sorted=True)
+    return Sparse(values, pattern)

@@ -1,0 +1,224 @@
+"""Sparse direct solves on the host, called from a compiled program.
+
+`buffer_callback` shows the callback the buffers of the program themselves: nothing is copied, and
+no array of jax is made, for which a busy program can wait for ever (`pure_callback` does both; it
+serves where the program runs on another device than the host).
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.custom_batching import custom_vmap
+from jax.experimental.buffer_callback import buffer_callback
+
+from .._tree import copy, pytree
+from . import dense, host
+from .banded import solve_banded
+from .pattern import Sparse
+
+
+def _call(function, shapes, *arguments):
+    """Run ``function(*arrays) -> arrays`` on the host; batches gain leading axes everywhere."""
+    if jax.default_backend() == "cpu":
+
+        def in_place(_, out, *buffers):
+            results = function(*(np.asarray(buffer) for buffer in buffers))
+            for place, result in zip(out, results, strict=True):
+                np.asarray(place)[...] = result
+
+        return buffer_callback(in_place, shapes, vmap_method="expand_dims")(*arguments)
+
+    def converted(*arrays):
+        results = function(*(np.asarray(array) for array in arrays))
+        pairs = zip(results, shapes, strict=True)
+        return tuple(np.asarray(result, shape.dtype) for result, shape in pairs)
+
+    return jax.pure_callback(converted, shapes, *arguments, vmap_method="expand_dims")
+
+
+def _pattern_of(solver, symmetric, digest, indptr, indices):
+    """Arguments of `host.kept`, without the axes of batches."""
+    first = [array.reshape(-1, array.shape[-1])[0] for array in (digest, indptr, indices)]
+    return solver, symmetric, *first
+
+
+@functools.cache
+def _stepper(solver, symmetric):
+    def function(digest, indptr, indices, values, rhs, stale, *scalars):
+        batch = np.broadcast_shapes(*(a.shape[:-1] for a in (values, rhs, stale)))
+        batch = np.broadcast_shapes(batch, *(s.shape for s in scalars))
+        arrays = (_rows(a, batch).astype(np.float64, copy=False) for a in (values, rhs, stale))
+        flat = [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
+        pattern = _pattern_of(solver, symmetric, digest, indptr, indices)
+        x, definite, fresh = host.step(pattern, *arrays, *flat)
+        return x.reshape(*batch, -1), definite.reshape(batch), fresh.reshape(batch)
+
+    return function
+
+
+@functools.cache
+def _solver(solver, symmetric, transposed):
+    def function(digest, indptr, indices, rhs, values, loose, stale, *scalars):
+        own = np.broadcast_shapes(*(a.shape[:-1] for a in (values, loose, stale)))
+        own = np.broadcast_shapes(own, *(s.shape for s in scalars))
+        batch = np.broadcast_shapes(own, rhs.shape[:-1])
+        values, loose, stale = (_rows(array, own) for array in (values, loose, stale))
+        flat = [np.broadcast_to(s, own).reshape(-1) for s in scalars]
+        group = np.broadcast_to(np.arange(len(values)).reshape(own), batch).ravel()
+        pattern = _pattern_of(solver, symmetric, digest, indptr, indices)
+        values, stale, rhs = (
+            a.astype(np.float64, copy=False) for a in (values, stale, _rows(rhs, batch))
+        )
+        x, regular = host.solve(pattern, transposed, values, loose, stale, *flat, rhs, group)
+        return x.reshape(*batch, -1), regular.reshape(batch)
+
+    return function
+
+
+def _rows(array, batch):
+    """An array [..., k] as rows [m, k], one for every member of a batch."""
+    return np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1])
+
+
+@pytree
+class Memory:
+    """The last matrix that was factorised, for the solves that follow.
+
+    Attributes:
+        values: of that matrix, [n_value].
+        usable: whether there is one.
+        count: factorisations so far.
+    """
+
+    values: object
+    usable: object
+    count: object
+
+
+def no_memory(pattern, dtype):
+    """The `Memory` to begin with on a pattern; None if that is None (dense)."""
+    if pattern is None or pattern.solver == "dense":
+        return None
+    values = jnp.zeros(pattern.indices.shape, dtype)
+    return Memory(values, jnp.zeros((), bool), jnp.int32(0))
+
+
+@custom_vmap
+def solve_next(matrix, rhs, memory, tol, limit, wanted):
+    """See `linear.solve_next`; `matrix` is `Sparse`, `memory` a `Memory`, or None if dense."""
+    p = matrix.pattern
+    if p.solver == "dense":
+        return *dense.solve_definite(matrix.dense(), rhs), memory
+    shapes = (
+        jax.ShapeDtypeStruct(rhs.shape, rhs.dtype),
+        jax.ShapeDtypeStruct((), bool),
+        jax.ShapeDtypeStruct((), bool),
+    )
+    usable = memory.usable & (limit > 0)
+    x, definite, fresh = _call(
+        _stepper(p.solver, p.symmetric),
+        shapes,
+        *(p.digest, p.indptr, p.indices, matrix.values, rhs),
+        *(memory.values, usable, tol, limit, wanted),
+    )
+    after = Memory(
+        jnp.where(fresh, matrix.values, memory.values), memory.usable | fresh, memory.count + fresh
+    )
+    return x, definite, after
+
+
+@solve_next.def_vmap
+def _solve_batch(axis_size, mapped, *arguments):
+    """A batch of systems of small bandwidth, in jax; others one after the other on the host."""
+    matrix, rhs, memory, *_ = arguments
+    axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
+    out = (0, 0, jax.tree.map(lambda _: 0, memory))
+    if matrix.pattern.band is None:
+        results = jax.vmap(solve_next.fun, in_axes=tuple(axes), out_axes=out)(*arguments)
+        return results, jax.tree.map(lambda _: True, results)
+
+    def one(matrix, rhs):
+        order = matrix.pattern.order
+        x, definite = solve_banded(matrix.banded(), rhs[order])
+        return jnp.zeros_like(x).at[order].set(x, unique_indices=True), definite
+
+    x, definite = jax.vmap(one, in_axes=tuple(axes[:2]), out_axes=0, axis_size=axis_size)(
+        matrix, rhs
+    )
+    after = memory if memory is None else copy(memory, count=memory.count + 1)
+    return (x, definite, after), (True, True, mapped[2])
+
+
+@pytree
+class SparseFactor:
+    """A general matrix to be solved with; factorised on the host when it is first needed.
+
+    Attributes:
+        matrix: `Sparse`.
+        loose: unknowns without a value, [n] bool.
+    """
+
+    matrix: Sparse
+    loose: object
+
+    @property
+    def regular(self):
+        """Whether the matrix is regular to working precision, loose unknowns aside."""
+        zero = jnp.zeros(self.loose.shape, self.matrix.values.dtype)
+        return _solve(self.matrix, self.loose, zero, False)[1]
+
+    def solve(self, rhs, matvec):
+        """Solve for `rhs` [n]; as `dense.Factor.solve`."""
+        return solve_built(lambda: (self.matrix, self.loose), rhs, matvec)
+
+    def or_identity(self):
+        """This factor, or that of the identity if the matrix is singular."""
+        return copy(self, matrix=self.matrix.or_identity(self.regular))
+
+
+def factorize(matrix, loose=None):
+    """See `linear.factorize`."""
+    if matrix.pattern.solver == "dense":
+        return dense.factorize(matrix.dense(), loose)
+    if loose is None:
+        loose = jnp.zeros(matrix.shape[0], bool)
+    return SparseFactor(lax.stop_gradient(matrix), loose)
+
+
+def solve_built(build, rhs, matvec, memory=None, tol=0.0, limit=0):
+    """See `linear.solve_built`; the matrix is assembled where it is needed, in the solve itself."""
+
+    def forward(_, b):
+        matrix, loose = build()
+        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), False, memory, tol, limit)
+        return jnp.where(loose | ~regular, jnp.nan, x)
+
+    def asked(b):
+        # not linear, on purpose: see `dense.Factor.solve`
+        matrix, loose = build()
+        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), True, memory, tol, limit)
+        wrong = jnp.any((loose | ~regular) & (b != 0))
+        return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
+
+    def backward(_, b):  # nothing is assembled for a phase that nobody asks about
+        return lax.cond(jnp.any(b != 0), asked, jnp.zeros_like, b)
+
+    return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
+
+
+def _solve(matrix, loose, b, transposed, memory=None, tol=0.0, limit=0):
+    """Solution [n] of a general system on the host, and whether the matrix is regular."""
+    p = matrix.pattern
+    shapes = (jax.ShapeDtypeStruct(b.shape, b.dtype), jax.ShapeDtypeStruct((), bool))
+    stale, usable = matrix.values, jnp.zeros((), bool)
+    if memory is not None:
+        stale, usable = memory.values, memory.usable & (limit > 0)
+    return _call(
+        _solver(p.solver, p.symmetric, transposed),
+        shapes,
+        *(p.digest, p.indptr, p.indices, b, matrix.values, loose, stale),
+        *(usable, jnp.asarray(tol, b.dtype), jnp.int32(limit)),
+    )

@@ -1,0 +1,86 @@
+"""SciPy's SuperLU as a direct solver of a fixed pattern: ordered once, factorised many times."""
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as sla
+
+_SYMMETRIC = {"SymmetricMode": True}
+
+
+class SuperLU:
+    """Symbolic analysis of a pattern.
+
+    Args:
+        n: number of unknowns.
+        indptr, indices: compressed rows of the whole matrix (both triangles).
+    """
+
+    def __init__(self, n, indptr, indices):
+        self.n = n
+        pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), shape=(n, n))
+        # minimum degree on a matrix that needs no pivots; only the ordering is kept
+        easy = (pattern + sp.diags(np.full(n, float(n)))).tocsc()
+        ordered = sla.splu(
+            easy, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=_SYMMETRIC
+        )
+        self.order = np.argsort(ordered.perm_c)
+        numbered = sp.csr_matrix((np.arange(len(indices)), indices, indptr), shape=(n, n))
+        permuted = numbered[self.order][:, self.order].tocsc()
+        permuted.sort_indices()
+        self.take, self.rows = permuted.data, permuted.indices
+        self.columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(permuted.indptr))
+        self.diagonal = np.flatnonzero(self.rows == self.columns)
+        self.matrix = permuted.astype(float)  # whose values are those of the last factorisation
+
+    def factorize(self, values, definite):
+        """Numeric factor of `values` (in the order of the rows given); None if it is singular.
+
+        `definite` allows no pivoting and demands positive pivots; else rows may be exchanged.
+        """
+        values = values[self.take]
+        if not np.isfinite(values).all():
+            return None
+        # a scaling to unit diagonal, so that pivots can be compared
+        size = np.sqrt(np.abs(values[self.diagonal]))
+        size[size == 0] = 1.0
+        values /= size[self.rows] * size[self.columns]
+        self.matrix.data = values
+        try:
+            lu = sla.splu(
+                self.matrix,
+                permc_spec="NATURAL",
+                diag_pivot_thresh=0.0 if definite else 1e-3,
+                options=_SYMMETRIC,
+            )
+        except RuntimeError as error:
+            if "singular" not in str(error):
+                raise
+            return None
+        pivots = lu.U.diagonal()
+        if definite and not (pivots > 0).all():
+            return None
+        pivots = np.abs(pivots)
+        if not pivots.min() > self.n * np.finfo(float).eps * pivots.max():
+            return None
+        return Factor(self, lu, size)
+
+    def release(self):
+        """Give all memory back: it goes with this object."""
+
+
+class Factor:
+    """A numeric factor."""
+
+    def __init__(self, symbolic, lu, size):
+        self.order, self.lu, self.size = symbolic.order, lu, size
+        self.n_bytes = 16 * lu.nnz
+
+    def solve(self, b, transposed=False):
+        """Solve for right-hand sides [n] or [n, m]."""
+        size = self.size if b.ndim == 1 else self.size[:, None]
+        x = np.empty_like(b)
+        x[self.order] = self.lu.solve(b[self.order] / size, "T" if transposed else "N") / size
+        return x
+
+    def release(self):
+        """Give the memory back: that of SuperLU goes with this object."""
