@@ -12,6 +12,7 @@
 
 from . import materials, plots, scenes
 from ._tree import replace
+from .batches import batched
 from .elements import Bars, Beams, Cables
 from .equilibrium import Newton
 from .incremental import Incremental
@@ -49,6 +50,7 @@ __all__ = [
     "Structure",
     "SupportMovement",
     "Supports",
+    "batched",
     "clamped",
     "describe",
     "fibre_stress",

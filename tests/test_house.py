@@ -33,7 +33,7 @@ FLOORS = [
     ["phases"],
     ["ramp"],
     ["solution"],
-    ["solver"],
+    ["solver", "batches"],
     ["stresses"],
     ["scenes"],
     ["plots"],

@@ -1,0 +1,105 @@
+"""Many cases: in chunks that fit the cache or the memory, and over several devices.
+
+`jax.vmap` solves all cases at once. That is best for some hundred cases of a small net; beyond,
+what is computed for them no longer fits the cache, and later the memory. `batched` works them off
+in chunks and shares them out to devices, which may belong to several processes.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.sharding import Mesh, PartitionSpec
+
+_AXIS = "cases"
+
+
+def batched(function, chunk=None, devices=None):
+    """Map a function of one case over the leading axis of its arguments.
+
+    The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices; it can
+    be transformed like it. Devices do not wait for each other: each iterates until its own cases
+    have converged.
+
+    Example: ``batched(lambda F: jc.solve(...).tension, chunk=256)(forces)``.
+
+    Args:
+        function: of one case; its arguments and results are pytrees of arrays.
+        chunk: cases that are solved at once on a device; None for all of its share. For small nets
+            128 to 512 keep the work in the cache; for large ones take as many as memory allows,
+            or 1.
+        devices: devices to share the cases out to, such as ``jax.devices()`` (with
+            `jax.distributed` those of all processes, which all have to make the call); None for
+            no sharing. The result stays spread over them.
+
+    Returns:
+        A function of the same arguments with a leading axis [n_case].
+
+    Raises:
+        ValueError: `chunk` is no positive integer, `devices` is empty, or the arguments have no
+            common leading axis.
+    """
+    if chunk is not None and (
+        isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1
+    ):
+        raise ValueError(f"chunk = {chunk!r}: expected a positive integer, or None")
+    if devices is not None and len(devices) == 0:
+        raise ValueError("devices: expected at least one, or None")
+    one_by_one = jax.vmap(function)
+
+    def share(*cases):
+        """The cases of one device."""
+        count = _count(cases)
+        if chunk is None or count <= chunk:
+            return one_by_one(*cases)
+        turns = -(-count // chunk)
+        parts = jax.tree.map(
+            lambda a: a.reshape(turns, chunk, *a.shape[1:]), _filled(cases, turns * chunk)
+        )
+        results = lax.map(lambda part: one_by_one(*part), parts)
+        return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)
+
+    @jax.jit
+    def run(*cases):
+        if devices is None:
+            return share(*cases)
+        count = _count(cases)
+        each = -(-count // len(devices))
+        spread = jax.shard_map(
+            share,
+            mesh=Mesh(np.asarray(devices), (_AXIS,)),
+            in_specs=PartitionSpec(_AXIS),
+            out_specs=PartitionSpec(_AXIS),
+            check_vma=False,  # loops begin with constants, which are the same on all devices
+        )
+        results = spread(*_filled(cases, each * len(devices)))
+        return jax.tree.map(lambda a: a[:count], results)
+
+    def checked(*cases):
+        _count(cases)
+        return run(*cases)
+
+    return checked
+
+
+def _count(cases):
+    """Length of the common leading axis."""
+    shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(cases)]
+    counts = {shape[0] if shape else None for shape in shapes}
+    if len(counts) != 1 or None in counts or 0 in counts:
+        raise ValueError(
+            f"cases: expected arrays with one leading axis of at least one case, got {shapes}"
+        )
+    return counts.pop()
+
+
+def _filled(cases, count):
+    """The cases, the last one repeated until there are `count`."""
+
+    def fill(a):
+        missing = count - a.shape[0]
+        if missing == 0:
+            return a
+        return jnp.concatenate([a, jnp.broadcast_to(a[-1:], (missing, *a.shape[1:]))])
+
+    return jax.tree.map(fill, cases)
