@@ -42,7 +42,8 @@ def main():
     os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count={given.devices}"
     # Devices made of one processor wait for each other in threads of one pool, which is as large as
     # the number of cores: with more devices than that they would wait for ever.
-    os.environ.setdefault("NPROC", str(max(os.cpu_count(), 4 * given.devices)))
+    if given.devices > 1:
+        os.environ.setdefault("NPROC", str(max(os.cpu_count(), 4 * given.devices)))
     import jax
 
     jax.config.update("jax_enable_x64", True)

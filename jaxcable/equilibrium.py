@@ -60,8 +60,8 @@ class Newton:
             ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move a long way without force.
         max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
-            None chooses by size: dense for small systems, else PARDISO where installed, else
-            SuperLU.
+            None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
+            some hundred, else PARDISO where installed, else SuperLU.
     """
 
     tol: object = None

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from . import equilibrium, implicit, incremental, linear, status
+from . import equilibrium, implicit, incremental, status
 from ._tree import Indices, copy, fill, thaw
 from .equilibrium import Newton
 from .incremental import Incremental
@@ -14,7 +14,7 @@ from .loads import LineLoads, NodalLoads, SupportMovement, as_list
 from .phases import Phase
 from .ramp import PhaseData, Ramp, make_system, total_load, unloaded
 from .solution import PER_PHASE, Path, PhaseResult, Solution, State
-from .structure import Freedoms, Structure, count_free, number_freedoms
+from .structure import Freedoms, Structure, number_freedoms
 
 
 def solve(structure, phases, method=None, start=None, differentiate_path=False):
@@ -61,8 +61,7 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
     links = tuple((group.links, group.n_freedom) for group in groups)
 
     def numbered(fixed):
-        solver = linear.choose(method.linear_solver, count_free(fixed, rows))
-        return number_freedoms(fixed, rows, links, solver)
+        return number_freedoms(fixed, rows, links, method.linear_solver)
 
     nodes = structure.nodes if rows is None else structure.nodes[rows.array]
 

@@ -272,15 +272,6 @@ class Freedoms:
     pattern: object = None
 
 
-def count_free(fixed, rows=None):
-    """Number of unknowns; arguments as `number_freedoms`."""
-    held = fixed.array
-    if rows is None:
-        return int(np.sum(~held))
-    repeated = np.arange(len(held)) != rows.array
-    return int(np.sum(~held) - np.sum(~held[repeated, :3]))
-
-
 @functools.lru_cache(maxsize=64)
 def number_freedoms(fixed, rows=None, links=None, solver=None):
     """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
@@ -288,8 +279,9 @@ def number_freedoms(fixed, rows=None, links=None, solver=None):
     Args:
         fixed: True where a freedom is held, `Indices` [n_row, 3 or 6].
         rows: the node of every row of `fixed`, `Indices` [n_row], or None.
-        links: (`Indices` of links, freedoms of a node) for every group, a tuple; for a pattern.
-        solver: the solver that the pattern is made for; None for no pattern.
+        links: (`Indices` of links, freedoms of a node) for every group, a tuple; None for no
+            pattern.
+        solver: the solver that the pattern is made for; None to choose by size.
     """
     mask = fixed.array.copy()
     if rows is not None:
@@ -305,7 +297,7 @@ def number_freedoms(fixed, rows=None, links=None, solver=None):
         number[:, :3] = number[rows.array, :3]
     turning = mask.shape[1] > N_FREEDOM
     pattern = None
-    if solver is not None and not (turning and solver == "dense"):
+    if links is not None and not (turning and linear.is_dense(solver, n_free)):
         numbers = [number[own.array][..., :width].reshape(len(own), -1) for own, width in links]
         if turning:  # moments have entries of their own, unsymmetric ones
             numbers.append(number[:, 3:])

@@ -13,9 +13,11 @@ import jaxcable as jc
 from jaxcable import linear
 from jaxcable.linear import host
 from jaxcable.linear.banded import solve_banded
+from jaxcable.linear.choice import choose
 
 SPARSE = [
     "superlu",
+    "banded",
     pytest.param(
         "pardiso",
         marks=pytest.mark.skipif(not host.available("pardiso"), reason="pypardiso not installed"),
@@ -151,7 +153,8 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
         assert np.abs(x - exact).max() < 1e-6 * np.abs(exact).max()
         counts.append(None if memory is None else int(memory.count))
     # conjugate gradients with a near matrix's factor, not with a far one's
-    assert counts == ([None] * 5 if solver == "dense" else [1, 1, 2, 3, 4])
+    expected = {"dense": [None] * 5, "banded": [1, 2, 3, 4, 5]}
+    assert counts == expected.get(solver, [1, 1, 2, 3, 4])
     assert not bool(next_(indefinite, b, memory, 1e-8, 0, True)[1])
 
 
@@ -258,13 +261,15 @@ def test_the_way_back_from_another_device_gives_the_same(monkeypatch):
 
 
 def test_solver_by_size_and_by_name(monkeypatch):
-    assert linear.choose(None, 48) == "dense" and linear.choose("superlu", 3) == "superlu"
+    assert chain(48, True, None)[0].solver == "dense"
+    assert chain(48, True, "superlu")[0].solver == "superlu"
+    assert choose(300, True) == "banded"
     monkeypatch.setattr(host, "available", lambda name: name == "superlu")
-    assert linear.choose(None, 5000) == "superlu"
+    assert choose(5000, False) == "superlu"
     with pytest.raises(ValueError, match=r"linear_solver = 'pardiso': pypardiso is not installed"):
         jc.Newton(linear_solver="pardiso")
     monkeypatch.setattr(host, "available", lambda name: True)
-    assert linear.choose(None, 5000) == "pardiso"
+    assert choose(5000, False) == "pardiso"
     for method in (jc.Newton, jc.Incremental):
         with pytest.raises(ValueError, match="linear_solver = 'umfpack': expected None or one of"):
             method(linear_solver="umfpack")

@@ -6,13 +6,19 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.linear import host
 
 STRUCTURE, _ = jc.scenes.flat_net()
 FREE = np.array([3, 4, 7, 8])
 METHODS = {
     "newton": jc.Newton(tol=1e-13),
     "tangent": jc.Incremental(1, tol=9.0),
+    "superlu": jc.Newton(tol=1e-13, linear_solver="superlu"),
+    "tangent, superlu": jc.Incremental(1, tol=9.0, linear_solver="superlu"),
 }
+if host.available("pardiso"):
+    METHODS["pardiso"] = jc.Newton(tol=1e-13, linear_solver="pardiso")
+NEWTONS = [name for name in METHODS if "tangent" not in name]
 P = jnp.array([180.0, 220.0, -5.0])  # pretension of rows and of columns, load
 
 
@@ -45,8 +51,9 @@ def test_first_derivatives(name):
     assert jnp.abs(forward - backward).max() < 1e-12 * size
 
 
-def test_jvp():
-    end, vector = make(METHODS["newton"]), jnp.array([0.3, -1.0, 2.0])
+@pytest.mark.parametrize("name", NEWTONS)
+def test_jvp(name):
+    end, vector = make(METHODS[name]), jnp.array([0.3, -1.0, 2.0])
     value, tangent = jax.jvp(end, (P,), (vector,))
     assert jnp.abs(value - end(P)).max() < 1e-12
     expected = (end(P + 1e-3 * vector) - end(P - 1e-3 * vector)) / 2e-3
@@ -67,8 +74,9 @@ def test_batches(name):
         assert jnp.abs(gradient - g).max() < 1e-10
 
 
-def test_second_derivatives():
-    end = make(METHODS["newton"])
+@pytest.mark.parametrize("name", NEWTONS)
+def test_second_derivatives(name):
+    end = make(METHODS[name])
 
     def f(p):
         return end(p)[2]
@@ -82,14 +90,16 @@ def test_second_derivatives():
     assert jnp.abs(product - hessian @ vector).max() < 1e-10 * jnp.abs(hessian).max()
 
 
-def test_solve_inside_scan_and_of_a_whole_structure_pytree():
-    end = make(METHODS["newton"])
+@pytest.mark.parametrize("name", NEWTONS)
+def test_solve_inside_scan_and_of_a_whole_structure_pytree(name):
+    end = make(METHODS[name])
     batch = jnp.stack([P, 1.1 * P])
     _, values = jax.lax.scan(lambda c, p: (c, end(p)), 0, batch)
     assert jnp.abs(values - jax.vmap(end)(batch)).max() < 1e-10
 
     def deflection(structure):
-        return jc.solve(structure, jc.scenes.flat_net(load=15.0).phases).displacement[3, 2]
+        phases = jc.scenes.flat_net(load=15.0).phases
+        return jc.solve(structure, phases, METHODS[name]).displacement[3, 2]
 
     gradient = jax.grad(deflection)(STRUCTURE)  # a Structure of derivatives
     assert gradient.nodes.shape == (12, 3) and gradient.elements.axial_stiffness.shape == (12,)

@@ -211,7 +211,8 @@ class Bars(Prestressed):
         def pull(second):
             return self._pull(state, ends, jnp.stack([motion[0], second]))
 
-        block = jax.jacfwd(pull)(motion[1])
+        # a value of its own, which the four places that it goes to do not compute again
+        block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
     def section_strain(self, state, ends, motion):

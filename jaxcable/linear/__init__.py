@@ -6,7 +6,7 @@ A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the sam
 import jax.numpy as jnp
 
 from . import dense, sparse
-from .choice import check, choose
+from .choice import check, is_dense
 from .dense import Factor, solve_definite
 from .pattern import Pattern, Sparse, assemble, make_pattern
 from .sparse import SparseFactor, no_memory
@@ -18,9 +18,9 @@ __all__ = [
     "SparseFactor",
     "assemble",
     "check",
-    "choose",
     "diagonal",
     "factorize",
+    "is_dense",
     "make_pattern",
     "no_memory",
     "or_identity",

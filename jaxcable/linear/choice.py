@@ -19,14 +19,19 @@ def check(name):
         )
 
 
-def choose(name, n):
-    """The solver for `n` unknowns, one of `SOLVERS`.
+def choose(n, banded):
+    """The solver for `n` unknowns if none is named, for a matrix of small bandwidth or not.
 
-    `name` is one of them, or None: then dense for small systems, else PARDISO where it is
+    Dense for small systems, a banded one for some hundred unknowns, else PARDISO where it is
     installed, else SuperLU.
     """
-    if name is not None:
-        return name
     if n <= _DENSE:
         return "dense"
+    if banded:
+        return "banded"
     return "pardiso" if host.available("pardiso") else "superlu"
+
+
+def is_dense(name, n):
+    """Whether `n` unknowns get a dense matrix, with a solver of that name or None."""
+    return name == "dense" or (name is None and n <= _DENSE)

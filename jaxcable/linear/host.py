@@ -41,6 +41,7 @@ class Analysed:
 
     def __init__(self, solver, symmetric, indptr, indices):
         self.n, self.symmetric = len(indptr) - 1, symmetric
+        self.iterates = symmetric and solver != "banded"  # else a factorisation is cheaper
         self.indptr, self.indices = indptr.copy(), indices.copy()
         self.rows = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == self.indices)
@@ -57,6 +58,8 @@ class Analysed:
             self.transposed = whole.T.tocsr().data - 1
         if solver == "pardiso":
             from .pardiso import Pardiso as Solver
+        elif solver == "banded":
+            from .lapack import Banded as Solver
         else:
             from .superlu import SuperLU as Solver
         self.solver = Solver(self.n, whole.indptr, whole.indices)
@@ -161,7 +164,7 @@ def step(pattern, values, rhs, stale, usable, tol, limit, wanted):
     with _lock:
         analysed = kept(*pattern)
         # as many factors as cases would not be kept: then each matrix has its own
-        usable = usable & (len(rhs) < _FACTORS) & analysed.symmetric
+        usable = usable & (len(rhs) < _FACTORS) & analysed.iterates
         for k in np.flatnonzero(wanted):
             answer = None
             if usable[k]:
@@ -202,7 +205,7 @@ def solve(pattern, transposed, values, loose, stale, usable, tol, limit, rhs, gr
     regular[idle] = True
     with _lock:
         analysed = kept(*pattern)
-        usable = usable & (len(values) < _FACTORS) & analysed.symmetric
+        usable = usable & (len(values) < _FACTORS) & analysed.iterates
         for g in np.unique(group[~idle]):
             mine = np.flatnonzero((group == g) & ~idle)
             own = _without(analysed, values[g], loose[g])

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._tree import copy, pytree
+from .choice import choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones
 
@@ -32,7 +33,7 @@ class Pattern:
             [n, b + 1]; n_value for a zero.
         size: n.
         symmetric: only the upper triangle is stored.
-        solver: "dense", "superlu" or "pardiso".
+        solver: "dense", "banded", "superlu" or "pardiso".
     """
 
     source: object
@@ -56,7 +57,7 @@ def make_pattern(numbers, size, symmetric, solver):
             [n_elem, d]; `size` or more for a row that is left out.
         size: number of unknowns n.
         symmetric: store the upper triangle only.
-        solver: "dense", "superlu" or "pardiso".
+        solver: "dense", "superlu" or "pardiso", or None to choose.
     """
     rows, columns, sources, offset = [], [], [], 0
     for number in numbers:
@@ -91,6 +92,8 @@ def make_pattern(numbers, size, symmetric, solver):
         np.frombuffer(digest, np.uint32),
         *(_band(row, indices, size) if symmetric else (None, None)),
     )
+    if solver is None:
+        solver = choose(size, arrays[-1] is not None)
     with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
         arrays = [None if array is None else jnp.asarray(array) for array in arrays]
     return Pattern(*arrays, size, symmetric, solver)

@@ -48,6 +48,10 @@ def _pattern_of(solver, symmetric, digest, indptr, indices):
 @functools.cache
 def _stepper(solver, symmetric):
     def function(digest, indptr, indices, values, rhs, stale, *scalars):
+        if digest.ndim == 1:  # no batch: spare the small change
+            pattern = solver, symmetric, digest, indptr, indices
+            arrays = (a.astype(np.float64, copy=False)[None] for a in (values, rhs, stale))
+            return tuple(r[0] for r in host.step(pattern, *arrays, *(s[None] for s in scalars)))
         batch = np.broadcast_shapes(*(a.shape[:-1] for a in (values, rhs, stale)))
         batch = np.broadcast_shapes(batch, *(s.shape for s in scalars))
         arrays = (_rows(a, batch).astype(np.float64, copy=False) for a in (values, rhs, stale))

@@ -1,0 +1,83 @@
+"""LAPACK's banded solvers, for nets of some hundred unknowns and small bandwidth."""
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.linalg import lapack
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+
+class Banded:
+    """An order of small bandwidth for a pattern.
+
+    Args:
+        n: number of unknowns.
+        indptr, indices: compressed rows of the whole matrix (both triangles).
+    """
+
+    def __init__(self, n, indptr, indices):
+        self.n = n
+        pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
+        self.order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
+        place = np.empty(n, np.int64)
+        place[self.order] = np.arange(n)
+        row, column = place[np.repeat(np.arange(n), np.diff(indptr))], place[indices]
+        self.b = int(np.max(np.abs(row - column), initial=0))
+        self.lower = np.flatnonzero(row >= column)
+        # where values go in the Fortran arrays of LAPACK, columns one after the other
+        high = self.b + 1
+        self.lower_at = (row - column + column * high)[self.lower]
+        self.general_at = row - column + 2 * self.b + column * (3 * self.b + 1)
+        self.diagonal = np.flatnonzero(row == column)
+        self.places = row, column
+        self.diagonal = self.diagonal[np.argsort(row[self.diagonal])]
+
+    def factorize(self, values, definite):
+        """Numeric factor of `values` (in the order of the rows given); None if it is singular.
+
+        `definite` demands a positive definite matrix and is faster.
+        """
+        diagonal = np.abs(values[self.diagonal])
+        size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # so that pivots can be compared
+        row, column = self.places
+        values = values / (size[row] * size[column])
+        limit = self.n * np.finfo(float).eps
+        if definite:
+            band = np.zeros((self.n, self.b + 1))
+            band.ravel()[self.lower_at] = values[self.lower]
+            band, info = lapack.dpbtrf(band.T, lower=1, overwrite_ab=1)
+            pivots, factor = band[0] ** 2, (band, None)
+        else:
+            band = np.zeros((self.n, 3 * self.b + 1))
+            band.ravel()[self.general_at] = values
+            band, pivot, info = lapack.dgbtrf(band.T, self.b, self.b, overwrite_ab=1)
+            pivots, factor = np.abs(band[2 * self.b]), (band, pivot)
+        if info != 0 or not pivots.min(initial=np.inf) > limit * pivots.max(initial=0.0):
+            return None
+        return Factor(self, *factor, size)
+
+    def release(self):
+        """Give all memory back: it goes with this object."""
+
+
+class Factor:
+    """A numeric factor; `pivot` is None for Cholesky's."""
+
+    def __init__(self, symbolic, band, pivot, size):
+        self.symbolic, self.band, self.pivot, self.size = symbolic, band, pivot, size
+        self.n_bytes = band.nbytes
+
+    def solve(self, b, transposed=False):
+        """Solve for right-hand sides [n] or [n, m]."""
+        order, half = self.symbolic.order, self.symbolic.b
+        size = self.size if b.ndim == 1 else self.size[:, None]
+        rhs = b[order] / size
+        if self.pivot is None:
+            y, _ = lapack.dpbtrs(self.band, rhs, lower=1)
+        else:
+            y, _ = lapack.dgbtrs(self.band, half, half, rhs, self.pivot, trans=int(transposed))
+        x = np.empty_like(b)
+        x[order] = y / size
+        return x
+
+    def release(self):
+        """Give the memory back: it goes with this object."""
