@@ -7,7 +7,8 @@ Reference  OpenSees (corotTruss, InitStressMaterial, the fastest of its systems 
            each other: deflections of the middle differ by less than 1e-9 m.
 Error      Relative residual at most 1e-8 in both programs, measured in both as the largest
            unbalanced force over the largest sum of forces at a node.
-Command    python experiments/scaling.py [nets] [variants] [hard] [batches] [draw]
+Command    python experiments/scaling.py [nets] [variants] [hard] [batches] [cache]
+           [draw]
            OPENSEES_PYTHON names an interpreter with openseespy (default: this one); figures are
            kept in experiments/results/scaling.json, tables and picture made of them.
 
@@ -25,6 +26,7 @@ import platform
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -99,11 +101,10 @@ def nets():
 
 
 def brief(answer):
-    return {k: v if not isinstance(v, list) else round(median(v), 3) for k, v in answer.items()}
-
-
-def median(values):
-    return statistics.median(values)
+    return {
+        key: round(statistics.median(value), 3) if isinstance(value, list) and value else value
+        for key, value in answer.items()
+    }
 
 
 def variants():
@@ -119,7 +120,9 @@ def variants():
         for scene, load, repeats in (("taut", 5000 / 101, 5), ("slack", 500.0, 1)):
             if scene == "slack" and "increments" in name:
                 continue
-            for solver in ("pardiso", "superlu"):
+            for solver in (
+                ("pardiso", "superlu") if "plain" in change or not change else ("pardiso",)
+            ):
                 case = {"n": 100, "load": load, "solver": solver, "repeats": repeats}
                 case |= {"gradient": False, "pieces": False, **change}
                 answer = ask("scaling_child.py", case)
@@ -159,6 +162,23 @@ def batches():
     return found
 
 
+def cache():
+    """First calls with jax's persistent compilation cache, before and after it is filled."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        flags = {
+            "JAX_COMPILATION_CACHE_DIR": folder,
+            "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        }
+        for n in (4, 50):
+            case = {"n": n, "load": 5000 / (n + 1), "solver": None, "repeats": 3}
+            case |= {"gradient": False, "pieces": False}
+            answers = [ask("scaling_child.py", case, flags=flags) for _ in range(2)]
+            found[n] = [answer.get("first_s") for answer in answers]
+            print(n, found[n], flush=True)
+    return found
+
+
 def machine():
     """What the figures belong to."""
     import jax
@@ -180,7 +200,10 @@ def machine():
 
 
 def main():
-    parts = {"nets": nets, "variants": variants, "hard": hard, "batches": batches}
+    parts = {
+        **{"nets": nets, "variants": variants, "hard": hard, "batches": batches},
+        "cache": cache,
+    }
     asked = sys.argv[1:] or [*parts, "draw"]
     store = RESULTS / "scaling.json"
     kept = json.loads(store.read_text()) if store.exists() else {}

@@ -214,6 +214,17 @@ def batches(kept):
     )
 
 
+def cache(kept):
+    rows = [
+        [str(3 * int(n) ** 2), *(shown(second) for second in pair)]
+        for n, pair in kept["cache"]["found"].items()
+    ]
+    yield (
+        "First call, s, with the persistent compilation cache empty and filled (programs that call"
+        "\nthe host are not stored by jax)\n" + table(["unknowns", "empty", "filled"], rows)
+    )
+
+
 def tables(kept):
     """All tables that there are figures for, as text."""
     parts = []
@@ -222,6 +233,7 @@ def tables(kept):
         ("variants", variants),
         ("hard", hard),
         ("batches", batches),
+        ("cache", cache),
     ):
         if name in kept:
             parts.append(f"=== {name}: {kept[name]['machine']}")

@@ -272,7 +272,7 @@ class Freedoms:
     pattern: object = None
 
 
-@functools.lru_cache(maxsize=64)
+@functools.lru_cache(maxsize=16)
 def number_freedoms(fixed, rows=None, links=None, solver=None):
     """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
 
