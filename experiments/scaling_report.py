@@ -262,7 +262,9 @@ def draw(kept, path):
         for n, f in found.items()
         if f["jaxcable"].get("pardiso", {}).get("gradient_ms")
     ]
-    left.loglog(*zip(*points, strict=True), "C0o:", mfc="w", label="the same with its gradient")
+    left.loglog(
+        *zip(*points, strict=True), "C0o:", mfc="w", label="jaxcable, PARDISO, with gradient"
+    )
     points = [
         (sizes[n], 1e3 * best(f["opensees"])[1]["analyze_s"])
         for n, f in found.items()
@@ -295,6 +297,6 @@ def draw(kept, path):
     right.set(xlabel="load cases", ylabel="time a case, µs", ylim=(0, 1.15 * both))
     right.set(title="Load cases of a net of 48 unknowns")
     right.grid(True, alpha=0.3)
-    right.legend(fontsize=8, loc="center right")
+    right.legend(fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.36))
     figure.savefig(path, dpi=130)
     plt.close(figure)

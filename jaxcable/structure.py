@@ -297,7 +297,7 @@ def number_freedoms(fixed, rows=None, links=None, solver=None):
         number[:, :3] = number[rows.array, :3]
     turning = mask.shape[1] > N_FREEDOM
     pattern = None
-    if links is not None and not (turning and linear.is_dense(solver, n_free)):
+    if links is not None and n_free > 0 and not (turning and linear.is_dense(solver, n_free)):
         numbers = [number[own.array][..., :width].reshape(len(own), -1) for own, width in links]
         if turning:  # moments have entries of their own, unsymmetric ones
             numbers.append(number[:, 3:])

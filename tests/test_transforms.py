@@ -18,7 +18,11 @@ METHODS = {
 }
 if host.available("pardiso"):
     METHODS["pardiso"] = jc.Newton(tol=1e-13, linear_solver="pardiso")
-NEWTONS = [name for name in METHODS if "tangent" not in name]
+
+# compiled anew for every solver, and alike: one sparse one is enough but for `make slow`
+SLOW = ("tangent, superlu", "pardiso")
+NAMES = [pytest.param(n, marks=pytest.mark.slow if n in SLOW else []) for n in METHODS]
+NEWTONS = [name for name in NAMES if "tangent" not in name.values[0]]
 P = jnp.array([180.0, 220.0, -5.0])  # pretension of rows and of columns, load
 
 
@@ -37,7 +41,7 @@ def differences(f, p, h):
     return jnp.stack([(f(p + h * e) - f(p - h * e)) / (2 * h) for e in jnp.eye(len(p))], axis=-1)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_first_derivatives(name):
     end = make(METHODS[name])
     value = end(P)
@@ -60,7 +64,7 @@ def test_jvp(name):
     assert jnp.abs(tangent - expected).max() < 1e-6 * jnp.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMES)
 def test_batches(name):
     end = make(METHODS[name])
     batch = jnp.stack([P, 1.1 * P, 0.7 * P])

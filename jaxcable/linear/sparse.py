@@ -19,6 +19,8 @@ from . import dense, host
 from .banded import solve_banded
 from .pattern import Sparse
 
+_PAUSE = 3  # where cables flip between slack and taut, matrices stay apart for some steps
+
 
 def _call(function, shapes, *arguments):
     """Run ``function(*arrays) -> arrays`` on the host; batches gain leading axes everywhere."""
@@ -95,11 +97,13 @@ class Memory:
         values: of that matrix, [n_value].
         usable: whether there is one.
         count: factorisations so far.
+        pause: solves for which conjugate gradients are not tried, after they have failed.
     """
 
     values: object
     usable: object
     count: object
+    pause: object
 
 
 def no_memory(pattern, dtype):
@@ -107,7 +111,7 @@ def no_memory(pattern, dtype):
     if pattern is None or pattern.solver == "dense":
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
-    return Memory(values, jnp.zeros((), bool), jnp.int32(0))
+    return Memory(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
 @custom_vmap
@@ -121,15 +125,18 @@ def solve_next(matrix, rhs, memory, tol, limit, wanted):
         jax.ShapeDtypeStruct((), bool),
         jax.ShapeDtypeStruct((), bool),
     )
-    usable = memory.usable & (limit > 0)
+    tried = memory.usable & (limit > 0) & (memory.pause == 0)
     x, definite, fresh = _call(
         _stepper(p.solver, p.symmetric),
         shapes,
         *(p.digest, p.indptr, p.indices, matrix.values, rhs),
-        *(memory.values, usable, tol, limit, wanted),
+        *(memory.values, tried, tol, limit, wanted),
     )
     after = Memory(
-        jnp.where(fresh, matrix.values, memory.values), memory.usable | fresh, memory.count + fresh
+        values=jnp.where(fresh, matrix.values, memory.values),
+        usable=memory.usable | fresh,
+        count=memory.count + fresh,
+        pause=jnp.where(tried & fresh, _PAUSE, jnp.maximum(memory.pause - 1, 0)),
     )
     return x, definite, after
 
