@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 _PATTERNS = 8  # analyses kept
 _FACTORS = 4  # factors kept per pattern, and at most
-_BYTES = 1 << 30  # of memory per pattern, but always the last
+_BYTES = 1 << 29  # of memory per pattern, but always the last
 _PACE = 4  # conjugate gradient steps after which the pace is judged
 
 _lock = threading.RLock()

@@ -73,7 +73,7 @@ class Factor:
 
     def __init__(self, symbolic, lu, size):
         self.order, self.lu, self.size = symbolic.order, lu, size
-        self.n_bytes = 16 * lu.nnz
+        self.n_bytes = 40 * lu.nnz  # with the copies of its triangles that SciPy keeps
 
     def solve(self, b, transposed=False):
         """Solve for right-hand sides [n] or [n, m]."""

@@ -1,7 +1,6 @@
 """The cable of the paper's accuracy study."""
 
 import numpy as np
-from scipy.optimize import brentq
 
 from ..elements import Cables
 from ..loads import NodalLoads
@@ -63,6 +62,8 @@ def inextensible_polygon(span, length, n_links):
 
     def run(ratio):
         return length / n_links / np.hypot(1, ratio * shear)
+
+    from scipy.optimize import brentq  # slow to import
 
     ratio = brentq(lambda r: run(r).sum() - span, 1e-9, 1e3, xtol=1e-16, rtol=1e-15)
     x = np.concatenate([[0.0], np.cumsum(run(ratio))])
