@@ -312,7 +312,8 @@ def march(ramp, x, factors, method, code, memory=None):
 def _solve(working, matrix, it, tol, wanted):
     """The step of Newton's method: solution, whether it can be used, memory of sparse solves."""
     # Conjugate gradients cannot tell that a matrix is indefinite; a convex energy has no such.
-    # They leave what the next step of Newton's method will leave anyway.
+    # They leave what the next step of Newton's method will leave anyway; the bounds steer effort
+    # and hide nothing, since the residual of the step is judged as ever.
     relative = _largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
     limit = _WORTH if working.convex else 0

@@ -117,4 +117,5 @@ def test_two_processes_give_the_answers_of_one():
 
 @pytest.mark.slow
 def test_four_devices_with_factorisations_on_the_host():
-    figures(run("--devices", 4, "--cases", 6, "--chunk", 1, "--side", 14))
+    found = figures(run("--devices", 4, "--cases", 6, "--chunk", 1, "--side", 14))
+    assert found["devices"] == 4 and found["unknowns"] == 588

@@ -71,7 +71,9 @@ def solve_built(build, rhs, matvec, memory=None, tol=0.0, limit=0):
 
     The same as ``factorize(*build()).solve(rhs, matvec)``. But where matrices are sparse, nothing
     is assembled in a program that in the end does not solve; and a positive semidefinite one that
-    is near to a matrix factorised before is solved by conjugate gradients.
+    is near to a matrix factorised before is solved by conjugate gradients. These do not see that a
+    matrix is singular in a direction that the right side does not touch: there the answer is finite
+    where a factorisation would make it NaN.
 
     Args:
         build: function without arguments.
