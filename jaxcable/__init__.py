@@ -10,9 +10,10 @@
 -0.012838093 m
 """
 
-from . import materials, plots, scenes
+from . import design, materials, plots, scenes
 from ._tree import replace
 from .batches import batched
+from .design import fit, influence, minimize
 from .elements import Bars, Beams, Cables
 from .equilibrium import Newton
 from .incremental import Incremental
@@ -53,8 +54,12 @@ __all__ = [
     "batched",
     "clamped",
     "describe",
+    "design",
     "fibre_stress",
+    "fit",
+    "influence",
     "materials",
+    "minimize",
     "pinned",
     "plots",
     "raise_if_failed",

@@ -12,6 +12,10 @@ SINGULAR = 4
 DRIFTED = 5
 MATERIAL_FAILURE = 6
 BEYOND_CAPACITY = 7
+OUT_OF_STEPS = 8
+STALLED = 9
+BAD_START = 10
+OUTSIDE = 11
 
 _TEXTS = {
     OK: "converged",
@@ -45,6 +49,20 @@ _TEXTS = {
         "the section cannot carry these forces: a fibre would be strained beyond the end of its "
         "stress-strain curve; reduce the forces or look at Section.interaction"
     ),
+    OUT_OF_STEPS: (
+        "the optimization used up its steps before the gradient inside the bounds fell to tol; "
+        "allow more steps, another learning rate, or go on from the parameters reached"
+    ),
+    STALLED: (
+        "no step, however short, leads on: the loss has reached its rounding level (then raise "
+        "tol, or lower that of the analysis), has a kink here (a cable at the point of "
+        "slackening), or the analysis fails in this direction (look at failures)"
+    ),
+    BAD_START: (
+        "the loss or its gradient is not finite at the start, or the analysis fails there; "
+        "history.status[0] has its code"
+    ),
+    OUTSIDE: "the start is outside its bounds, or a lower bound is above the upper one",
 }
 
 

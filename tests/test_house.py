@@ -34,7 +34,7 @@ FLOORS = [
     ["ramp"],
     ["solution"],
     ["solver", "batches"],
-    ["stresses"],
+    ["stresses", "design"],
     ["scenes"],
     ["plots"],
     ["__init__", "__main__"],

@@ -1,0 +1,50 @@
+"""Design: objectives on solutions, and ways to reach them by exact gradients."""
+
+from .confidence import Confidence, confidence
+from .fit import Fit, FitHistory, fit
+from .influence import adjustment, flat_matrix, influence, scatter
+from .kinks import nearest_kink, slack_distance, slack_margin
+from .minimize import Design, History, minimize
+from .objectives import (
+    largest_deflection,
+    material_use,
+    mean_over_cases,
+    shape_distance,
+    smooth_max,
+    smooth_min,
+    tension_distance,
+    tension_spread,
+    total_prestress,
+)
+from .reports import Envelope, envelope, solve_cases, utilisation
+
+__all__ = [
+    "Confidence",
+    "Design",
+    "Envelope",
+    "Fit",
+    "FitHistory",
+    "History",
+    "adjustment",
+    "confidence",
+    "envelope",
+    "fit",
+    "flat_matrix",
+    "influence",
+    "largest_deflection",
+    "material_use",
+    "mean_over_cases",
+    "minimize",
+    "nearest_kink",
+    "scatter",
+    "shape_distance",
+    "slack_distance",
+    "slack_margin",
+    "smooth_max",
+    "smooth_min",
+    "solve_cases",
+    "tension_distance",
+    "tension_spread",
+    "total_prestress",
+    "utilisation",
+]

@@ -1,0 +1,131 @@
+"""Bounds on parameters: a box that is honoured exactly, and the gradient that is left inside it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import pytree
+
+
+@pytree
+class Box:
+    """Lower and upper bounds, each of the shape of the parameters; infinite where there is none."""
+
+    lower: object
+    upper: object
+
+    def project(self, params):
+        """The nearest point in the box: entries beyond a bound become that bound exactly."""
+        return jax.tree.map(jnp.clip, params, self.lower, self.upper)
+
+    def blocked(self, params, gradient):
+        """True for entries at a bound that the negative gradient would push out."""
+        return jax.tree.map(
+            lambda x, g, low, high: (
+                ((x <= low) & (g > 0)) | ((x >= high) & (g < 0)) | (low == high)
+            ),
+            params,
+            gradient,
+            self.lower,
+            self.upper,
+        )
+
+    def holds(self, params):
+        """Whether the bounds leave room and the parameters are within them; scalar bool."""
+        inside = jax.tree.map(
+            lambda x, low, high: jnp.all((low <= x) & (x <= high)), params, self.lower, self.upper
+        )
+        return jnp.all(jnp.stack(jax.tree.leaves(inside)))
+
+
+def numbers(params, name="params"):
+    """The parameters as a pytree of float arrays; ValueError for anything else."""
+    leaves = jax.tree_util.tree_leaves_with_path(params)
+    if not leaves:
+        raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
+    return jax.tree_util.tree_map_with_path(
+        lambda path, x: jnp.asarray(_check.floats(x, name + jax.tree_util.keystr(path))), params
+    )
+
+
+def default_tol(params):
+    """Tolerance on gradients that the float type of the parameters can reach."""
+    return 1e-6 if jnp.result_type(*jax.tree.leaves(params)) == jnp.float64 else 1e-3
+
+
+def spread(value, params, name, absent=None, positive=False):
+    """A scalar, an array or a prefix pytree as a pytree of arrays of the shapes of `params`.
+
+    `absent` takes the place of None; `positive` demands that of every entry.
+    """
+    if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
+        jax.tree.structure(params)
+    ):
+        value = _check.floats(value, name)
+    value = jax.tree.map(lambda v: absent if v is None else v, value, is_leaf=lambda v: v is None)
+    try:
+        tree = jax.tree.broadcast(value, params)
+    except ValueError as error:
+        raise ValueError(
+            f"{name}: expected a scalar, an array or a prefix pytree of the parameters, got "
+            f"{jax.tree.structure(value)} for {jax.tree.structure(params)}"
+        ) from error
+
+    def fill(path, v, x):
+        where = name + jax.tree_util.keystr(path)
+        v = _check.floats(v, where)
+        if v.shape not in ((), x.shape):
+            raise ValueError(f"{where}: expected a scalar or shape {x.shape}, got {v.shape}")
+        if positive:
+            _check.require(v, lambda v: v > 0, where, "must be positive")
+        return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
+
+    return jax.tree_util.tree_map_with_path(fill, tree, params)
+
+
+def make_box(bounds, params):
+    """The `Box` that `bounds` state, checked against the start as far as values are concrete.
+
+    Args:
+        bounds: None, or (lower, upper), each None, a scalar, an array or a prefix pytree of the
+            parameters.
+        params: the start, a pytree of arrays.
+
+    Raises:
+        ValueError: a lower bound above the upper one, NaN in a bound, or a start outside them, with
+            the entry.
+    """
+    if bounds is None:
+        bounds = (None, None)
+    if not isinstance(bounds, list | tuple) or len(bounds) != 2:
+        raise ValueError("bounds: expected (lower, upper), each None, a number or a pytree")
+    lower, upper = (
+        spread(bound, params, f"bounds[{k}]", absent)
+        for k, (bound, absent) in enumerate(zip(bounds, (-np.inf, np.inf), strict=True))
+    )
+
+    def check(path, x, low, high):
+        x, low, high = (_check.concrete(v) for v in (x, low, high))
+        entry = jax.tree_util.keystr(path)
+        if low is None or high is None:
+            return
+        _refuse(np.isnan(low) | np.isnan(high), entry, "bounds", "a bound is NaN")
+        _refuse(low > high, entry, "bounds", "the lower bound is above the upper one", low, high)
+        if x is None:
+            return
+        _refuse(x < low, entry, "params", "the start is below its lower bound", x, low)
+        _refuse(x > high, entry, "params", "the start is above its upper bound", x, high)
+
+    jax.tree_util.tree_map_with_path(check, params, lower, upper)
+    return Box(lower, upper)
+
+
+def _refuse(bad, entry, name, rule, *values):
+    """ValueError naming the first entry where `bad`."""
+    if not np.any(bad):
+        return
+    index = tuple(int(i) for i in np.argwhere(bad)[0])
+    where = f"[{', '.join(map(str, index))}]" if index else ""
+    shown = f": {' and '.join(f'{v[index]:g}' for v in values)}" if values else ""
+    raise ValueError(f"{name}{entry}{where}{shown}: {rule}")

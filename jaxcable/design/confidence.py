@@ -1,0 +1,107 @@
+"""How well data determine parameters: confidence intervals and what cannot be identified."""
+
+import jax
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from scipy import special
+
+from .._tree import pytree
+
+
+@pytree
+class Confidence:
+    """What the Jacobian at a fit says about its parameters, to first order.
+
+    Attributes:
+        half_width: of the confidence interval of every parameter, in the shape of the parameters;
+            infinite if the data do not determine it, NaN if a bound holds it.
+        standard_error: likewise.
+        correlation: of the parameters, flattened, [n_param, n_param]; NaN where not determined.
+        deviation: standard deviation of a residual, given or estimated.
+        singular_values: of the Jacobian with columns of length one, descending, [n_free]; a small
+            one belongs to a combination of parameters that the data hardly see.
+        directions: these combinations, rows [n_free, n_param], in units of the parameters, each
+            with a largest entry of 1.
+        rank: number of combinations that are determined.
+        degrees: degrees of freedom, n_residual - rank.
+    """
+
+    half_width: object
+    standard_error: object
+    correlation: object
+    deviation: object
+    singular_values: object
+    directions: object
+    rank: object
+    degrees: object
+
+
+def confidence(fit, level=0.95, deviation=None, rcond=1e-6):
+    """Confidence intervals from the Jacobian of a `Fit`; on the host, not to be traced.
+
+    ``C = s^2 (J^T J)^-1`` over the parameters that no bound holds, ``s^2 = |r|^2 / (n - rank)``
+    unless `deviation` is given; half widths are Student's t (the normal quantile with a given
+    deviation) times the square root of the diagonal. Linear theory: it takes the model for true,
+    the residuals for independent and equally distributed, and the curvature of the model for small.
+
+    Args:
+        fit: result of `fit`.
+        level: of the intervals.
+        deviation: known standard deviation of the residuals; None to estimate it.
+        rcond: combinations with singular values below this part of the largest one count as not
+            determined, and so does every parameter that has a part in one.
+
+    Raises:
+        ValueError: no more residuals than determined combinations, and no `deviation`.
+    """
+    if not 0 < level < 1:
+        raise ValueError(f"level = {level}: must be between 0 and 1")
+    jacobian = np.asarray(fit.jacobian, float)
+    back = ravel_pytree(jax.tree.map(lambda x: np.asarray(x, float), fit.params))[1]
+    n_residual, n_param = jacobian.shape
+    free = np.concatenate([np.ravel(f) for f in jax.tree.leaves(fit.free)]).astype(bool)
+    columns = np.linalg.norm(jacobian[:, free], axis=0)
+    unit = np.where(columns > 0, columns, 1.0)
+    full = np.linalg.svd(jacobian[:, free] / unit, full_matrices=True)
+    n_free = int(free.sum())
+    values = np.zeros(n_free)
+    values[: len(full[1])] = full[1]
+    rows = full[2]
+    seen = values > rcond * values.max(initial=0.0)
+    rank = int(seen.sum())
+    degrees = n_residual - rank
+    if deviation is None:
+        if degrees < 1:
+            raise ValueError(
+                f"deviation: {n_residual} residuals cannot tell their scatter beside {rank} "
+                "determined combinations of parameters; give it"
+            )
+        deviation = float(np.linalg.norm(fit.residual)) / np.sqrt(degrees)
+        quantile = special.stdtrit(degrees, 0.5 + level / 2)
+    else:
+        quantile = special.ndtri(0.5 + level / 2)
+
+    half = rows[seen] / values[seen, None] / unit  # C = s^2 half^T half
+    covariance = np.full((n_param, n_param), np.nan)
+    inside = deviation**2 * half.T @ half
+    lost = (np.abs(rows[~seen]) > 1e-3).any(axis=0)
+    inside[lost] = np.nan
+    inside[:, lost] = np.nan
+    covariance[np.ix_(free, free)] = inside
+    error = np.sqrt(np.diagonal(covariance))
+    error[np.flatnonzero(free)[lost]] = np.inf
+    with np.errstate(invalid="ignore"):
+        correlation = covariance / np.outer(error, error)
+    directions = np.zeros((n_free, n_param))
+    directions[:, free] = rows / unit
+    peak = np.abs(directions).max(axis=1, keepdims=True)
+    return Confidence(
+        half_width=back(quantile * error),
+        standard_error=back(error),
+        correlation=correlation,
+        deviation=deviation,
+        singular_values=values,
+        directions=directions / np.where(peak > 0, peak, 1.0),
+        rank=rank,
+        degrees=degrees,
+    )

@@ -1,0 +1,200 @@
+"""Influence matrices: what a small change of prestress, load or shape does to the final state."""
+
+import jax
+import jax.numpy as jnp
+
+from .._tree import replace
+from ..loads import NodalLoads, as_list
+from ..phases import ABSOLUTE, INCREMENTS, Phase
+from ..solver import solve
+
+_OF = ("tension", "displacement", "positions", "reactions", "rest_length")
+
+
+def influence(
+    structure, phases, of="tension", wrt="shortening", phase=None, method=None, start=None
+):
+    """Jacobian of the final state: exact, through all phases, at the state that they lead to.
+
+    Args:
+        structure, phases, method, start: as for `solve`.
+        of: "tension", "displacement", "positions", "reactions" or "rest_length" at the end, or a
+            function of the `Solution` to a pytree of arrays.
+        wrt: what changes:
+
+            - "shortening" or "temperature": of every element, on top of what the phases state. By
+              default after the last phase: turnbuckles turned in the final state. m, K.
+            - "pretension", "jacking", "force_density", "prestrain" or "rest_length": of every
+              element that states it; by default in the first phase that does.
+            - "load": force on every node, [n_node, 3], N; by default in the last phase.
+            - "nodes": initial positions, [n_node, 3], m.
+        phase: number of the phase that changes, from 0; see `wrt` for the default.
+
+    Returns:
+        As from `jax.jacobian`: for every array of `of` [...] the shape of `wrt` behind it; with one
+        group of elements, tension by shortening is [n_elem, n_elem], N/m: column j is what
+        shortening element j by a metre would do, if it remained linear. With several groups a
+        pytree in the shape of `elements` for `of`, each of its entries one for `wrt`; None in place
+        of groups that do not state `wrt`. NaN if the analysis fails.
+
+    Raises:
+        ValueError: unknown `of`, `wrt` or `phase`, or nothing in the phases that states `wrt`.
+
+    Forward mode if `wrt` has at most as many numbers as `of`, else reverse mode.
+    """
+    if not callable(of) and of not in _OF:
+        raise ValueError(f"of = {of!r}: expected one of {', '.join(_OF)}, or a function")
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    if phase is not None and not 0 <= phase < len(phases):
+        raise ValueError(f"phase = {phase}: there are phases 0 to {len(phases) - 1}")
+    if phase is None and wrt in INCREMENTS:  # a phase of its own, which changes nothing yet
+        start = solve(structure, phases, method, start)
+        phases, phase = [Phase()], 0
+    value, put = _changing(structure, phases, wrt, phase)
+
+    def final(value):
+        solution = solve(*put(value), method, start)
+        return of(solution) if callable(of) else getattr(solution, of)
+
+    n_of = _count(jax.eval_shape(final, value))
+    mode = jax.jacfwd if _count(value) <= n_of else jax.jacrev
+    return mode(final)(value)
+
+
+def _count(tree):
+    return sum(leaf.size for leaf in jax.tree.leaves(tree))
+
+
+def _changing(structure, phases, wrt, phase):
+    """The numbers that `wrt` names, and a function that puts others in their place."""
+    if wrt == "nodes":
+        return jnp.asarray(structure.nodes), lambda v: (replace(structure, nodes=v), phases)
+    if wrt == "load":
+        number = len(phases) - 1 if phase is None else phase
+        every = range(structure.n_node)
+
+        def put(v):
+            loads = [*as_list(phases[number].loads), NodalLoads(every, v)]
+            return structure, _with(phases, number, loads=loads)
+
+        return jnp.zeros_like(structure.nodes), put
+    if wrt in INCREMENTS:
+        stated = _stated(phases[phase], structure, wrt)
+        able = [wrt != "temperature" or g.expansion is not None for g in structure.groups]
+        zeros = [
+            jnp.zeros(len(group.links), structure.nodes.dtype)
+            if one and hasattr(group, "restate")
+            else None
+            for group, one in zip(structure.groups, able, strict=True)
+        ]
+        if all(z is None for z in zeros):
+            raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
+        values = [z if s is None else s for z, s in zip(zeros, stated, strict=True)]
+    elif wrt in ABSOLUTE:
+        every = [phase] if phase is not None else range(len(phases))
+        for number in every:
+            values = _stated(phases[number], structure, wrt)
+            if any(v is not None for v in values):
+                phase = number
+                break
+        else:
+            where = "no phase states" if phase is None else f"phase {phase} does not state"
+            raise ValueError(f"wrt = {wrt!r}: {where} a {wrt}")
+    else:
+        known = ", ".join((*INCREMENTS, *ABSOLUTE, "load", "nodes"))
+        raise ValueError(f"wrt = {wrt!r}: expected one of {known}")
+    values = structure.arrange([v if v is None else jnp.asarray(v) for v in values])
+    return values, lambda v: (structure, _with(phases, phase, **{wrt: v}))
+
+
+def _stated(phase, structure, name):
+    """What a phase states by `name`: arrays [n_elem] or None, a list with an item per group."""
+    return [inputs.get(name) for inputs in phase.inputs(structure)]
+
+
+def _with(phases, number, **changes):
+    return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
+
+
+def flat_matrix(jacobian, wrt):
+    """An influence matrix over several groups as one matrix [n_of, n_wrt].
+
+    Args:
+        jacobian: result of `influence`.
+        wrt: any pytree of the shape of what it is taken with respect to.
+    """
+    shape = jax.tree.structure(wrt)
+    sizes = [jnp.size(leaf) for leaf in jax.tree.leaves(wrt)]
+
+    def one(entry):
+        parts = jax.tree.leaves(entry)
+        return [part.reshape(-1, size) for part, size in zip(parts, sizes, strict=True)]
+
+    entries = jax.tree.leaves(jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
+    if any(jax.tree.structure(entry) != shape for entry in entries):
+        raise ValueError("jacobian: was taken with respect to something of another shape than wrt")
+    return jnp.concatenate([jnp.concatenate(one(entry), axis=1) for entry in entries])
+
+
+def adjustment(jacobian, change, like=None, rcond=1e-10):
+    """The adjustments that bring about a change: least squares, and of these the smallest.
+
+    The retensioning of a net: with ``jacobian = influence(structure, phases)`` and
+    ``change = target - measured`` these are the turnbuckle shortenings, in m, for one step. A
+    change that the net cannot follow (its tensions are not independent at given lengths) is met as
+    well as it can be.
+
+    Args:
+        jacobian: result of `influence`.
+        change: wanted change of what it is the influence on, a pytree of its shape.
+        like: a pytree of the shape of the adjustments; default that of `change`.
+        rcond: singular values below this part of the largest one count as zero. Raise it when
+            `change` is measured with errors, which small singular values amplify.
+
+    Returns:
+        Adjustments in the shape of `like`.
+    """
+    like = change if like is None else like
+    matrix = flat_matrix(jacobian, like)
+    wanted = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(change)])
+    if wanted.size != matrix.shape[0]:
+        raise ValueError(
+            f"change: has {wanted.size} numbers, the influence matrix is on {matrix.shape[0]}"
+        )
+    flat = jnp.linalg.lstsq(matrix, wanted.astype(matrix.dtype), rcond=rcond)[0]
+    leaves, shape = jax.tree.flatten(like)
+    ends = [sum(jnp.size(x) for x in leaves[:k]) for k in range(len(leaves) + 1)]
+    parts = [
+        flat[a:b].reshape(jnp.shape(x)) for a, b, x in zip(ends[:-1], ends[1:], leaves, strict=True)
+    ]
+    return jax.tree.unflatten(shape, parts)
+
+
+def scatter(jacobian, tolerance):
+    """What tolerances do, to first order: at worst, and at random.
+
+    Args:
+        jacobian: result of `influence`, for example of tension by shortening in phase 0 for
+            tolerances of the cutting lengths.
+        tolerance: of every number that it is taken with respect to, a pytree of that shape; for
+            `worst` the largest deviation, for `random` the standard deviation.
+
+    Returns:
+        (worst, random), each in the shape of what the influence is on: ``sum_j |J_ij| t_j``, when
+        all conspire, and ``sqrt(sum_j (J_ij t_j)^2)``, when they are independent.
+    """
+    shape = jax.tree.structure(tolerance)
+
+    def add(function, finish):
+        def one(entry):
+            parts = [
+                jnp.sum(
+                    function(j.reshape(*j.shape[: j.ndim - jnp.ndim(t)], -1) * jnp.ravel(t)), -1
+                )
+                for j, t in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
+            ]
+            return finish(sum(parts))
+
+        return jax.tree.map(one, jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
+
+    return add(jnp.abs, lambda s: s), add(jnp.square, jnp.sqrt)

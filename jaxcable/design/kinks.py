@@ -1,0 +1,80 @@
+"""How far a state is from where its derivative jumps: the distance of cables to slackening.
+
+A cable net is smooth but where a cable becomes slack or taut. A gradient is exact on its own side
+of such a kink and says nothing about the other one; these functions say how far away that is. (Laws
+given by points have corners too: `corner_distance` of the law has theirs.)
+"""
+
+import jax
+import jax.numpy as jnp
+
+from .. import implicit, status
+from .._tree import copy
+from ..assembly import each
+from ..solution import Solution
+from .objectives import smooth_min
+
+
+def slack_distance(structure, solution):
+    """How far every cable is from slackening: its strain above that of zero force, -.
+
+    Positive in a taut cable, negative in a slack one, zero at the kink. It is smooth through zero,
+    so that a bound on it can lead out of slackness; the tension, zero there, cannot.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        solution: its `Solution`, also of a batch, or a `State`.
+
+    Returns:
+        In the shape of the elements, [n_elem] each, with the leading axes of a batch; None for
+        groups that are not tension-only. NaN for a `Solution` that failed.
+    """
+    if isinstance(solution, Solution):
+        if jnp.ndim(solution.status) > 0:
+            return jax.vmap(lambda one: slack_distance(structure, one))(solution)
+        found = slack_distance(structure, solution.last)
+        return implicit.nan_unless(solution.status == status.OK, found, found)
+    rows, groups = structure.rows()
+    nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.array])
+    found = []
+    for group, state in zip(groups, solution.carry.states, strict=True):
+        if not group.tension_only:
+            found.append(None)
+            continue
+        group = copy(group, links=group.links.array)
+        strain = each("section_strain", group, state, nodes, solution.carry.motion)
+        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.plastic))
+    return structure.arrange(found)
+
+
+def slack_margin(structure, solution, width):
+    """Smooth lower bound of the smallest `slack_distance`, over all cables and cases, -.
+
+    Args:
+        structure, solution: as for `slack_distance`.
+        width: strain; the bound lies at most ``width log(n)`` below.
+    """
+    return smooth_min(slack_distance(structure, solution), width)
+
+
+def nearest_kink(distance, params, direction):
+    """Steps along a direction at which cables slacken or tighten, to first order.
+
+    A gradient describes what happens along ``params + t direction`` for t below the smallest of
+    them. It is a first-order estimate: follow it with an analysis.
+
+    Args:
+        distance: function of the parameters, for example
+            ``lambda p: slack_distance(structure, jc.solve(structure, phases(p)))``.
+        params, direction: pytrees of one shape.
+
+    Returns:
+        t > 0 in the shape of what `distance` gives; infinite for cables that move away.
+    """
+    values, rates = jax.jvp(distance, (params,), (direction,))
+
+    def one(value, rate):
+        meets = value * rate < 0
+        return jnp.where(meets, -value / jnp.where(meets, rate, 1.0), jnp.inf)
+
+    return jax.tree.map(one, values, rates)

@@ -1,0 +1,160 @@
+"""Minimise a loss over any pytree of parameters with any optax transformation, in one program."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from .. import status
+from .._tree import pytree
+from .box import default_tol, make_box, numbers, spread
+from .descent import descend
+
+_PART = 0.1  # of its size: a typical change of a parameter
+
+
+@pytree
+class History:
+    """What happened in each accepted step, first of all the start; NaN or -1 after the last one.
+
+    Attributes:
+        loss: [steps + 1].
+        gradient_norm: what `tol` bounds (see `minimize`), [steps + 1].
+        status: 0, or the code of the inner analysis that failed last on the way to this point, so
+            that the step had to be shortened, [steps + 1].
+        failures: number of such failures in this step, [steps + 1].
+        shortened: how often the step was shortened, for this or for a loss that did not fall,
+            [steps + 1].
+    """
+
+    loss: object
+    gradient_norm: object
+    status: object
+    failures: object
+    shortened: object
+
+
+@pytree
+class Design:
+    """Result of `minimize`.
+
+    Attributes:
+        params: where the loss was lowest, in the shape of the start.
+        loss: there.
+        gradient: there, in the shape of `params`; not projected.
+        gradient_norm: there, as in `History`.
+        history: `History`.
+        status: 0 if `gradient_norm` fell to `tol`; `describe` has the texts.
+        steps: number of accepted steps.
+        evaluations: number of times that the loop asked for loss and gradient (a line search of the
+            optimizer asks for more).
+        failures: number of trial points at which the inner analysis failed, those of a last step
+            that led nowhere included.
+    """
+
+    params: object
+    loss: object
+    gradient: object
+    gradient_norm: object
+    history: History
+    status: object
+    steps: object
+    evaluations: object
+    failures: object
+
+
+def minimize(
+    loss, params, bounds=None, optimizer=None, steps=100, tol=None, *, args=(), scale=None
+):
+    """Minimise a loss, within bounds, by an optax transformation.
+
+    Args:
+        loss: function ``loss(params, *args)`` to a scalar, or to (scalar, `Solution`), or (scalar,
+            status codes); with a second part the loop knows what failed. A batch of solutions fails
+            if one of them does.
+        params: start, any pytree of floats.
+        bounds: (lower, upper), each None, a scalar, an array or a prefix pytree of `params`.
+        optimizer: any optax transformation, also one with a line search of its own such as
+            `optax.lbfgs()`; it sees the parameters in their own units. Default: L-BFGS with a
+            search along the projected path that accepts nothing but a lower loss; it does not
+            depend on units.
+        steps: number of accepted steps, at most.
+        tol: stop when ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start|)`` is at
+            most `tol`: ``s`` is the largest entry of the parameter's array at the start (or of its
+            finite bounds if that is zero, or 1), and entries at a bound that the step would cross
+            do not count. So a change of a parameter by its own size promises less than `tol` of
+            the loss. Default: 1e-6 in float64, 1e-3 in float32.
+        args: further arguments of the loss, any pytrees. The loss is compiled once for a function
+            object, as by `jax.jit`: what it takes from outside is frozen then. Pass what changes
+            here.
+        scale: sizes of a typical change, as `bounds`: the optimizer sees the parameters divided by
+            them. Default: a tenth of ``s`` for the default optimizer, 1 for others.
+
+    Returns:
+        `Design`. Works under jit and vmap (many starts at once); has no derivative.
+
+    Raises:
+        ValueError: no optax transformation, a loss that is no scalar, bounds that leave no room, a
+            start outside of them. While they are traced the latter two are the status OUTSIDE.
+
+    Bounds hold exactly at every point at which the loss is asked for (projection). Entries at a
+    bound that the step would cross are hidden from the optimizer, so that a quasi-Newton method
+    works in the space that is left (Bertsekas, *Projected Newton methods for optimization problems
+    with simple constraints*, 1982). A point at which the analysis fails is never accepted: the step
+    is halved and tried again, up to 40 times; then the status is STALLED. Near the minimum, where
+    the loss has no digits left, its slope decides (Hager and Zhang, *Algorithm 851*, 2006).
+    """
+    if not callable(loss):
+        raise ValueError(f"loss: expected a function of the parameters, got {type(loss).__name__}")
+    if optimizer is not None and not isinstance(optimizer, optax.GradientTransformation):
+        raise ValueError(
+            "optimizer: expected an optax transformation such as optax.adam(0.1), got "
+            f"{type(optimizer).__name__}"
+        )
+    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
+        raise ValueError(f"steps = {steps!r}: expected a positive integer")
+    params = numbers(params)
+    box = make_box(bounds, params)
+    tol = default_tol(params) if tol is None else tol
+    sizes = jax.tree.map(_size, params, box.lower, box.upper)
+    if scale is None and optimizer is None:
+        scale = jax.tree.map(lambda x, s: jnp.full_like(x, _PART * s), params, sizes)
+    else:
+        scale = spread(scale, params, "scale", absent=1.0, positive=True)
+    return _compiled(loss, optimizer, steps)(params, tuple(args), box, sizes, scale, tol)
+
+
+def _size(x, low, high):
+    """Size of the entries of an array: the largest one at the start, or of its bounds, or 1."""
+    ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
+    start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
+    return jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
+
+
+@functools.lru_cache(maxsize=32)
+def _compiled(loss, optimizer, steps):
+    """The program for a loss; kept, so that another start or other `args` do not compile again."""
+
+    @jax.jit
+    def run(params, args, box, sizes, scale, tol):
+        end = descend(loss, optimizer, steps, params, args, box, sizes, scale, tol)
+        converged = end.code == status.OK
+        point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), end.at, end.best)
+        rows = History(*end.history)
+        code = jnp.where(box.holds(params), end.code, status.OUTSIDE)
+        # after an accepted step the history has its failures, and the counter is at zero
+        failures = jnp.sum(jnp.maximum(rows.failures, 0)) + end.failures
+        return Design(
+            params=point.params,
+            loss=point.loss,
+            gradient=point.gradient,
+            gradient_norm=point.measure,
+            history=rows,
+            status=code,
+            steps=jnp.maximum(end.n, 0),
+            evaluations=end.evaluations,
+            failures=failures,
+        )
+
+    return run

@@ -1,0 +1,98 @@
+"""Objectives: small pure functions of a `Solution`, smooth, with units.
+
+They take a batch of solutions (a leading axis for load cases) as well: sums run over all cases, and
+the largest and smallest values are those of the worst case. Add them up to a loss with weights that
+carry the units; of a failed analysis they are NaN.
+"""
+
+import jax
+import jax.numpy as jnp
+
+
+def smooth_max(values, width):
+    """Smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
+
+    At most ``width log(n)`` above it (Kreisselmeier and Steinhauser, 1979). Order of the axes does
+    not matter; `values` may be a pytree.
+    """
+    flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(values)])
+    return width * jax.nn.logsumexp(flat / width)
+
+
+def smooth_min(values, width):
+    """Smooth lower bound of the smallest entry, at most ``width log(n)`` below it."""
+    return -smooth_max(jax.tree.map(jnp.negative, values), width)
+
+
+def mean_over_cases(values):
+    """Mean over load cases, the leading axis; a pytree in the shape of one case."""
+    return jax.tree.map(lambda v: jnp.mean(v, axis=0), values)
+
+
+def shape_distance(solution, positions, nodes=None):
+    """Sum of the squared distances of nodes from where they should be, m2.
+
+    Args:
+        solution: `Solution`.
+        positions: target, [n_node, 3], or [n, 3] of the chosen `nodes`, m.
+        nodes: node numbers, [n]; default all.
+    """
+    found = solution.positions if nodes is None else solution.positions[..., jnp.asarray(nodes), :]
+    return jnp.sum((found - jnp.asarray(positions)) ** 2)
+
+
+def tension_distance(solution, tension):
+    """Sum of the squared differences of the tensions from `tension`, N2.
+
+    `tension` is a scalar or a pytree of the shape of the elements (arrays [n_elem] or scalars).
+    """
+    target = jax.tree.broadcast(tension, solution.tension)
+    gaps = jax.tree.map(
+        lambda found, wanted: jnp.sum((found - wanted) ** 2), solution.tension, target
+    )
+    return sum(jax.tree.leaves(gaps))
+
+
+def tension_spread(solution):
+    """Variance of the tensions over the square of their mean, -; zero if all are equal."""
+    flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(solution.tension)])
+    mean = jnp.mean(flat)
+    return jnp.mean((flat - mean) ** 2) / mean**2
+
+
+def largest_deflection(solution, width, phase=-1):
+    """Smooth upper bound of the largest deflection of a node in a phase, m.
+
+    ``width sqrt(log sum exp(d^2 / width^2))``, smooth at nodes that do not move: below
+    ``sqrt(d_max^2 + width^2 log(n))``, hence close as soon as deflections are several widths.
+
+    Args:
+        solution: `Solution`.
+        width: m; a few per cent of the deflections of interest.
+        phase: number of the phase, default the last; the deflection is from where it began.
+    """
+    moved = solution.phases[phase].displacement
+    return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
+
+
+def total_prestress(solution, phase=0):
+    """Sum of the tensions at the end of a phase, by default the first, N."""
+    return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(solution.phases[phase].tension))
+
+
+def material_use(solution, stress):
+    """Volume of material if every element were sized for its force: ``sum |N| L0 / stress``, m3.
+
+    Args:
+        solution: `Solution`; of several load cases the largest force of every element counts.
+        stress: allowed stress, Pa, a scalar or a pytree of the shape of the elements.
+    """
+    stress = jax.tree.broadcast(stress, solution.tension)
+
+    def volume(force, length, stress):
+        cases = (-1, length.shape[-1])
+        force, length = jnp.abs(force).reshape(cases), length.reshape(cases)
+        return jnp.sum(jnp.max(force, axis=0) * jnp.max(length, axis=0) / stress)
+
+    parts = jax.tree.map(volume, solution.tension, solution.rest_length, stress)
+    return sum(jax.tree.leaves(parts))

@@ -1,0 +1,96 @@
+"""Load cases from one prestressed state, envelopes over them, and utilisation."""
+
+import jax
+import jax.numpy as jnp
+
+from .._tree import pytree
+from ..phases import Phase
+from ..solver import solve
+
+
+def solve_cases(structure, phases, cases, method=None, start=None):
+    """Solve many load cases from one prestressed state, all at once.
+
+    Args:
+        structure, phases, method, start: as for `solve`: the way to the prestressed state.
+        cases: list of `Phase`, one a case, alike but for their numbers (the same kinds of loads on
+            the same nodes, zero where a case has none); or one `Phase` whose arrays all have a
+            leading axis [n_case].
+
+    Returns:
+        `Solution` of the cases, a leading axis [n_case] in every array.
+
+    Raises:
+        ValueError: cases that differ in more than numbers.
+    """
+    first = solve(structure, phases, method, start)
+    if not isinstance(cases, Phase):
+        cases = list(cases)
+        if not cases:
+            raise ValueError("cases: expected at least one Phase")
+        shapes = [jax.tree.structure(case) for case in cases]
+        sizes = [[jnp.shape(leaf) for leaf in jax.tree.leaves(case)] for case in cases]
+        for k, case in enumerate(cases):
+            if not isinstance(case, Phase):
+                raise ValueError(f"cases[{k}]: expected a Phase, got {type(case).__name__}")
+            if shapes[k] != shapes[0] or sizes[k] != sizes[0]:
+                raise ValueError(
+                    f"cases[{k}]: differs from cases[0] in more than numbers; give all cases the "
+                    "same kinds of loads on the same nodes, zero where there is none"
+                )
+        cases = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *cases)
+    return jax.vmap(lambda case: solve(structure, [case], method, first))(cases)
+
+
+@pytree
+class Envelope:
+    """Extremes over load cases, each in the shape of one case.
+
+    Attributes:
+        lowest, highest: values; NaN where the analysis of a case has failed.
+        lowest_case, highest_case: numbers of the cases that govern.
+    """
+
+    lowest: object
+    highest: object
+    lowest_case: object
+    highest_case: object
+
+
+def envelope(values):
+    """Extremes of any result over load cases, its leading axis: ``envelope(solution.tension)``."""
+    functions = (jnp.min, jnp.max, jnp.argmin, jnp.argmax)
+    return Envelope(*(jax.tree.map(lambda v, f=f: f(v, axis=0), values) for f in functions))
+
+
+def utilisation(structure, tension):
+    """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
+
+    Args:
+        structure: `Structure` whose groups have a `strength`, or a law that ends.
+        tension: in the shape of the elements, N; leading axes (load cases, increments) are kept.
+
+    Returns:
+        In the shape of the elements; None for groups of unknown strength.
+
+    Raises:
+        ValueError: no group has a strength.
+    """
+    groups = structure.groups
+    leaves = jax.tree.leaves(tension)
+    if len(leaves) != len(groups):
+        raise ValueError(f"tension: has {len(leaves)} arrays, the structure {len(groups)} groups")
+    found = []
+    for group, force in zip(groups, leaves, strict=True):
+        force = jnp.asarray(force)
+        strength = getattr(group, "strength", None)
+        if strength is None and getattr(group, "breaks", False) and hasattr(group, "capacity"):
+            low, high = group.capacity()
+            limit = jnp.where(force < 0, -low, high)
+        else:
+            limit = strength
+        size = force if group.tension_only else jnp.abs(force)
+        found.append(None if limit is None else size / jnp.broadcast_to(limit, force.shape))
+    if all(f is None for f in found):
+        raise ValueError("strength: no group has one; give strength=..., N, or a law that ends")
+    return structure.arrange(found)
