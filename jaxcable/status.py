@@ -86,8 +86,9 @@ def first_failure(earlier, later):
 def raise_if_failed(solution):
     """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
 
-    The text names the phase (counted from 1), the increment, its load factor, the residual in
-    newtons and what to try. Cannot be used while tracing.
+    Takes whatever has a status, results of `minimize` and `fit` too. Of an analysis the text names
+    the phase (counted from 1), the increment, its load factor, the residual in newtons and what to
+    try. Cannot be used while tracing.
     """
     if isinstance(solution.status, jax.core.Tracer):
         raise ValueError("raise_if_failed: the solution is being traced; call it outside of jit")
@@ -97,7 +98,7 @@ def raise_if_failed(solution):
     case = tuple(int(i) for i in np.argwhere(status != OK)[0])
     prefix = f"case {case if len(case) > 1 else case[0]}: " if case else ""
     code = int(status[case])
-    for number, phase in enumerate(solution.phases, 1):
+    for number, phase in enumerate(getattr(solution, "phases", ()), 1):
         codes = np.asarray(phase.path.status)[case]
         failed = np.flatnonzero(codes != OK)
         if failed.size:
@@ -108,4 +109,7 @@ def raise_if_failed(solution):
                 f"{prefix}phase {number}, increment {k + 1} of {codes.size} (load factor "
                 f"{factor:.6g}), residual {residual:.3g} N: {describe(code)}"
             )
-    raise AnalysisError(f"{prefix}the analysis that this one starts from failed: {describe(code)}")
+    before = (
+        "the analysis that this one starts from failed: " if hasattr(solution, "phases") else ""
+    )
+    raise AnalysisError(f"{prefix}{before}{describe(code)}")

@@ -1,6 +1,7 @@
 """Design: objectives on solutions, and ways to reach them by exact gradients."""
 
 from .confidence import Confidence, confidence
+from .constrained import ConstrainedDesign, minimize_subject_to
 from .fit import Fit, FitHistory, fit
 from .influence import adjustment, flat_matrix, influence, scatter
 from .kinks import nearest_kink, slack_distance, slack_margin
@@ -20,6 +21,7 @@ from .reports import Envelope, envelope, solve_cases, utilisation
 
 __all__ = [
     "Confidence",
+    "ConstrainedDesign",
     "Design",
     "Envelope",
     "Fit",
@@ -35,6 +37,7 @@ __all__ = [
     "material_use",
     "mean_over_cases",
     "minimize",
+    "minimize_subject_to",
     "nearest_kink",
     "scatter",
     "shape_distance",

@@ -44,9 +44,12 @@ def numbers(params, name="params"):
     leaves = jax.tree_util.tree_leaves_with_path(params)
     if not leaves:
         raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
-    return jax.tree_util.tree_map_with_path(
-        lambda path, x: jnp.asarray(_check.floats(x, name + jax.tree_util.keystr(path))), params
-    )
+
+    def one(path, x):
+        x = _check.floats(x, name + jax.tree_util.keystr(path))
+        return jnp.asarray(x, x.dtype)  # no weak type, which would compile a second time
+
+    return jax.tree_util.tree_map_with_path(one, params)
 
 
 def default_tol(params):

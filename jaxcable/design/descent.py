@@ -36,8 +36,8 @@ class Search(NamedTuple):
     """State of the loop.
 
     `n` counts accepted steps from -1, before the start is known; `blocked` are the entries at a
-    bound that may not move in this step; `fresh` says that the optimizer began anew with this step; `reach` is how far
-    steps may lead for now because an analysis has failed beyond.
+    bound that may not move in this step; `fresh` says that the optimizer began anew with it;
+    `reach` is how far a step may lead for now because an analysis has failed beyond.
     """
 
     trial: object

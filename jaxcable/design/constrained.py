@@ -1,0 +1,144 @@
+"""Minimise a loss subject to inequalities: the method of multipliers around `minimize`."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import status
+from .._tree import pytree
+from .box import default_tol, numbers
+from .descent import worst_code
+from .minimize import minimize
+
+_PENALTY = 10.0  # of a violation of 1, over the objective at the start
+_HARDER = 5.0  # growth of the penalty when violations do not fall
+_ENOUGH = 0.25  # part to which a round should bring the violations
+
+
+@pytree
+class ConstrainedDesign:
+    """Result of `minimize_subject_to`.
+
+    Attributes:
+        params: in the shape of the start.
+        loss: there.
+        constraints: there, [n]; all at most 0 if the status is OK.
+        multipliers: [n]; by how much the smallest loss would fall for each constraint relaxed by 1:
+            zero where a constraint does not matter.
+        status: 0 if converged, or the status of the last round.
+        rounds: updates of the multipliers.
+        evaluations: of loss, constraints and gradient, in all rounds.
+        failures: trial points at which the inner analysis failed.
+    """
+
+    params: object
+    loss: object
+    constraints: object
+    multipliers: object
+    status: object
+    rounds: object
+    evaluations: object
+    failures: object
+
+
+def minimize_subject_to(
+    problem, params, bounds=None, rounds=30, steps=100, tol=None, *, args=(), scale=None
+):
+    """Minimise a loss subject to ``constraints <= 0`` and bounds.
+
+    The method of multipliers (Hestenes, Powell; with inequalities Rockafellar 1973): rounds of
+    `minimize` with its default optimizer on
+    ``f + sum(max(0, m + p c)^2 - m^2) / (2 p)``, after each of which ``m = max(0, m + p c)``.
+
+    Args:
+        problem: function ``problem(params, *args)`` to (loss, constraints) or (loss, constraints,
+            `Solution` or status codes); constraints [n], dimensionless: a violation of 1 should be
+            a gross one, as in ``deflection / limit - 1``.
+        params, bounds, steps, args, scale: as for `minimize`; steps of every round.
+        rounds: at most.
+        tol: of `minimize` at the end, and of the constraints, which are met on their safe side:
+            within ``[-2 tol, 0]`` where they are active. Default: 1e-6 in float64, 1e-3 in float32.
+
+    Returns:
+        `ConstrainedDesign`; on the host, not to be traced. If the constraints cannot be met the
+        status is OUT_OF_STEPS and `constraints` says by how much.
+
+    Raises:
+        ValueError: as `minimize`.
+    """
+    params = numbers(params)
+    tol = default_tol(params) if tol is None else tol
+    loss, evaluate = _compiled(problem)
+    value, constraints, code = evaluate(params, *args)
+    n = constraints.shape[0]
+    multipliers = np.zeros(n)
+    penalty = _PENALTY * max(abs(float(value)), float(np.finfo(constraints.dtype).tiny))
+    worst, turns, evaluations, failures = np.inf, 0, 0, 0
+    accuracy = max(tol, 1e-3)
+    for _ in range(rounds):
+        inner = minimize(
+            loss,
+            params,
+            bounds,
+            steps=steps,
+            tol=accuracy,
+            args=(multipliers, penalty, tol, args),
+            scale=scale,
+        )
+        turns += 1
+        evaluations += int(inner.evaluations)
+        failures += int(inner.failures)
+        code = int(inner.status)
+        if code in (status.BAD_START, status.OUTSIDE):
+            break
+        params = inner.params
+        value, constraints, _ = evaluate(params, *args)
+        tightened = np.asarray(constraints) + tol
+        # zero where a constraint is met and either active or without multiplier
+        gap = np.abs(np.maximum(tightened, -multipliers / penalty)).max(initial=0.0)
+        multipliers = np.maximum(0.0, multipliers + penalty * tightened)
+        if gap <= tol and accuracy <= tol and code == status.OK:
+            break
+        if gap > _ENOUGH * worst:
+            penalty *= _HARDER
+        worst, accuracy = gap, max(tol, 0.1 * accuracy)
+    else:
+        code = status.OUT_OF_STEPS if code == status.OK else code
+    return ConstrainedDesign(
+        params=params,
+        loss=value,
+        constraints=constraints,
+        multipliers=multipliers,
+        status=jnp.int32(code),
+        rounds=turns,
+        evaluations=evaluations,
+        failures=failures,
+    )
+
+
+@functools.lru_cache(maxsize=32)
+def _compiled(problem):
+    """The augmented loss of a problem, and the problem itself as a program."""
+
+    def parts(params, *args):
+        told = problem(params, *args)
+        if not isinstance(told, tuple) or len(told) not in (2, 3):
+            raise ValueError(
+                "problem: expected (loss, constraints) or (loss, constraints, solution)"
+            )
+        constraints = jnp.asarray(told[1])
+        if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
+            raise ValueError(
+                f"constraints: expected floats [n], got {constraints.dtype}"
+                f"{list(constraints.shape)}"
+            )
+        return told[0], constraints, worst_code(told[2:], "problem")
+
+    def loss(params, multipliers, penalty, margin, args):
+        value, constraints, code = parts(params, *args)
+        pushed = jnp.maximum(0.0, multipliers + penalty * (constraints + margin))
+        return value + jnp.sum(pushed**2 - multipliers**2) / (2 * penalty), code
+
+    return loss, jax.jit(parts)
