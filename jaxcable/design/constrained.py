@@ -9,8 +9,8 @@ import numpy as np
 from .. import status
 from .._tree import pytree
 from .box import default_tol, numbers
-from .descent import worst_code
 from .minimize import minimize
+from .outcome import worst_code
 
 _PENALTY = 10.0  # of a violation of 1, over the objective at the start
 _HARDER = 5.0  # growth of the penalty when violations do not fall

@@ -2,6 +2,7 @@
 
 The loss is evaluated in one place of the program, once a turn. Whether a line search is going on, a
 failed analysis is being avoided or the optimizer is asked for its next step is a matter of state.
+Parameters are one flat vector here; only the optimizer sees them in their own shape.
 """
 
 from typing import NamedTuple
@@ -25,279 +26,255 @@ _NOISE = 1e-9  # changes of the loss, relative to it, that the tolerance of an a
 class Point(NamedTuple):
     """Parameters, loss, gradient, the gradient inside the bounds, and its measure."""
 
-    params: object
+    x: object
     loss: object
     gradient: object
     inside: object
     measure: object
 
 
+class Log(NamedTuple):
+    """One row for every accepted point, see `minimize.History`."""
+
+    loss: object
+    measure: object
+    failure: object
+    failures: object
+    tries: object
+
+
 class Search(NamedTuple):
     """State of the loop.
 
-    `n` counts accepted steps from -1, before the start is known; `blocked` are the entries at a
-    bound that may not move in this step; `fresh` says that the optimizer began anew with it;
-    `reach` is how far a step may lead for now because an analysis has failed beyond.
+    Attributes:
+        trial: point to be evaluated: ``at.x + length step`` inside the bounds.
+        step, length: what the optimizer proposed, and how much of it is tried.
+        at, best: last accepted point, and the one of lowest loss.
+        blocked: entries at a bound that this step must not move.
+        optimizer: its state.
+        fresh: whether the optimizer began anew with this step.
+        unit: factor on the loss that the optimizer sees.
+        reference: size of the loss at the start.
+        reach: how far a step may lead for now, because an analysis has failed beyond.
+        n: number of accepted steps; -1 before the start is known.
+        evaluations: of the loss and its gradient.
+        tries, failures, failure: of this step: trial points that were not accepted, those of them
+            that failed, and the code of the last one.
+        log: `Log`.
+        code: status.
+        running: whether to go on.
     """
 
     trial: object
     step: object
     length: object
-    at: object
-    best: object
+    at: Point
+    best: Point
     blocked: object
     optimizer: object
+    fresh: object
     unit: object
     reference: object
     reach: object
-    fresh: object
     n: object
     evaluations: object
     tries: object
     failures: object
     failure: object
-    history: object
+    log: Log
     code: object
     running: object
 
 
-def descend(loss, optimizer, steps, params, args, box, sizes, scale, tol):
-    """Run the loop; see `minimize` for the arguments, all arrays of the shape of `params`.
+class Descent:
+    """The loop for one problem.
 
     Args:
-        loss: function of (params, *args).
+        loss: function of the parameters in their own shape, to (value, status code).
+        back: from the flat vector to that shape.
         optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
         steps: number of accepted steps, at most.
-        params, args, box, sizes, scale, tol: see `minimize`; `sizes` are scalars.
-
-    Returns:
-        The final `Search`; its history is (loss, measure, status, failures, shortened).
+        box: `Box` of flat bounds.
+        sizes: of the parameters, for the measure of the gradient.
+        scale: what the optimizer sees the parameters in units of.
+        tol: of the measure.
     """
-    searched = optimizer is None
-    optimizer = optax.with_extra_args_support(_LBFGS if searched else optimizer)
-    dtype = jnp.result_type(*jax.tree.leaves(params))
-    noise = jnp.maximum(_NOISE, 64 * jnp.finfo(dtype).eps).astype(dtype)
 
-    def valued(params):
-        value, code = outcome(loss(params, *args))
+    def __init__(self, loss, back, optimizer, steps, box, sizes, scale, tol):
+        self.searched = optimizer is None
+        self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
+        self.loss, self.back, self.box = loss, back, box
+        self.steps, self.sizes, self.scale, self.tol = steps, sizes, scale, tol
+
+    def run(self, x):
+        """Search from `x`, [n]."""
+        nothing, none = jnp.zeros_like(x), jnp.int32(0)
+        unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
+        start = Point(x, unknown, nothing, nothing, unknown)
+        row, count = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
+        search = Search(
+            trial=x,
+            step=nothing,
+            length=one,
+            at=start,
+            best=start,
+            blocked=jnp.zeros(x.shape, bool),
+            optimizer=self.begin(x),
+            fresh=jnp.ones((), bool),
+            unit=one,
+            reference=one,
+            reach=jnp.inf * one,
+            n=jnp.int32(-1),
+            evaluations=none,
+            tries=none,
+            failures=none,
+            failure=none,
+            log=Log(row, row, count, count, count),
+            code=none,
+            running=jnp.ones((), bool),
+        )
+        return lax.while_loop(lambda s: s.running, self.turn, search)
+
+    def turn(self, s):
+        """One evaluation, and what follows from it."""
+        value, gradient, code = self.evaluate(s.trial)
+        sound, begun = code == status.OK, s.n >= 0
+        good, factor = self.judge(s, value, gradient, sound, begun)
+
+        reference = jnp.where(begun, s.reference, jnp.abs(value))
+        blocked = self.box.blocked(s.trial, gradient)
+        inside = jnp.where(blocked, 0.0, gradient)
+        largest = jnp.max(jnp.abs(inside) * self.sizes)
+        against = jnp.maximum(jnp.abs(value), reference)
+        measure = jnp.where(largest > 0, largest / against, 0.0)
+        at = _select(good, Point(s.trial, value, gradient, inside, measure), s.at)
+        best = _select(good & ~(at.loss >= s.best.loss), at, s.best)
+        s = s._replace(
+            at=at,
+            best=best,
+            reference=reference,
+            n=s.n + good,
+            evaluations=s.evaluations + 1,
+            failures=s.failures + ~sound,
+            failure=jnp.where(sound, s.failure, code),
+        )
+        noted = good | ~begun
+        row = jnp.where(noted, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
+        entries = Log(value, measure, s.failure, s.failures, s.tries)
+        log = jax.tree.map(lambda h, e: h.at[row].set(e, mode="drop"), s.log, entries)
+
+        tries = jnp.where(good, 0, s.tries + 1)
+        # an optimizer that leads nowhere begins anew; its memory is of other entries than now, too
+        lost = self.searched & ~good & begun & ~s.fresh & (tries >= _PATIENCE)
+        changed = self.searched & begun & jnp.any(blocked != s.blocked)
+        if self.searched:
+            norm = jnp.linalg.norm(inside * self.scale)
+            s = s._replace(unit=jnp.where(begun | (norm == 0), s.unit, 1 / norm))
+
+        converged = good & (measure <= self.tol)
+        used_up = s.n >= self.steps
+        code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
+        code = jnp.where(~begun & ~sound, status.BAD_START, code)
+        s = s._replace(
+            blocked=jnp.where(good, blocked, s.blocked),
+            log=log,
+            code=jnp.where(converged, status.OK, code).astype(jnp.int32),
+            running=~converged & (begun | sound) & ~used_up & ((tries <= _SHORTEST) | lost),
+            fresh=jnp.where(good, changed, s.fresh) | lost,
+        )
+        return self.next(s, good, noted, lost, tries, factor)
+
+    def next(self, s, good, noted, lost, tries, factor):
+        """The state with the next trial point: a new step, or less of this one."""
+        new = good | lost
+        step, state, fresh = lax.cond(
+            s.running & new, self.advance, lambda s: (s.step, s.optimizer, s.fresh), s
+        )
+        # where an analysis has failed it will fail again: come from the last good length
+        gone = s.length * jnp.linalg.norm(s.step / self.scale)
+        reach = _GROWTH * jnp.where(s.failures > 0, gone, s.reach)
+        reach = jnp.where(good, reach, s.reach)
+        far = jnp.linalg.norm(step / self.scale)
+        whole = jnp.minimum(1.0, reach / jnp.where(far > 0, far, 1.0))
+        length = jnp.where(new, whole, s.length * factor)
+        return s._replace(
+            trial=self.box.project(s.at.x + length * step),
+            step=step,
+            length=length,
+            optimizer=state,
+            fresh=fresh,
+            reach=reach,
+            tries=jnp.where(lost, 0, tries),
+            failures=jnp.where(noted, 0, s.failures),
+            failure=jnp.where(noted, 0, s.failure),
+        )
+
+    def value(self, x):
+        """Loss and status; NONFINITE if it is not a number."""
+        value, code = self.loss(self.back(x))
+        value = value.astype(x.dtype)
         return value, jnp.where((code == status.OK) & ~jnp.isfinite(value), status.NONFINITE, code)
 
-    def evaluate(trial):
-        (value, code), gradient = jax.value_and_grad(valued, has_aux=True)(trial)
-        sound = jnp.stack([jnp.all(jnp.isfinite(g)) for g in jax.tree.leaves(gradient)]).all()
+    def evaluate(self, x):
+        """Loss, gradient and status."""
+        (value, code), gradient = jax.value_and_grad(self.value, has_aux=True)(x)
+        sound = jnp.all(jnp.isfinite(gradient))
         return value, gradient, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
 
-    def propose(at, blocked, unit, state):
-        """The optimizer's next step in the units of the parameters, entries that may not move 0."""
+    def judge(self, s, value, gradient, sound, begun):
+        """Whether to accept the trial point, and by what to shorten the step if not.
 
-        def value_of(scaled):  # for a line search of the optimizer: no step to where there is none
-            value, code = valued(box.project(_times(scaled, scale)))
-            return jnp.where(code == status.OK, unit * value, jnp.inf)
+        In a search the loss has to fall by a part of what the slope promises (Armijo). Where it has
+        no digits left for that, it must not rise, and the slope must have become flatter.
+        """
+        if not self.searched:
+            return sound, 0.5
+        moved = s.trial - s.at.x
+        promised = s.at.inside @ moved
+        rise = value - s.at.loss
+        noise = jnp.maximum(_NOISE, 64 * jnp.finfo(value.dtype).eps) * jnp.abs(s.at.loss)
+        level = (rise <= noise) & (gradient @ moved <= -_FLAT * promised)
+        falls = (promised < 0) & ((rise <= _DECREASE * promised) | level)
+        bend = rise - promised  # of the parabola through what is known, whose minimum comes next
+        shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
+        return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
-        gradient = jax.tree.map(lambda g, s: unit * s * g, at.inside, scale)
-        update, state = optimizer.update(
+    def begin(self, x):
+        """State of an optimizer that begins at `x`."""
+        return self.optimizer.init(self.back(x / self.scale))
+
+    def advance(self, s):
+        """A new step from `s.at`, the optimizer's state, and whether it began anew."""
+        if not self.searched:
+            return *self.propose(s, s.optimizer), s.fresh
+        anew = self.begin(s.at.x)
+        step, state = self.propose(s, _select(s.fresh, anew, s.optimizer))
+        downward = s.at.inside @ step < 0  # else its memory of curvature misleads
+        step, state = _select(downward, (step, state), self.propose(s, anew))
+        return step, state, s.fresh | ~downward
+
+    def propose(self, s, state):
+        """The optimizer's step [n] and its state."""
+
+        def value_of(scaled):  # for a line search of its own: no way where the analysis fails
+            value, code = self.value(self.box.project(self._flat(scaled) * self.scale))
+            return jnp.where(code == status.OK, s.unit * value, jnp.inf)
+
+        gradient = self.back(s.unit * self.scale * s.at.inside)
+        update, state = self.optimizer.update(
             gradient,
             state,
-            jax.tree.map(jnp.divide, at.params, scale),
-            value=unit * at.loss,
+            self.back(s.at.x / self.scale),
+            value=s.unit * s.at.loss,
             grad=gradient,
             value_fn=value_of,
         )
-        return _hide(_times(update, scale), blocked), state
+        return jnp.where(s.blocked, 0.0, self._flat(update) * self.scale), state
 
-    def begin(params):
-        return optimizer.init(jax.tree.map(jnp.divide, params, scale))
-
-    def advance(at, blocked, unit, state, fresh):
-        """A step, the optimizer's state after it, and whether it began anew."""
-        if not searched:
-            return *propose(at, blocked, unit, state), fresh
-        anew = begin(at.params)
-        state = _select(fresh, anew, state)
-        step, after = propose(at, blocked, unit, state)
-        downward = _dot(at.inside, step) < 0  # else the memory of curvature misleads
-        again, after_again = propose(at, blocked, unit, anew)
-        return *_select(downward, (step, after), (again, after_again)), fresh | ~downward
-
-    def falls(s, value, gradient):
-        """Whether the loss has fallen enough, and by what to shorten the step if not."""
-        moved = jax.tree.map(jnp.subtract, s.trial, s.at.params)
-        promised = _dot(s.at.inside, moved)
-        enough = value <= s.at.loss + _DECREASE * promised
-        level = value <= s.at.loss + noise * jnp.abs(s.at.loss)
-        flat = _dot(gradient, moved) <= -_FLAT * promised
-        bend = value - s.at.loss - promised
-        factor = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
-        return (promised < 0) & (enough | (level & flat)), jnp.where(bend > 0, factor, 0.5)
-
-    def turn(s):
-        value, gradient, code = evaluate(s.trial)
-        sound, begun = code == status.OK, s.n >= 0
-        good, factor = sound, jnp.asarray(0.5, dtype)
-        if searched:
-            fell, shorter = falls(s, value, gradient)
-            good, factor = sound & (fell | ~begun), jnp.where(sound, shorter, factor)
-        blocked = box.blocked(s.trial, gradient)
-        inside = _hide(gradient, blocked)
-        reference = jnp.where(begun, s.reference, jnp.abs(value))
-        largest = [
-            jnp.max(jnp.abs(g), initial=0.0) * size
-            for g, size in zip(jax.tree.leaves(inside), jax.tree.leaves(sizes), strict=True)
-        ]
-        against = jnp.maximum(jnp.abs(value), reference)
-        largest = jnp.max(jnp.stack(largest))
-        measure = jnp.where(largest > 0, largest / against, 0.0).astype(dtype)
-        at = _select(good, Point(s.trial, value, gradient, inside, measure), s.at)
-        best = _select(good & ~(at.loss >= s.best.loss), at, s.best)
-
-        n = s.n + good
-        failures = s.failures + ~sound
-        failure = jnp.where(sound, s.failure, code)
-        row = jnp.where(good, n, steps + 1)  # beyond the end: dropped
-        entries = (value, measure, failure, failures, s.tries)
-        history = [
-            h.at[row].set(e.astype(h.dtype), mode="drop")
-            for h, e in zip(s.history, entries, strict=True)
-        ]
-        failures, failure = (jnp.where(good, 0, v) for v in (failures, failure))
-
-        tries = jnp.where(good, 0, s.tries + 1)
-        changed = jnp.any(
-            jnp.stack(
-                [
-                    jnp.any(a != b)
-                    for a, b in zip(
-                        jax.tree.leaves(blocked), jax.tree.leaves(s.blocked), strict=True
-                    )
-                ]
-            )
-        )
-        blocked = _select(good, blocked, s.blocked)
-        lost = jnp.zeros((), bool)
-        unit = s.unit
-        if searched:
-            lost = ~good & begun & ~s.fresh & (tries >= _PATIENCE)
-            norm = jnp.sqrt(_dot(*[_times(inside, scale)] * 2))
-            unit = jnp.where(begun | (norm == 0), s.unit, 1 / norm)
-        converged = good & (measure <= tol)
-        code = jnp.where(
-            converged,
-            status.OK,
-            jnp.where(
-                ~begun & ~sound,
-                status.BAD_START,
-                jnp.where(n >= steps, status.OUT_OF_STEPS, status.STALLED),
-            ),
-        )
-        running = ~converged & (begun | sound) & (n < steps) & ((tries <= _SHORTEST) | lost)
-        fresh = jnp.where(good, (changed & begun) if searched else False, s.fresh) | lost
-        step, state, fresh = lax.cond(
-            running & (good | lost),
-            lambda: advance(at, blocked, unit, s.optimizer, fresh),
-            lambda: (s.step, s.optimizer, fresh),
-        )
-        # what failed a step ago will fail again: approach it from the last good length
-        gone = s.length * _norm(s.step, scale)
-        reach = jnp.where(s.failures > 0, _GROWTH * gone, _GROWTH * s.reach)
-        reach = jnp.where(good, reach, s.reach)
-        far = _norm(step, scale)
-        whole = jnp.minimum(1.0, reach / jnp.where(far > 0, far, 1.0))
-        length = jnp.where(good | lost, whole, s.length * factor).astype(dtype)
-        trial = box.project(
-            jax.tree.map(lambda x, d: x + length.astype(x.dtype) * d, at.params, step)
-        )
-        return Search(
-            trial,
-            step,
-            length,
-            at,
-            best,
-            blocked,
-            state,
-            unit,
-            reference,
-            reach,
-            fresh,
-            n,
-            s.evaluations + 1,
-            jnp.where(lost, 0, tries),
-            failures,
-            failure,
-            history,
-            code.astype(jnp.int32),
-            running,
-        )
-
-    nothing = jax.tree.map(jnp.zeros_like, params)
-    unknown = jnp.asarray(jnp.nan, dtype)
-    start = Point(params, unknown, nothing, nothing, unknown)
-    empty = jnp.full(steps + 1, jnp.nan, dtype)
-    count = jnp.full(steps + 1, -1, jnp.int32)
-    zero = jnp.int32(0)
-    search = Search(
-        trial=params,
-        step=nothing,
-        length=jnp.ones((), dtype),
-        at=start,
-        best=start,
-        blocked=jax.tree.map(lambda x: jnp.zeros(x.shape, bool), params),
-        optimizer=begin(params),
-        unit=jnp.ones((), dtype),
-        reference=jnp.zeros((), dtype),
-        reach=jnp.asarray(jnp.inf, dtype),
-        fresh=jnp.ones((), bool),
-        n=jnp.int32(-1),
-        evaluations=zero,
-        tries=zero,
-        failures=zero,
-        failure=zero,
-        history=[empty, empty, count, count, count],
-        code=zero,
-        running=jnp.ones((), bool),
-    )
-    return lax.while_loop(lambda s: s.running, turn, search)
-
-
-def outcome(result):
-    """Value and status of what a loss returns: a scalar, or (scalar, what carries the status)."""
-    value, told = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
-    value = jnp.asarray(value)
-    if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
-        raise ValueError(
-            f"loss: expected a scalar float, or (scalar, solution), got {value.dtype}"
-            f"{list(value.shape)}"
-        )
-    return value, worst_code(told, "loss")
-
-
-def worst_code(told, name):
-    """The largest status code in a pytree of solutions and arrays of codes; OK if it is empty."""
-    code = jnp.int32(status.OK)
-    for item in jax.tree.leaves(told, is_leaf=lambda item: hasattr(item, "status")):
-        codes = jnp.asarray(getattr(item, "status", item))
-        if not jnp.issubdtype(codes.dtype, jnp.integer):
-            raise ValueError(f"{name}: beside the value expected solutions or status codes")
-        code = jnp.maximum(code, jnp.max(codes, initial=status.OK))
-    return code.astype(jnp.int32)
+    def _flat(self, tree):
+        dtype = self.scale.dtype
+        return jnp.concatenate([jnp.ravel(leaf).astype(dtype) for leaf in jax.tree.leaves(tree)])
 
 
 def _select(which, new, old):
     return jax.tree.map(lambda a, b: jnp.where(which, a, b), new, old)
-
-
-def _times(tree, other):
-    return jax.tree.map(jnp.multiply, tree, other)
-
-
-def _norm(tree, scale):
-    """Length of a step in units of the scale."""
-    over = jax.tree.map(jnp.divide, tree, scale)
-    return jnp.sqrt(_dot(over, over))
-
-
-def _hide(tree, blocked):
-    return jax.tree.map(lambda x, b: jnp.where(b, jnp.zeros_like(x), x), tree, blocked)
-
-
-def _dot(a, b):
-    return sum(jnp.sum(x * y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True))

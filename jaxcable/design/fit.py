@@ -1,22 +1,16 @@
 """Nonlinear least squares within bounds: Levenberg-Marquardt on exact Jacobians."""
 
 import functools
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from .. import status
 from .._tree import pytree
 from .box import Box, default_tol, make_box, numbers
-from .descent import worst_code
-
-_DAMPING = 1e-3  # at the start, over the largest column of the scaled Jacobian, which is 1
-_SINGULAR = 1e-12  # damping of a whole step: directions this weak (squared) count as none
-_LARGEST = 1e20  # damping at which no step is left
-_WORTH = 1e-4  # part of the promised decrease that makes a step acceptable
+from .levenberg import LevenbergMarquardt
+from .outcome import split_residuals
 
 
 @pytree
@@ -61,22 +55,6 @@ class Fit:
     history: FitHistory
     status: object
     steps: object
-
-
-class _State(NamedTuple):
-    trial: object
-    x: object
-    residual: object
-    jacobian: object
-    size: object
-    damping: object
-    growth: object
-    n: object
-    first: object
-    promised: object
-    history: object
-    code: object
-    running: object
 
 
 def fit(residuals, params, bounds=None, steps=100, tol=None, *, args=()):
@@ -126,23 +104,20 @@ def _compiled(residuals, steps):
     @jax.jit
     def run(params, args, box, tol):
         start, back = ravel_pytree(params)
-        if not jnp.issubdtype(start.dtype, jnp.floating):
-            raise ValueError("params: expected floats")
         flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
-        sizes = ravel_pytree(
-            jax.tree.map(lambda x: jnp.full_like(x, jnp.linalg.norm(x.ravel())), params)
-        )[0]
+
+        def sizes(x):
+            norms = jax.tree.map(lambda v: jnp.full_like(v, jnp.linalg.norm(v.ravel())), back(x))
+            return ravel_pytree(norms)[0]
 
         def flattened(x):
-            told, code = residuals(back(x), *args), ()
-            if isinstance(told, tuple) and len(told) == 2 and _tells(told[1]):
-                told, code = told
-            r = ravel_pytree(told)[0]
-            if r.size == 0 or not jnp.issubdtype(r.dtype, jnp.floating):
+            told, code = split_residuals(residuals(back(x), *args))
+            found = ravel_pytree(told)[0]
+            if found.size == 0 or not jnp.issubdtype(found.dtype, jnp.floating):
                 raise ValueError("residuals: expected arrays of floats")
-            return r, worst_code(code, "residuals")
+            return found.astype(x.dtype), code
 
-        end = _levenberg_marquardt(flattened, start, flat, sizes, steps, tol)
+        end = LevenbergMarquardt(flattened, steps, flat, sizes, tol).run(start)
         held = flat.blocked(end.x, end.residual @ end.jacobian)
         return Fit(
             params=back(end.x),
@@ -150,134 +125,9 @@ def _compiled(residuals, steps):
             jacobian=end.jacobian,
             misfit=jnp.linalg.norm(end.residual),
             free=jax.tree.map(lambda f: f > 0.5, back((~held).astype(start.dtype))),
-            history=FitHistory(*end.history),
+            history=FitHistory(*end.trials),
             status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
             steps=jnp.maximum(end.n, 0),
         )
 
     return run
-
-
-def _tells(item):
-    """Whether an item beside the residuals is a solution or codes, and no residuals."""
-    leaves = jax.tree.leaves(item, is_leaf=lambda leaf: hasattr(leaf, "status"))
-    return all(
-        hasattr(leaf, "status") or jnp.issubdtype(jnp.asarray(leaf).dtype, jnp.integer)
-        for leaf in leaves
-    )
-
-
-def _evaluate(flattened, x):
-    """Residuals, Jacobian and code at a point; the code says so if a number is not finite."""
-    shape, _ = jax.eval_shape(flattened, x)
-    basis = jnp.eye(x.size, dtype=x.dtype)
-    if x.size <= shape.size:
-        residual, push, code = jax.linearize(flattened, x, has_aux=True)
-        jacobian = jax.vmap(push, out_axes=1)(basis)
-    else:
-        residual, pull, code = jax.vjp(flattened, x, has_aux=True)
-        jacobian = jax.vmap(pull)(jnp.eye(shape.size, dtype=shape.dtype))[0]
-    sound = jnp.all(jnp.isfinite(residual)) & jnp.all(jnp.isfinite(jacobian))
-    code = jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
-    return residual, jacobian, code
-
-
-def _step(residual, jacobian, size, damping, held):
-    """Damped Gauss-Newton step, zero where held: ``[J/D; sqrt(mu) I] D d = [-r; 0]``."""
-    n = size.size
-    scaled = jnp.where(held, 0.0, jacobian / size)
-    stacked = jnp.concatenate([scaled, jnp.sqrt(damping) * jnp.eye(n, dtype=size.dtype)])
-    q, r = jnp.linalg.qr(stacked)
-    return jax.scipy.linalg.solve_triangular(r, -(residual @ q[: residual.size])) / size
-
-
-def _levenberg_marquardt(flattened, start, box, sizes, steps, tol):
-    """The loop: one trial point a turn."""
-    shape, _ = jax.eval_shape(flattened, start)
-    dtype = start.dtype
-    least = jnp.finfo(dtype).eps
-
-    def turn(s):
-        residual, jacobian, code = _evaluate(flattened, s.trial)
-        sound, begun = code == status.OK, s.n >= 0
-        cost, before = (0.5 * jnp.sum(r**2) for r in (residual, s.residual))
-        gain = jnp.where(begun, (before - cost) / s.promised, 1.0)
-        good = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
-        misfit = jnp.where(sound, jnp.sqrt(2 * cost), jnp.nan)
-        first = jnp.where(begun, s.first, misfit)
-
-        entries = (misfit, good, s.damping, code)
-        history = [
-            h.at[s.n + 1].set(e.astype(h.dtype)) for h, e in zip(s.history, entries, strict=True)
-        ]
-        x = jnp.where(good, s.trial, s.x)
-        residual = jnp.where(good, residual, s.residual)
-        jacobian = jnp.where(good, jacobian, s.jacobian)
-        column = jnp.linalg.norm(jacobian, axis=0)
-        size = jnp.maximum(s.size, column)
-        factor = jnp.maximum(0.1, 1 - (2 * gain - 1) ** 3)
-        damping = jnp.where(
-            good, jnp.where(begun, s.damping * factor, s.damping), s.damping * s.growth
-        )
-        growth = jnp.where(good, 2.0, 2 * s.growth)
-
-        held = box.blocked(x, residual @ jacobian)
-        unit = jnp.where(size > 0, size, 1.0)
-        trial = box.project(x + _step(residual, jacobian, unit, damping, held))
-        move = trial - x
-        change = jacobian @ move
-        promised = -(residual @ change) - 0.5 * jnp.sum(change**2)
-
-        # whether to stop is asked of the whole step: a damped one is short for other reasons
-        whole = _step(residual, jacobian, unit, _SINGULAR, held)
-        misfit = jnp.linalg.norm(residual)
-        stationary = jnp.linalg.norm(jacobian @ whole) <= tol * misfit
-        settled = jnp.all(jnp.abs(whole) <= tol**1.5 * sizes)
-        exact = misfit <= jnp.maximum(tol**2, least) * first
-        converged = (begun | sound) & (stationary | settled | exact)
-        n = s.n + 1
-        hopeless = ~good & ((damping > _LARGEST) | jnp.all(trial == x))
-        running = ~converged & (begun | sound) & (n < steps) & ~hopeless
-        code = jnp.where(
-            converged,
-            status.OK,
-            jnp.where(
-                ~begun & ~sound,
-                status.BAD_START,
-                jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS),
-            ),
-        ).astype(jnp.int32)
-        return _State(
-            trial,
-            x,
-            residual,
-            jacobian,
-            size,
-            damping.astype(dtype),
-            growth.astype(dtype),
-            n,
-            first,
-            promised,
-            history,
-            code,
-            running,
-        )
-
-    empty = jnp.full(steps + 1, jnp.nan, dtype)
-    count = jnp.full(steps + 1, -1, jnp.int32)
-    state = _State(
-        trial=start,
-        x=start,
-        residual=jnp.full(shape.shape, jnp.nan, shape.dtype),
-        jacobian=jnp.full((shape.size, start.size), jnp.nan, dtype),
-        size=jnp.zeros(start.size, dtype),
-        damping=jnp.asarray(_DAMPING, dtype),
-        growth=jnp.asarray(2.0, dtype),
-        n=jnp.int32(-1),
-        first=jnp.zeros((), dtype),
-        promised=jnp.ones((), dtype),
-        history=[empty, count, empty, count],
-        code=jnp.int32(0),
-        running=jnp.ones((), bool),
-    )
-    return lax.while_loop(lambda s: s.running, turn, state)

@@ -5,11 +5,13 @@ import functools
 import jax
 import jax.numpy as jnp
 import optax
+from jax.flatten_util import ravel_pytree
 
 from .. import status
 from .._tree import pytree
-from .box import default_tol, make_box, numbers, spread
-from .descent import descend
+from .box import Box, default_tol, make_box, numbers, spread
+from .descent import Descent
+from .outcome import split_loss
 
 _PART = 0.1  # of its size: a typical change of a parameter
 
@@ -119,17 +121,18 @@ def minimize(
     tol = default_tol(params) if tol is None else tol
     sizes = jax.tree.map(_size, params, box.lower, box.upper)
     if scale is None and optimizer is None:
-        scale = jax.tree.map(lambda x, s: jnp.full_like(x, _PART * s), params, sizes)
+        scale = jax.tree.map(lambda s: _PART * s, sizes)
     else:
         scale = spread(scale, params, "scale", absent=1.0, positive=True)
     return _compiled(loss, optimizer, steps)(params, tuple(args), box, sizes, scale, tol)
 
 
 def _size(x, low, high):
-    """Size of the entries of an array: the largest one at the start, or of its bounds, or 1."""
+    """Size of an array for each entry: its largest one at the start, or of its bounds, or 1."""
     ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
     start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
-    return jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
+    size = jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
+    return jnp.full_like(x, size)
 
 
 @functools.lru_cache(maxsize=32)
@@ -138,23 +141,28 @@ def _compiled(loss, optimizer, steps):
 
     @jax.jit
     def run(params, args, box, sizes, scale, tol):
-        end = descend(loss, optimizer, steps, params, args, box, sizes, scale, tol)
+        start, back = ravel_pytree(params)
+        flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+        sizes, scale = ravel_pytree(sizes)[0], ravel_pytree(scale)[0]
+
+        def value(params):
+            return split_loss(loss(params, *args))
+
+        end = Descent(value, back, optimizer, steps, flat, sizes, scale, tol).run(start)
         converged = end.code == status.OK
         point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), end.at, end.best)
-        rows = History(*end.history)
-        code = jnp.where(box.holds(params), end.code, status.OUTSIDE)
-        # after an accepted step the history has its failures, and the counter is at zero
-        failures = jnp.sum(jnp.maximum(rows.failures, 0)) + end.failures
+        log = end.log
         return Design(
-            params=point.params,
+            params=back(point.x),
             loss=point.loss,
-            gradient=point.gradient,
+            gradient=back(point.gradient),
             gradient_norm=point.measure,
-            history=rows,
-            status=code,
+            history=History(*log),
+            status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
             steps=jnp.maximum(end.n, 0),
             evaluations=end.evaluations,
-            failures=failures,
+            # those of accepted steps, and of the last one if it led nowhere
+            failures=jnp.sum(jnp.maximum(log.failures, 0)) + end.failures,
         )
 
     return run

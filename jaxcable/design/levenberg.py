@@ -1,0 +1,168 @@
+"""The loop of `fit`: Levenberg-Marquardt on a flat vector of parameters, one trial point a turn."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import status
+
+_DAMPING = 1e-3  # at the start, over the largest column of the scaled Jacobian, which is 1
+_SINGULAR = 1e-12  # damping of a whole step: directions this weak (squared) count as none
+_LARGEST = 1e20  # damping at which no step is left
+_WORTH = 1e-4  # part of the promised decrease that makes a step acceptable
+_QUICKEST = 0.1  # factor on the damping after a step that kept its promise
+
+
+class Trials(NamedTuple):
+    """One row for every trial point, see `fit.FitHistory`."""
+
+    misfit: object
+    accepted: object
+    damping: object
+    status: object
+
+
+class State(NamedTuple):
+    """State of the loop.
+
+    Attributes:
+        trial: point to be evaluated.
+        x, residual, jacobian: the last accepted point.
+        size: largest norm that each column of the Jacobian has had.
+        damping, growth: of the next step; factor on it if the trial is not accepted.
+        promised: decrease of half the squared misfit that the linear model promised.
+        first: misfit at the start.
+        n: number of trial points after the start.
+        trials: `Trials`.
+        code, running: status, and whether to go on.
+    """
+
+    trial: object
+    x: object
+    residual: object
+    jacobian: object
+    size: object
+    damping: object
+    growth: object
+    promised: object
+    first: object
+    n: object
+    trials: Trials
+    code: object
+    running: object
+
+
+class LevenbergMarquardt:
+    """The loop for one problem.
+
+    Args:
+        residuals: function of the flat parameters to (residuals [n_residual], status code).
+        steps: number of trial points after the start, at most.
+        box: `Box` of flat bounds.
+        sizes: function of the flat parameters to their sizes, which `tol` is relative to.
+        tol: see `fit`.
+    """
+
+    def __init__(self, residuals, steps, box, sizes, tol):
+        self.residuals, self.steps, self.box = residuals, steps, box
+        self.sizes, self.tol = sizes, tol
+
+    def run(self, x):
+        """Iterate from `x`, [n]."""
+        shape, _ = jax.eval_shape(self.residuals, x)
+        one, none = jnp.ones((), x.dtype), jnp.int32(0)
+        row, count = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
+        state = State(
+            trial=x,
+            x=x,
+            residual=jnp.full(shape.shape, jnp.nan * one),
+            jacobian=jnp.full((shape.size, x.size), jnp.nan * one),
+            size=jnp.zeros_like(x),
+            damping=_DAMPING * one,
+            growth=2 * one,
+            promised=one,
+            first=one,
+            n=none - 1,
+            trials=Trials(row, count, row, count),
+            code=none,
+            running=jnp.ones((), bool),
+        )
+        return lax.while_loop(lambda s: s.running, self.turn, state)
+
+    def turn(self, s):
+        """Evaluate the trial point, accept it or not, and find the next one."""
+        residual, jacobian, code = self.evaluate(s.trial)
+        sound, begun = code == status.OK, s.n >= 0
+        before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
+        gain = jnp.where(begun, (before - after) / s.promised, 1.0)
+        good = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
+        misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
+        entries = Trials(misfit, good.astype(jnp.int32), s.damping, code)
+        less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
+        damping = jnp.where(good, jnp.where(begun, less, s.damping), s.damping * s.growth)
+        x, residual, jacobian = (
+            jnp.where(good, new, old)
+            for new, old in zip(
+                (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian), strict=True
+            )
+        )
+        size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
+        held = self.box.blocked(x, residual @ jacobian)
+        trial = self.box.project(x + damped_step(residual, jacobian, size, damping, held))
+        change = jacobian @ (trial - x)
+        s = s._replace(
+            trial=trial,
+            x=x,
+            residual=residual,
+            jacobian=jacobian,
+            size=size,
+            damping=damping,
+            growth=jnp.where(good, 2.0, 2 * s.growth),
+            promised=-(residual @ change) - 0.5 * jnp.sum(change**2),
+            first=jnp.where(begun, s.first, misfit),
+            n=s.n + 1,
+            trials=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.trials, entries),
+        )
+        converged = (begun | sound) & self.converged(s, held)
+        hopeless = ~good & ((damping > _LARGEST) | jnp.all(trial == x))
+        code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
+        code = jnp.where(begun | sound, code, status.BAD_START)
+        return s._replace(
+            code=jnp.where(converged, status.OK, code).astype(jnp.int32),
+            running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
+        )
+
+    def converged(self, s, held):
+        """Whether the whole step would change next to nothing; a damped one is always short."""
+        whole = damped_step(s.residual, s.jacobian, s.size, _SINGULAR, held)
+        misfit = jnp.linalg.norm(s.residual)
+        stationary = jnp.linalg.norm(s.jacobian @ whole) <= self.tol * misfit
+        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * self.sizes(s.x))
+        least = jnp.finfo(misfit.dtype).eps
+        return stationary | settled | (misfit <= jnp.maximum(self.tol**2, least) * s.first)
+
+    def evaluate(self, x):
+        """Residuals, Jacobian and status; NONFINITE if a number of them is not finite."""
+        shape, _ = jax.eval_shape(self.residuals, x)
+        if x.size <= shape.size:
+            residual, push, code = jax.linearize(self.residuals, x, has_aux=True)
+            jacobian = jax.vmap(push, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+        else:
+            residual, pull, code = jax.vjp(self.residuals, x, has_aux=True)
+            jacobian = jax.vmap(pull)(jnp.eye(shape.size, dtype=shape.dtype))[0]
+        sound = jnp.all(jnp.isfinite(residual)) & jnp.all(jnp.isfinite(jacobian))
+        return residual, jacobian, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
+
+
+def damped_step(residual, jacobian, size, damping, held):
+    """``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where held.
+
+    `size` is D, [n]; a column that has never had an entry takes 1, and no step.
+    """
+    size = jnp.where(size > 0, size, 1.0)
+    scaled = jnp.where(held, 0.0, jacobian / size)
+    damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
+    q, r = jnp.linalg.qr(jnp.concatenate([scaled, damper]))
+    return jax.scipy.linalg.solve_triangular(r, -(residual @ q[: residual.size])) / size

@@ -1,0 +1,244 @@
+"""`minimize`: against SciPy within bounds, with every kind of optimizer, with failing analyses."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import pytest
+from scipy import optimize
+
+import jaxcable as jc
+from jaxcable import status
+
+X0 = jnp.array([-1.2, 1.0, -1.2, 1.0])
+UPPER = jnp.array([0.5, 2.0, 0.3, 2.0])
+
+
+def rosenbrock(x):
+    return jnp.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2)
+
+
+def quadratic(x, matrix, vector):
+    return 0.5 * x @ matrix @ x - vector @ x
+
+
+@functools.cache
+def by_scipy():
+    slope = jax.grad(rosenbrock)
+    return optimize.minimize(
+        lambda x: float(rosenbrock(x)),
+        np.clip(X0, -2, UPPER),
+        jac=lambda x: np.asarray(slope(x)),
+        bounds=[(-2, u) for u in UPPER],
+        method="L-BFGS-B",
+        options={"ftol": 0, "gtol": 1e-9},
+    )
+
+
+@pytest.mark.parametrize(
+    ("optimizer", "steps"),
+    [(None, 100), (optax.lbfgs(), 100), (optax.adam(0.02), 3000)],
+    ids=["default", "lbfgs", "adam"],
+)
+def test_bounded_minimum_is_that_of_scipy(optimizer, steps):
+    start = jnp.clip(X0, -2.0, UPPER)
+    design = jc.minimize(rosenbrock, start, (-2.0, UPPER), optimizer, steps, tol=1e-7)
+    assert int(design.status) == 0
+    # a gradient of tol times the loss leaves tol^2 of it, over the curvature, to gain
+    assert abs(float(design.loss) - by_scipy().fun) < 1e-9
+    assert jnp.abs(design.params - by_scipy().x).max() < 1e-5
+    assert float(design.params[0]) == 0.5  # at its bound exactly
+    assert float(design.gradient_norm) <= 1e-7
+    n = int(design.steps)
+    loss = np.asarray(design.history.loss)
+    assert np.isfinite(loss[: n + 1]).all() and np.isnan(loss[n + 1 :]).all()
+    assert loss[n] == float(design.loss)
+    if optimizer is None:
+        assert (np.diff(loss[: n + 1]) <= 1e-9 * loss[:n]).all()  # it only falls
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_quadratics_within_a_box(seed):
+    """Most entries end at a bound; the optimality conditions are checked by NumPy."""
+    rng = np.random.default_rng(seed)
+    q, _ = np.linalg.qr(rng.normal(size=(30, 30)))
+    matrix = q @ np.diag(np.logspace(0, 3, 30)) @ q.T
+    vector = matrix @ rng.normal(size=30) * 2
+    design = jc.minimize(quadratic, jnp.zeros(30), (-1.0, 1.0), steps=300, args=(matrix, vector))
+    assert int(design.status) == 0
+    x = np.asarray(design.params)
+    assert (np.abs(x) <= 1).all() and (np.abs(x) == 1).sum() > 5
+    slope = matrix @ x - vector
+    inside = np.abs(x) < 1
+    # sizes are 1 here, and tol is 1e-6 of the loss
+    assert np.abs(slope[inside]).max() <= 1e-6 * abs(float(design.loss)) * (1 + 1e-9)
+    assert (slope[~inside] * x[~inside] <= 0).all()
+
+
+def test_units_do_not_matter():
+    """Metres or millimetres, newtons or meganewtons: the default takes the same steps."""
+
+    def loss(p, a, b):
+        return b * rosenbrock(jnp.stack([p["x"] / a, p["y"]]))
+
+    def run(a, b):
+        start = {"x": jnp.asarray(-1.2 * a), "y": jnp.asarray(1.0)}
+        return jc.minimize(loss, start, steps=60, args=(a, b))
+
+    one, other = run(1.0, 1.0), run(2.0**10, 2.0**-20)
+    assert int(one.status) == int(other.status) == 0
+    assert int(one.steps) == int(other.steps)
+    assert abs(float(other.params["x"]) / 2**10 - float(one.params["x"])) < 1e-9
+
+
+def wall(x):
+    """A loss that is defined beyond x = 0 only."""
+    return jnp.sum(x - 1e-3 * jnp.log(x))
+
+
+@pytest.mark.parametrize(
+    "optimizer", [None, optax.lbfgs(), optax.sgd(2.0)], ids=["default", "lbfgs", "sgd"]
+)
+def test_steps_into_nowhere_are_shortened(optimizer):
+    design = jc.minimize(wall, jnp.array([1.0, 2.0]), optimizer=optimizer, steps=400)
+    assert int(design.status) in (status.OK, status.OUT_OF_STEPS)
+    assert jnp.abs(design.params - 1e-3).max() < 1e-3
+    history = design.history
+    n = int(design.steps)
+    assert np.isfinite(np.asarray(history.loss)[: n + 1]).all()
+    if not (optimizer is not None and "zoom" in repr(optimizer)):  # its own search avoids them
+        failed = np.asarray(history.failures)[: n + 1]
+        assert int(design.failures) >= failed.sum()
+    if optimizer is None:
+        assert int(design.status) == 0
+        assert failed.sum() > 0
+        codes = np.asarray(history.status)[: n + 1]
+        assert (codes[failed > 0] == status.NONFINITE).all() and (codes[failed == 0] == 0).all()
+
+
+def test_no_way_on_is_said():
+    """The loss falls towards a cliff at x = 0.5: no step crosses it, and that is not converged."""
+
+    def cliff(x):
+        return jnp.sum(jnp.where(x[0] < 0.5, jnp.nan, x))
+
+    design = jc.minimize(cliff, jnp.array([1.0, 1.0]), steps=1000)
+    assert int(design.status) == status.STALLED
+    assert abs(float(design.params[0]) - 0.5) < 1e-8
+    assert int(design.failures) > 0 and float(design.gradient_norm) > 0.1
+    with pytest.raises(jc.AnalysisError, match="no step, however short"):
+        jc.raise_if_failed(design)
+
+
+def test_kink_is_said():
+    design = jc.minimize(lambda x: jnp.sum(jnp.abs(x - 1.0)), jnp.array([3.3]))
+    assert int(design.status) == status.STALLED
+    assert abs(float(design.params[0]) - 1) < 1e-6
+
+
+def test_bad_start():
+    design = jc.minimize(wall, jnp.array([-1.0, 2.0]))
+    assert int(design.status) == status.BAD_START
+    assert int(design.history.status[0]) == status.NONFINITE
+    assert np.isnan(float(design.loss)) and int(design.evaluations) == 1
+    assert (np.asarray(design.params) == [-1.0, 2.0]).all()
+
+
+def test_out_of_steps_gives_the_best():
+    optimizer = optax.sgd(0.019)  # swings about the valley of a curvature of 100
+    design = jc.minimize(
+        lambda x: 50 * x[0] ** 2 + x[1], jnp.array([1.0, 1.0]), optimizer=optimizer, steps=7
+    )
+    assert int(design.status) == status.OUT_OF_STEPS
+    assert float(design.loss) == np.nanmin(np.asarray(design.history.loss))
+
+
+def test_many_starts_at_once_and_under_jit():
+    starts = jnp.array([[1.0, 2.0], [-1.0, 2.0], [0.1, 0.1]])
+    designs = jax.vmap(lambda x: jc.minimize(wall, x))(starts)
+    alone = [jc.minimize(wall, x) for x in starts]
+    assert designs.status.tolist() == [int(d.status) for d in alone] == [0, status.BAD_START, 0]
+    for k in (0, 2):
+        # the same steps but for the order of sums
+        assert jnp.abs(designs.params[k] - alone[k].params).max() < 1e-9
+    traced = jax.jit(lambda low: jc.minimize(wall, jnp.array([1.0, 2.0]), (low, None)).status)
+    assert int(traced(1.5)) == status.OUTSIDE
+    assert int(traced(0.5)) == 0
+
+
+def test_float32_and_scalars_in_a_tree():
+    start = {"a": jnp.float32(0.0), "b": jnp.ones(2, jnp.float32)}
+    bounds = ({"a": None, "b": 0.5}, None)
+    design = jc.minimize(
+        lambda p: (p["a"] - 3) ** 2 + jnp.sum((p["b"] + 1) ** 2) - 4, start, bounds
+    )
+    assert int(design.status) == 0
+    assert design.params["a"].dtype == jnp.float32
+    assert design.params["b"].tolist() == [0.5, 0.5]
+    assert abs(float(design.params["a"]) - 3) < 1e-2
+
+
+def test_wrong_arguments():
+    x = jnp.array([1.0, 2.0])
+    wrong = [
+        ({"optimizer": "adam"}, "optimizer: expected an optax transformation"),
+        ({"optimizer": optax.adam}, "optimizer: expected an optax transformation"),
+        ({"bounds": (2.0, 1.0)}, r"bounds\[0\]: 2 and 1: the lower bound is above"),
+        ({"bounds": (jnp.array([0.0, 2.5]), None)}, r"params\[1\]: 2 and 2.5: the start is below"),
+        ({"bounds": (None, 1.5)}, r"params\[1\]: 2 and 1.5: the start is above"),
+        ({"bounds": (jnp.nan, None)}, r"bounds\[0\]: a bound is NaN"),
+        ({"bounds": 3.0}, r"bounds: expected \(lower, upper\)"),
+        ({"bounds": (jnp.zeros(3), None)}, r"bounds\[0\]: expected a scalar or shape \(2,\)"),
+        ({"bounds": ({"a": 1.0}, None)}, r"bounds\[0\]: expected a scalar, an array or a prefix"),
+        ({"steps": 0}, "steps = 0"),
+        ({"scale": -1.0}, "scale = -1.0: must be positive"),
+    ]
+    for arguments, text in wrong:
+        with pytest.raises(ValueError, match=text):
+            jc.minimize(wall, x, **arguments)
+    with pytest.raises(ValueError, match=r"loss: expected a scalar float.*float64\[2\]"):
+        jc.minimize(lambda x: x, x)
+    with pytest.raises(ValueError, match="loss: beside the value expected solutions"):
+        jc.minimize(lambda x: (jnp.sum(x), 1.5), x)
+    with pytest.raises(ValueError, match="loss: expected a function"):
+        jc.minimize(3.0, x)
+    with pytest.raises(ValueError, match="params: there is nothing to vary"):
+        jc.minimize(wall, {})
+
+
+def test_pretension_of_a_net_and_one_compilation():
+    """The least distance from target tensions, through two phases; failed analyses on the way."""
+    structure, (_, loading) = jc.scenes.flat_net(load=15.0, increments=(1, 1))
+    traces = []
+
+    def loss(tension, target):
+        traces.append(1)
+        solution = jc.solve(structure, [jc.Phase(pretension=tension), loading])
+        return jc.design.tension_distance(solution, target), solution
+
+    start = 200.0 * jnp.ones(12)
+    first = jc.solve(structure, [jc.Phase(pretension=150.0 + 10 * jnp.arange(12.0)), loading])
+    jc.raise_if_failed(first)
+    found = jc.minimize(loss, start, (0.0, None), steps=300, args=(first.tension,))
+    assert int(found.status) == 0
+    # squared distance: its gradient at tol leaves a distance of 1e-3 of that at the start
+    _, solution = loss(found.params, first.tension)
+    assert int(solution.status) == 0
+    assert jnp.abs(solution.tension - first.tension).max() < 0.1
+    count = len(traces)
+    jc.minimize(loss, start + 1.0, (0.0, 500.0), steps=300, args=(first.tension + 1.0,))
+    assert len(traces) == count
+
+    # no tension law of the loss, but a weak point: below 100 N the analysis is told to fail
+    def fails(tension, target):
+        value, solution = loss(tension, target)
+        return value, jnp.where(jnp.min(tension) < 100.0, status.MECHANISM, solution.status)
+
+    found = jc.minimize(fails, start, args=(60.0,), steps=100)
+    history = found.history
+    seen = np.asarray(history.status)[: int(found.steps) + 1]
+    assert int(found.failures) > 0 and set(seen.tolist()) <= {0, status.MECHANISM}
+    assert float(jnp.min(found.params)) >= 100.0
+    assert int(found.status) in (status.STALLED, status.OUT_OF_STEPS)
