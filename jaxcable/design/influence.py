@@ -188,9 +188,7 @@ def scatter(jacobian, tolerance):
     def add(function, finish):
         def one(entry):
             parts = [
-                jnp.sum(
-                    function(j.reshape(*j.shape[: j.ndim - jnp.ndim(t)], -1) * jnp.ravel(t)), -1
-                )
+                function(j.reshape(*j.shape[: j.ndim - jnp.ndim(t)], -1)) @ function(jnp.ravel(t))
                 for j, t in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
             ]
             return finish(sum(parts))

@@ -162,7 +162,7 @@ def damped_step(residual, jacobian, size, damping, held):
     `size` is D, [n]; a column that has never had an entry takes 1, and no step.
     """
     size = jnp.where(size > 0, size, 1.0)
-    scaled = jnp.where(held, 0.0, jacobian / size)
+    scaled = jnp.where(held[None, :], 0.0, jacobian / size[None, :])
     damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
     q, r = jnp.linalg.qr(jnp.concatenate([scaled, damper]))
     return jax.scipy.linalg.solve_triangular(r, -(residual @ q[: residual.size])) / size
