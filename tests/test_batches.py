@@ -100,6 +100,7 @@ def test_four_devices_give_the_answers_of_one():
     assert found["devices"] == 4
 
 
+@pytest.mark.slow
 def test_two_processes_give_the_answers_of_one():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

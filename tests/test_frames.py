@@ -23,6 +23,7 @@ def tip(force, structure=None):
     return solution.displacement[2, 2], solution
 
 
+@pytest.mark.slow
 def test_gradient_through_a_batch():
     """A shared parameter of a batch: the sum of the cases' gradients."""
     forces = jnp.array([500.0, 1000.0])
@@ -53,6 +54,7 @@ def test_a_small_load_in_single_precision_moves_the_beam():
         assert float(deflection) == pytest.approx(-force * 8 / 3 / EI, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_released_beam_comes_to_rest():
     """At exactly no load: forces and displacements are all rounding of where it came from."""
     structure = cantilever()

@@ -103,7 +103,13 @@ def slope(value, p, gradient, size=1.0):
     return np.polyfit(np.log(steps), np.log(remainder), 1)[0]
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+# the kinds of parameters are tested all at once in test_gradients_two_phases; one by one, apart from
+# all else, in `make slow`
+ALONE = ("jacked nodes", "released prop", "incremental tangent", "incremental secant")
+NAMES = [pytest.param(n, marks=[] if n in ALONE else pytest.mark.slow) for n in PARAMETERS]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     p, solve = PARAMETERS[name]
 

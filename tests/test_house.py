@@ -89,14 +89,16 @@ def test_docstring_examples():
 
 
 def test_interface_calls_work_as_spelled():
-    """The calls of the README's first example."""
+    """The examples of the README, one after the other."""
     import re
 
-    block = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S).group(1)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.S)
     names = {}
-    exec(compile(block, "README.md", "exec"), names)
+    for block in blocks:
+        exec(compile(block, "README.md", "exec"), names)
     assert int(names["solution"].status) == 0
     assert names["gradient"].shape == (12,)
+    assert int(names["found"].status) == 0 and names["turns"].shape == (12,)
 
 
 def test_notebooks_run():

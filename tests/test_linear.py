@@ -231,6 +231,7 @@ def test_conjugate_gradients_give_up_where_they_do_not_pay():
     assert host.conjugate_gradients(lambda v: a @ v, lambda r: exact @ r, b, 1e-9, 12) is None
 
 
+@pytest.mark.slow
 def test_factors_and_analyses_kept_are_bounded():
     b = jnp.ones(12)
     for seed in range(host._FACTORS + 3):

@@ -21,6 +21,7 @@ def assert_fibres_sum_to_section_forces(structure, solution, name):
     assert (np.abs(stress @ lever - forces[..., :3]) / size).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_guyed_mast():
     structure, phases = jc.scenes.guyed_mast(levels=2, per_level=2, increments=(2, 3))
     solution = jc.solve(structure, phases)

@@ -60,8 +60,9 @@ def test_a_slack_saddle_in_increments(solver):
     assert np.abs(force - np.asarray(sparse.tension)).max() < 1e-7 * force.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", HEAVY)
-@pytest.mark.parametrize("stiffness", [pytest.param("tangent", marks=pytest.mark.slow), "secant"])
+@pytest.mark.parametrize("stiffness", ["tangent", "secant"])
 def test_incremental_forms(solver, stiffness):
     structure, phases = jc.scenes.saddle(4, 3, load=1000.0, increments=(3, 4))
 
@@ -80,6 +81,7 @@ def test_incremental_forms(solver, stiffness):
     assert float(other) == pytest.approx(float(slope), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", HEAVY)
 def test_an_unsymmetric_tangent(solver):
     """A nodal moment on a bent cantilever has no potential: LU, and its transpose for gradients."""

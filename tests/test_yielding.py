@@ -304,7 +304,12 @@ def differentiable(scene):
 
 
 @pytest.mark.parametrize(
-    ("scene", "name"), [(scene, name) for scene, (start, _) in SCENES.items() for name in start]
+    ("scene", "name"),
+    [  # the beam takes forty seconds to compile
+        pytest.param(scene, name, marks=pytest.mark.slow if scene == "beam" else [])
+        for scene, (start, _) in SCENES.items()
+        for name in start
+    ],
 )
 def test_taylor(scene, name):
     """Through two increments past yield and one back, for each parameter."""
