@@ -24,7 +24,10 @@ class Record:
         self.picture = RESULTS / f"{name}.png"
         self.lines, self.begin = [], time.perf_counter()
         commit = subprocess.run(
-            ["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True
+            ["git", "describe", "--always", "--dirty"],
+            capture_output=True,
+            text=True,
+            cwd=RESULTS.parent,
         )
         self(
             f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}, "

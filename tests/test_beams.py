@@ -391,6 +391,7 @@ def test_a_scalar_prestress_is_for_cables_and_bars():
     assert guys == {} and mast["pretension"].tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_incremental_scheme_takes_beams():
     phase = jc.Phase(loads=jc.NodalLoads([2], (0, 0, 1.0)), increments=2)
     solution = jc.solve(straight(2), [phase], jc.Incremental())

@@ -114,6 +114,10 @@ def test_influence_refuses():
     ):
         with pytest.raises(ValueError, match=text):
             jc.influence(FLAT, [PRESTRESS, LOADING], **arguments)
+    with pytest.raises(ValueError, match="phases: none, and no start"):
+        jc.influence(FLAT, [])
+    with pytest.raises(ValueError, match="tolerance: expected arrays"):
+        design.scatter(matrix(), 1e-5)
     with pytest.raises(ValueError, match="change: has 3 numbers"):
         design.adjustment(matrix(), jnp.zeros(3), like=jnp.zeros(N))
     failed = jc.influence(FLAT, [PRESTRESS, LOADING], method=jc.Newton(tol=1e-13, max_steps=1))
@@ -207,6 +211,11 @@ def test_objectives():
     largest = np.asarray(batch.tension).max(0) * np.asarray(batch.rest_length)[0]
     assert abs(float(design.material_use(batch, 1e9)) / (largest.sum() / 1e9) - 1) < 1e-9
 
+    gaps = np.asarray(batch.positions) - target
+    assert abs(float(design.shape_distance(batch, target)) / (gaps**2).sum() - 1) < 1e-12
+    gaps = np.asarray(batch.tension) - tension
+    assert abs(float(design.tension_distance(batch, tension)) / (gaps**2).sum() - 1) < 1e-12
+
     moved = np.linalg.norm(np.asarray(batch.phases[-1].displacement), axis=-1)
     for width in (1e-3, 1e-4):
         bound = float(design.largest_deflection(batch, width))
@@ -253,6 +262,16 @@ def test_distance_to_slackening():
         low, high = (middle, high) if same else (low, middle)
     assert abs(low / float(steps[k]) - 1) < 0.05  # first order over a short way
 
+    known = design.nearest_kink(
+        lambda x: x,
+        jnp.array([0.0, 0.0, 2.0, -1.0, jnp.nan]),
+        jnp.array([-1.0, 1.0, -4.0, -1.0, 1]),
+    )
+    assert known[0] == 0 and known[2] == 0.5 and jnp.isinf(known[jnp.array([1, 3])]).all()
+    assert jnp.isnan(known[4])
+    batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), solution)
+    for both in (batch, batch.last):
+        assert (design.slack_distance(structure, both)[1] == distance).all()
     failed = jc.solve(structure, [jc.Phase(pretension=p)], jc.Newton(max_steps=1, tol=1e-16))
     assert int(failed.status) != 0
     assert jnp.isnan(design.slack_distance(structure, failed)).all()
@@ -273,6 +292,12 @@ def test_constraints_closed_form():
     # f = -sqrt(5) r; relaxing c by 1 of (r^2) is dr = r / 2
     assert np.abs(found.multipliers - [np.sqrt(5), 0.0]).max() < 1e-4
 
+    # a loss that is zero, and flat, where it starts
+    nearest = design.minimize_subject_to(lambda p: (p @ p, 1 - p[:1]), jnp.zeros(2))
+    assert int(nearest.status) == 0
+    assert np.abs(np.asarray(nearest.params) - [1, 0]).max() < 1e-5
+    assert abs(float(nearest.multipliers[0]) - 2) < 1e-4
+
     def contradiction(p):
         return p[0] ** 2, jnp.array([1 - p[0], p[0] + 1])
 
@@ -282,6 +307,8 @@ def test_constraints_closed_form():
     assert int(bad.status) == status.BAD_START
     with pytest.raises(ValueError, match="problem: expected"):
         design.minimize_subject_to(lambda p: p[0], jnp.array([1.0]))
+    with pytest.raises(ValueError, match="loss: expected a scalar float"):
+        design.minimize_subject_to(lambda p: (p, -p), jnp.array([1.0]))
     with pytest.raises(ValueError, match=r"constraints: expected floats \[n\]"):
         design.minimize_subject_to(lambda p: (p[0], p[0]), jnp.array([1.0]))
 

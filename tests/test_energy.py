@@ -74,7 +74,12 @@ def system(name, held=False, seed=0):
     return made, made.move(held_at, jnp.asarray(step))
 
 
-CASES = [(name, False) for name in LAWS] + [(name, True) for name in JACKED]
+# twelve seconds of compilation each, and alike
+HEAVY = [pytest.mark.slow]
+CASES = [
+    *(pytest.param(name, False, marks=HEAVY if name == "composite beam" else []) for name in LAWS),
+    *(pytest.param(name, True) for name in JACKED),
+]
 
 
 @pytest.mark.parametrize(("name", "held"), CASES)

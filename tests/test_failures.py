@@ -131,6 +131,7 @@ def test_nan_in_the_incremental_scheme():
     check_failed(solution, status.NONFINITE, 0, 0)
 
 
+@pytest.mark.slow
 def test_drift_of_the_incremental_scheme():
     """One big explicit step drifts; the same with corrections does not."""
     coarse = [PRESTRESS, jc.Phase(loads=LOADING.loads, increments=2)]

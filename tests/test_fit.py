@@ -137,6 +137,51 @@ def test_failures_are_avoided_and_said():
     assert int(jc.fit(rosenbrock, jnp.array([-1.2, 1.0]), steps=3).status) == status.OUT_OF_STEPS
 
 
+def test_a_net_within_bounds():
+    """Tensions that no net has, pretensions that all want to leave their bounds: as SciPy."""
+    structure, (_, loading) = jc.scenes.flat_net(load=15.0, increments=(1, 1))
+
+    def residuals(tension, target):
+        solution = jc.solve(structure, [jc.Phase(pretension=tension), loading])
+        return solution.tension - target, solution
+
+    start = 200.0 * jnp.ones(12)
+    value = jax.jit(lambda p, target: residuals(p, target)[0])
+    slope = jax.jit(jax.jacfwd(lambda p, target: residuals(p, target)[0]))
+    for seed in (1, 2):
+        target = jnp.asarray(np.random.default_rng(seed).uniform(50, 500, 12))
+        fit = jc.fit(residuals, start, (50.0, 400.0), args=(target,))
+        peer = optimize.least_squares(
+            lambda p, t=target: np.asarray(value(p, t)),
+            np.asarray(start),
+            jac=lambda p, t=target: np.asarray(slope(p, t)),
+            bounds=(50, 400),
+            xtol=1e-12,
+            ftol=1e-12,
+            gtol=1e-12,
+        )
+        assert int(fit.status) == 0 and int(fit.steps) < 30
+        assert abs(float(fit.misfit) / np.sqrt(2 * peer.cost) - 1) < 1e-8
+        assert np.abs(np.asarray(fit.params) - peer.x).max() < 1e-2
+
+
+def test_a_vanishing_sensitivity_is_no_minimum():
+    """The Jacobian falls by 1e13 on the way: exp(p) = 1 from p = 30."""
+    fit = jc.fit(lambda p: jnp.exp(p) - 1, jnp.array([30.0]), tol=1e-9, steps=200)
+    assert int(fit.status) == 0
+    assert abs(float(fit.params[0])) < 5e-3  # the rounding of the first residual, 1e13, is 2e-3
+
+
+@pytest.mark.parametrize("tol", [None, 1e-9])
+def test_noise_ends_an_iteration(tol):
+    """Residuals with a noise of 1e-9, as an analysis has, and less to gain than that."""
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(4, 2)), rng.normal(size=4)
+    fit = jc.fit(lambda p: a @ p - b + 1e-9 * jnp.sin(1e6 * p[0]), jnp.zeros(2), tol=tol)
+    assert int(fit.status) == 0
+    assert np.abs(np.asarray(fit.params) - np.linalg.lstsq(a, b)[0]).max() < 1e-3
+
+
 def test_batches_float32_and_units():
     starts = jnp.array([[-1.2, 1.0], [3.0, 3.0], [0.0, 0.0]])
     fits = jax.vmap(lambda x: jc.fit(rosenbrock, x))(starts)
@@ -157,9 +202,12 @@ def test_wrong_arguments():
         jc.fit(x, x)
     with pytest.raises(ValueError, match="residuals: expected arrays of floats"):
         jc.fit(lambda p: jnp.zeros(0), x)
-    with pytest.raises(ValueError, match=r"params\[1\]: 1 and 2: the start is below"):
+    with pytest.raises(ValueError, match=r"params\[1\] = 1: the start is below its lower bound, 2"):
         jc.fit(rosenbrock, x, (jnp.array([-2.0, 2.0]), None))
     with pytest.raises(ValueError, match="steps = 0"):
         jc.fit(rosenbrock, x, steps=0)
+    short = jc.fit(misra, jnp.array([500.0, 1e-4]), steps=2)
+    with pytest.raises(ValueError, match="fit: has not converged"):
+        design.confidence(short)
     with pytest.raises(ValueError, match=r"level = 2"):
         design.confidence(jc.fit(misra, jnp.array([250.0, 5e-4])), level=2)

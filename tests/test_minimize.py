@@ -1,6 +1,8 @@
 """`minimize`: against SciPy within bounds, with every kind of optimizer, with failing analyses."""
 
 import functools
+import gc
+import weakref
 
 import jax
 import jax.numpy as jnp
@@ -103,19 +105,18 @@ def wall(x):
 )
 def test_steps_into_nowhere_are_shortened(optimizer):
     design = jc.minimize(wall, jnp.array([1.0, 2.0]), optimizer=optimizer, steps=400)
-    assert int(design.status) in (status.OK, status.OUT_OF_STEPS)
-    assert jnp.abs(design.params - 1e-3).max() < 1e-3
-    history = design.history
-    n = int(design.steps)
+    history, n = design.history, int(design.steps)
     assert np.isfinite(np.asarray(history.loss)[: n + 1]).all()
-    if not (optimizer is not None and "zoom" in repr(optimizer)):  # its own search avoids them
-        failed = np.asarray(history.failures)[: n + 1]
-        assert int(design.failures) >= failed.sum()
+    failed, codes = (np.asarray(v)[: n + 1] for v in (history.failures, history.status))
+    assert (codes[failed > 0] == status.NONFINITE).all() and (codes[failed == 0] == 0).all()
+    # a fixed step of 2 only comes near; its evaluations: the accepted points and the failures
+    plain = optimizer is not None and int(design.status) == status.OUT_OF_STEPS
+    assert plain or int(design.status) == 0
+    assert jnp.abs(design.params - 1e-3).max() < (5e-4 if plain else 1e-6)
+    if plain:
+        assert failed.sum() > 0 and int(design.evaluations) == n + 1 + failed.sum()
     if optimizer is None:
-        assert int(design.status) == 0
         assert failed.sum() > 0
-        codes = np.asarray(history.status)[: n + 1]
-        assert (codes[failed > 0] == status.NONFINITE).all() and (codes[failed == 0] == 0).all()
 
 
 def test_no_way_on_is_said():
@@ -142,17 +143,111 @@ def test_bad_start():
     design = jc.minimize(wall, jnp.array([-1.0, 2.0]))
     assert int(design.status) == status.BAD_START
     assert int(design.history.status[0]) == status.NONFINITE
-    assert np.isnan(float(design.loss)) and int(design.evaluations) == 1
+    assert np.isnan(float(design.loss)) and int(design.evaluations) == int(design.failures) == 1
+    unknown = jc.minimize(wall, jnp.array([jnp.nan, 2.0]), (0.0, None))
+    assert int(unknown.status) == status.BAD_START
     assert (np.asarray(design.params) == [-1.0, 2.0]).all()
 
 
 def test_out_of_steps_gives_the_best():
-    optimizer = optax.sgd(0.019)  # swings about the valley of a curvature of 100
-    design = jc.minimize(
-        lambda x: 50 * x[0] ** 2 + x[1], jnp.array([1.0, 1.0]), optimizer=optimizer, steps=7
-    )
+    """A step that is too long for the curvature: the loss falls at first, and then blows up."""
+    optimizer = optax.sgd(0.021)
+
+    def loss(x):
+        return 50 * x[0] ** 2 + 0.1 * (x[1] - 1) ** 2
+
+    design = jc.minimize(loss, jnp.array([1e-3, 3.0]), optimizer=optimizer, steps=200)
+    history = np.asarray(design.history.loss)
     assert int(design.status) == status.OUT_OF_STEPS
-    assert float(design.loss) == np.nanmin(np.asarray(design.history.loss))
+    assert float(design.loss) == history.min() < min(history[0], history[-1])
+    assert history[-1] > 1e6
+
+
+def test_divergence_is_not_convergence():
+    """A growing loss makes any change small beside it."""
+    optimizer = optax.sgd(1.5)
+    start = jnp.array([1.0, 2.0])
+    design = jc.minimize(lambda x: jnp.sum(x**2), start, optimizer=optimizer)
+    assert int(design.status) == status.OUT_OF_STEPS
+    assert (design.params == start).all()
+
+
+@pytest.mark.parametrize("start", [0.0, 1e-6, 1e-9, 1e-13])
+def test_starts_that_tell_no_size(start):
+    """The parameters at the start are next to nothing, their change is what matters."""
+    design = jc.minimize(lambda x: jnp.sum((x - 3) ** 2), start * jnp.ones(2))
+    assert int(design.status) == 0 and jnp.abs(design.params - 3).max() < 1e-6
+    design = jc.minimize(
+        lambda x: jnp.sum((x - 3) ** 2), start * jnp.ones(2), optimizer=optax.adam(0.1), steps=2000
+    )
+    assert int(design.status) == 0 and jnp.abs(design.params - 3).max() < 1e-6
+
+
+def test_starts_at_the_minimum():
+    design = jc.minimize(lambda x: jnp.sum((x - 3) ** 2) + 1, jnp.array([3.0, 3.0]))
+    assert int(design.status) == 0 and int(design.evaluations) == 1
+    design = jc.minimize(lambda x: jnp.sum((x - 3) ** 2) + 1, jnp.array([3.0, 3.0 + 1e-9]))
+    assert int(design.status) == 0 and int(design.evaluations) < 20
+    held = jc.minimize(lambda x: jnp.sum(x), jnp.array([1.0, 2.0]), (jnp.array([1.0, 2.0]), None))
+    assert int(held.status) == 0 and held.params.tolist() == [1.0, 2.0]
+
+
+OTHERS = {
+    "schedule": optax.adam(optax.exponential_decay(0.1, 50, 0.5)),
+    "injected": optax.inject_hyperparams(optax.adam)(learning_rate=0.05),
+    "decay": optax.adamw(0.05, weight_decay=1e-6),
+    "clipped": optax.chain(optax.clip_by_global_norm(1.0), optax.sgd(0.1, momentum=0.5)),
+    "two rates": optax.multi_transform(
+        {"fast": optax.adam(0.1), "slow": optax.sgd(0.1)}, {"a": "fast", "b": "slow"}
+    ),
+    "backtracking": optax.chain(optax.sgd(1.0), optax.scale_by_backtracking_linesearch(20)),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_optax_transformations(name):
+    start = {"a": jnp.array([0.0, 2.0]), "b": jnp.asarray(5.0)}
+    bounds = ({"a": jnp.array([0.0, 0.5]), "b": None}, None)
+    design = jc.minimize(
+        lambda p: jnp.sum((p["a"] - jnp.array([1.0, -1.0])) ** 2) + (p["b"] - 3) ** 2 + 1,
+        start,
+        bounds,
+        OTHERS[name],
+        steps=400,
+    )
+    assert int(design.status) in (status.OK, status.OUT_OF_STEPS)
+    # what a decaying rate and a decay of weights leave
+    assert jnp.abs(design.params["a"] - jnp.array([1.0, 0.5])).max() < 1e-3
+    assert abs(float(design.params["b"]) - 3) < 1e-3
+    assert float(design.params["a"][1]) == 0.5
+
+
+def test_no_derivative():
+    def distance(x, a):
+        return jnp.sum((x - a) ** 2)
+
+    with pytest.raises(ValueError, match="has no derivative"):
+        jax.jacfwd(lambda a: jc.minimize(distance, jnp.ones(2), args=(a,)).params)(2.0)
+    with pytest.raises(ValueError, match="has no derivative"):
+        jax.grad(lambda a: jc.minimize(lambda x: distance(x, a), jnp.ones(2)).loss)(2.0)
+    with pytest.raises(ValueError, match="has no derivative"):
+        jax.grad(lambda a: jc.fit(lambda x: x - a, jnp.ones(2)).misfit)(2.0)
+
+
+def test_losses_are_not_kept_alive():
+    def make():
+        target = jnp.ones(2)
+        return lambda x: jnp.sum((x - target) ** 2)
+
+    loss = make()
+    jc.minimize(loss, jnp.zeros(2))
+    gone = weakref.ref(loss)
+    del loss
+    gc.collect()
+    assert gone() is None
+    with jax.checking_leaks():
+        inner = jax.jit(lambda a: jc.minimize(lambda x: jnp.sum((x - a) ** 2), jnp.ones(2)).params)
+        assert jnp.abs(inner(2.0) - 2).max() < 1e-6
 
 
 def test_many_starts_at_once_and_under_jit():
@@ -185,13 +280,17 @@ def test_wrong_arguments():
     wrong = [
         ({"optimizer": "adam"}, "optimizer: expected an optax transformation"),
         ({"optimizer": optax.adam}, "optimizer: expected an optax transformation"),
-        ({"bounds": (2.0, 1.0)}, r"bounds\[0\]: 2 and 1: the lower bound is above"),
-        ({"bounds": (jnp.array([0.0, 2.5]), None)}, r"params\[1\]: 2 and 2.5: the start is below"),
-        ({"bounds": (None, 1.5)}, r"params\[1\]: 2 and 1.5: the start is above"),
-        ({"bounds": (jnp.nan, None)}, r"bounds\[0\]: a bound is NaN"),
+        ({"bounds": (2.0, 1.0)}, r"lower bound\[0\] = 2: above the upper bound, 1"),
+        (
+            {"bounds": (jnp.array([0.0, 2.5]), None)},
+            r"params\[1\] = 2: the start is below its lower bound, 2.5",
+        ),
+        ({"bounds": (None, 1.5)}, r"params\[1\] = 2: the start is above its upper bound, 1.5"),
+        ({"bounds": (None, jnp.array([5.0, jnp.nan]))}, r"upper bound\[1\]: is NaN"),
         ({"bounds": 3.0}, r"bounds: expected \(lower, upper\)"),
-        ({"bounds": (jnp.zeros(3), None)}, r"bounds\[0\]: expected a scalar or shape \(2,\)"),
-        ({"bounds": ({"a": 1.0}, None)}, r"bounds\[0\]: expected a scalar, an array or a prefix"),
+        ({"bounds": (jnp.zeros(3), None)}, r"lower bound: expected a scalar or shape \(2,\)"),
+        ({"bounds": (None, {"a": 1.0})}, "upper bound: expected a scalar, an array or a prefix"),
+        ({"args": jnp.ones(1)}, "args: expected a tuple"),
         ({"steps": 0}, "steps = 0"),
         ({"scale": -1.0}, "scale = -1.0: must be positive"),
     ]
@@ -204,8 +303,9 @@ def test_wrong_arguments():
         jc.minimize(lambda x: (jnp.sum(x), 1.5), x)
     with pytest.raises(ValueError, match="loss: expected a function"):
         jc.minimize(3.0, x)
-    with pytest.raises(ValueError, match="params: there is nothing to vary"):
-        jc.minimize(wall, {})
+    for nothing in ({}, jnp.zeros(0)):
+        with pytest.raises(ValueError, match="params: there is nothing to vary"):
+            jc.minimize(wall, nothing)
 
 
 def test_pretension_of_a_net_and_one_compilation():

@@ -32,22 +32,25 @@ class Box:
         )
 
     def holds(self, params):
-        """Whether the bounds leave room and the parameters are within them; scalar bool."""
+        """Whether the bounds leave room and the parameters are not beyond them; scalar bool."""
         inside = jax.tree.map(
-            lambda x, low, high: jnp.all((low <= x) & (x <= high)), params, self.lower, self.upper
+            lambda x, low, high: jnp.all((low <= high) & ~((x < low) | (x > high))),
+            params,
+            self.lower,
+            self.upper,
         )
         return jnp.all(jnp.stack(jax.tree.leaves(inside)))
 
 
 def numbers(params, name="params"):
     """The parameters as a pytree of float arrays; ValueError for anything else."""
-    leaves = jax.tree_util.tree_leaves_with_path(params)
-    if not leaves:
+    if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
         raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
 
     def one(path, x):
         x = _check.floats(x, name + jax.tree_util.keystr(path))
-        return jnp.asarray(x, x.dtype)  # no weak type, which would compile a second time
+        # no weak type, which would compile a second time
+        return jnp.asarray(x, jax.dtypes.canonicalize_dtype(x.dtype))
 
     return jax.tree_util.tree_map_with_path(one, params)
 
@@ -104,8 +107,8 @@ def make_box(bounds, params):
     if not isinstance(bounds, list | tuple) or len(bounds) != 2:
         raise ValueError("bounds: expected (lower, upper), each None, a number or a pytree")
     lower, upper = (
-        spread(bound, params, f"bounds[{k}]", absent)
-        for k, (bound, absent) in enumerate(zip(bounds, (-np.inf, np.inf), strict=True))
+        spread(bound, params, f"{name} bound", absent)
+        for bound, name, absent in zip(bounds, ("lower", "upper"), (-np.inf, np.inf), strict=True)
     )
 
     def check(path, x, low, high):
@@ -113,22 +116,33 @@ def make_box(bounds, params):
         entry = jax.tree_util.keystr(path)
         if low is None or high is None:
             return
-        _refuse(np.isnan(low) | np.isnan(high), entry, "bounds", "a bound is NaN")
-        _refuse(low > high, entry, "bounds", "the lower bound is above the upper one", low, high)
-        if x is None:
-            return
-        _refuse(x < low, entry, "params", "the start is below its lower bound", x, low)
-        _refuse(x > high, entry, "params", "the start is above its upper bound", x, high)
+        _refuse(np.isnan(low), "lower bound" + entry, "is NaN")
+        _refuse(np.isnan(high), "upper bound" + entry, "is NaN")
+        _refuse(low > high, "lower bound" + entry, "above the upper bound", low, high)
+        if x is not None:
+            _refuse(x < low, "params" + entry, "the start is below its lower bound", x, low)
+            _refuse(x > high, "params" + entry, "the start is above its upper bound", x, high)
 
     jax.tree_util.tree_map_with_path(check, params, lower, upper)
     return Box(lower, upper)
 
 
-def _refuse(bad, entry, name, rule, *values):
+def _refuse(bad, name, rule, *values):
     """ValueError naming the first entry where `bad`."""
     if not np.any(bad):
         return
     index = tuple(int(i) for i in np.argwhere(bad)[0])
     where = f"[{', '.join(map(str, index))}]" if index else ""
-    shown = f": {' and '.join(f'{v[index]:g}' for v in values)}" if values else ""
-    raise ValueError(f"{name}{entry}{where}{shown}: {rule}")
+    shown = f" = {values[0][index]:g}: {rule}, {values[1][index]:g}" if values else f": {rule}"
+    raise ValueError(f"{name}{where}{shown}")
+
+
+def checked_call(function, args, steps, name):
+    """The arguments that `minimize` and `fit` share: ValueError, or args as a tuple."""
+    if not callable(function):
+        raise ValueError(f"{name}: expected a function, got {type(function).__name__}")
+    if not isinstance(args, tuple | list):
+        raise ValueError(f"args: expected a tuple of arguments, got {type(args).__name__}")
+    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
+        raise ValueError(f"steps = {steps!r}: expected a positive integer")
+    return tuple(args)

@@ -3,8 +3,8 @@
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from scipy import special
 
+from .. import status
 from .._tree import pytree
 
 
@@ -52,10 +52,15 @@ def confidence(fit, level=0.95, deviation=None, rcond=1e-6):
             determined, and so does every parameter that has a part in one.
 
     Raises:
-        ValueError: no more residuals than determined combinations, and no `deviation`.
+        ValueError: a fit that has not converged, a level that is none, or no more residuals than
+            determined combinations and no `deviation`.
     """
     if not 0 < level < 1:
         raise ValueError(f"level = {level}: must be between 0 and 1")
+    from scipy import special  # slow to import
+
+    if int(fit.status) != status.OK:
+        raise ValueError(f"fit: has not converged ({status.describe(fit.status)})")
     jacobian = np.asarray(fit.jacobian, float)
     back = ravel_pytree(jax.tree.map(lambda x: np.asarray(x, float), fit.params))[1]
     n_residual, n_param = jacobian.shape

@@ -1,20 +1,20 @@
 """Minimise a loss subject to inequalities: the method of multipliers around `minimize`."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import status
 from .._tree import pytree
-from .box import default_tol, numbers
+from .box import checked_call, default_tol, numbers
 from .minimize import minimize
-from .outcome import worst_code
+from .outcome import split_loss
+from .programs import Programs
 
-_PENALTY = 10.0  # of a violation of 1, over the objective at the start
-_HARDER = 5.0  # growth of the penalty when violations do not fall
+_PENALTY = 10.0  # of a violation of 1, over the size of the loss at the start
+_HARDER = 10.0  # growth of the penalty when violations do not fall
 _ENOUGH = 0.25  # part to which a round should bring the violations
+_USELESS = 0.9  # part that tells that the penalty has another order of magnitude than the loss
 
 
 @pytree
@@ -68,13 +68,16 @@ def minimize_subject_to(
     Raises:
         ValueError: as `minimize`.
     """
+    args = checked_call(problem, args, rounds, "problem")
     params = numbers(params)
     tol = default_tol(params) if tol is None else tol
-    loss, evaluate = _compiled(problem)
-    value, constraints, code = evaluate(params, *args)
-    n = constraints.shape[0]
-    multipliers = np.zeros(n)
-    penalty = _PENALTY * max(abs(float(value)), float(np.finfo(constraints.dtype).tiny))
+    loss, evaluate = _programs(problem)
+    (value, (constraints, code)), slope = evaluate(params, *args)
+    multipliers = np.zeros(constraints.shape[0])
+    # the loss may be zero at the start: what changes of the parameters would make of it counts too
+    sizes = jax.tree.map(lambda x, g: jnp.max(jnp.abs(x), initial=0.0) * jnp.abs(g), params, slope)
+    change = max(float(jnp.max(leaf, initial=0.0)) for leaf in jax.tree.leaves(sizes))
+    penalty = _PENALTY * (max(abs(float(value)), change) or 1.0)
     worst, turns, evaluations, failures = np.inf, 0, 0, 0
     accuracy = max(tol, 1e-3)
     for _ in range(rounds):
@@ -94,7 +97,7 @@ def minimize_subject_to(
         if code in (status.BAD_START, status.OUTSIDE):
             break
         params = inner.params
-        value, constraints, _ = evaluate(params, *args)
+        (value, (constraints, _)), _ = evaluate(params, *args)
         tightened = np.asarray(constraints) + tol
         # zero where a constraint is met and either active or without multiplier
         gap = np.abs(np.maximum(tightened, -multipliers / penalty)).max(initial=0.0)
@@ -102,7 +105,7 @@ def minimize_subject_to(
         if gap <= tol and accuracy <= tol and code == status.OK:
             break
         if gap > _ENOUGH * worst:
-            penalty *= _HARDER
+            penalty *= _HARDER * (_HARDER if gap > _USELESS * worst else 1.0)
         worst, accuracy = gap, max(tol, 0.1 * accuracy)
     else:
         code = status.OUT_OF_STEPS if code == status.OK else code
@@ -118,27 +121,30 @@ def minimize_subject_to(
     )
 
 
-@functools.lru_cache(maxsize=32)
-def _compiled(problem):
-    """The augmented loss of a problem, and the problem itself as a program."""
+def _make(reference):
+    """The augmented loss of the problem that `reference()` gives, and the problem as a program."""
 
     def parts(params, *args):
-        told = problem(params, *args)
+        told = reference()(params, *args)
         if not isinstance(told, tuple) or len(told) not in (2, 3):
             raise ValueError(
                 "problem: expected (loss, constraints) or (loss, constraints, solution)"
             )
+        value, code = split_loss((told[0], told[2:]))
         constraints = jnp.asarray(told[1])
         if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
             raise ValueError(
                 f"constraints: expected floats [n], got {constraints.dtype}"
                 f"{list(constraints.shape)}"
             )
-        return told[0], constraints, worst_code(told[2:], "problem")
+        return value, (constraints, code)
 
     def loss(params, multipliers, penalty, margin, args):
-        value, constraints, code = parts(params, *args)
+        value, (constraints, code) = parts(params, *args)
         pushed = jnp.maximum(0.0, multipliers + penalty * (constraints + margin))
         return value + jnp.sum(pushed**2 - multipliers**2) / (2 * penalty), code
 
-    return loss, jax.jit(parts)
+    return loss, jax.jit(jax.value_and_grad(parts, has_aux=True))
+
+
+_programs = Programs(_make)

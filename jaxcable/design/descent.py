@@ -19,6 +19,7 @@ _SHORTEST = 40  # halvings before a direction is given up
 _PATIENCE = 10  # of them before an optimizer with a memory starts anew
 _DECREASE = 1e-4  # part of the decrease that the slope promises
 _FLAT = 0.8  # slope at the end of a step over that at its beginning, at most, near the minimum
+_FIRST = 0.1  # part of the first loss that counts when it falls to zero
 _GROWTH = 4.0  # of the reach from step to step
 _NOISE = 1e-9  # changes of the loss, relative to it, that the tolerance of an analysis may hide
 
@@ -54,7 +55,7 @@ class Search(NamedTuple):
         optimizer: its state.
         fresh: whether the optimizer began anew with this step.
         unit: factor on the loss that the optimizer sees.
-        reference: size of the loss at the start.
+        first: loss at the start.
         reach: how far a step may lead for now, because an analysis has failed beyond.
         n: number of accepted steps; -1 before the start is known.
         evaluations: of the loss and its gradient.
@@ -74,7 +75,7 @@ class Search(NamedTuple):
     optimizer: object
     fresh: object
     unit: object
-    reference: object
+    first: object
     reach: object
     n: object
     evaluations: object
@@ -95,7 +96,7 @@ class Descent:
         optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
         steps: number of accepted steps, at most.
         box: `Box` of flat bounds.
-        sizes: of the parameters, for the measure of the gradient.
+        sizes: function of the flat parameters to their sizes, for the measure of the gradient.
         scale: what the optimizer sees the parameters in units of.
         tol: of the measure.
     """
@@ -105,6 +106,7 @@ class Descent:
         self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
         self.loss, self.back, self.box = loss, back, box
         self.steps, self.sizes, self.scale, self.tol = steps, sizes, scale, tol
+        self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
 
     def run(self, x):
         """Search from `x`, [n]."""
@@ -122,7 +124,7 @@ class Descent:
             optimizer=self.begin(x),
             fresh=jnp.ones((), bool),
             unit=one,
-            reference=one,
+            first=one,
             reach=jnp.inf * one,
             n=jnp.int32(-1),
             evaluations=none,
@@ -141,18 +143,17 @@ class Descent:
         sound, begun = code == status.OK, s.n >= 0
         good, factor = self.judge(s, value, gradient, sound, begun)
 
-        reference = jnp.where(begun, s.reference, jnp.abs(value))
+        first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
-        largest = jnp.max(jnp.abs(inside) * self.sizes)
-        against = jnp.maximum(jnp.abs(value), reference)
-        measure = jnp.where(largest > 0, largest / against, 0.0)
+        largest = jnp.max(jnp.abs(inside) * self.sizes(s.trial))
+        measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
         at = _select(good, Point(s.trial, value, gradient, inside, measure), s.at)
         best = _select(good & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
             best=best,
-            reference=reference,
+            first=first,
             n=s.n + good,
             evaluations=s.evaluations + 1,
             failures=s.failures + ~sound,
@@ -171,25 +172,38 @@ class Descent:
             norm = jnp.linalg.norm(inside * self.scale)
             s = s._replace(unit=jnp.where(begun | (norm == 0), s.unit, 1 / norm))
 
-        converged = good & (measure <= self.tol)
+        # Where the sizes of the parameters at the start say nothing, a small measure does not
+        # either: it takes a step to know. And a point above the best one is no minimum.
+        level = value <= best.loss + self.noise * jnp.abs(best.loss)
+        small = good & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
+        converged = small & (measure == 0 if self.searched else True)
         used_up = s.n >= self.steps
+        at_rest = at.measure <= self.tol  # and if there is no lower loss, this is the lowest
+        spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~lost
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)
         s = s._replace(
             blocked=jnp.where(good, blocked, s.blocked),
             log=log,
-            code=jnp.where(converged, status.OK, code).astype(jnp.int32),
-            running=~converged & (begun | sound) & ~used_up & ((tries <= _SHORTEST) | lost),
+            code=jnp.where(converged | (spent & at_rest), status.OK, code).astype(jnp.int32),
+            running=~converged & (begun | sound) & (~used_up | small) & ~spent,
             fresh=jnp.where(good, changed, s.fresh) | lost,
         )
-        return self.next(s, good, noted, lost, tries, factor)
+        return self.next(s, good, noted, lost, small, tries, factor)
 
-    def next(self, s, good, noted, lost, tries, factor):
+    def next(self, s, good, noted, lost, small, tries, factor):
         """The state with the next trial point: a new step, or less of this one."""
         new = good | lost
         step, state, fresh = lax.cond(
             s.running & new, self.advance, lambda s: (s.step, s.optimizer, s.fresh), s
         )
+        if self.searched:  # the whole step, which knows the curvature, has to promise little too
+            promised = -(s.at.inside @ step)
+            small &= ~fresh & (promised <= self.tol * self.against(s.at.loss, s.first))
+            s = s._replace(
+                code=jnp.where(small, status.OK, s.code),
+                running=s.running & ~small & (s.n < self.steps),
+            )
         # where an analysis has failed it will fail again: come from the last good length
         gone = s.length * jnp.linalg.norm(s.step / self.scale)
         reach = _GROWTH * jnp.where(s.failures > 0, gone, s.reach)
@@ -208,6 +222,15 @@ class Descent:
             failures=jnp.where(noted, 0, s.failures),
             failure=jnp.where(noted, 0, s.failure),
         )
+
+    def against(self, value, first):
+        """What changes of the loss are measured by: itself, but not less than a part of the first.
+
+        The part is for losses that fall to zero, where nothing is small beside what is left. A loss
+        above the first one does not count.
+        """
+        least = _FIRST * jnp.abs(first)
+        return jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
 
     def value(self, x):
         """Loss and status; NONFINITE if it is not a number."""
@@ -232,8 +255,8 @@ class Descent:
         moved = s.trial - s.at.x
         promised = s.at.inside @ moved
         rise = value - s.at.loss
-        noise = jnp.maximum(_NOISE, 64 * jnp.finfo(value.dtype).eps) * jnp.abs(s.at.loss)
-        level = (rise <= noise) & (gradient @ moved <= -_FLAT * promised)
+        level = rise <= self.noise * jnp.abs(s.at.loss)
+        level &= gradient @ moved <= -_FLAT * promised
         falls = (promised < 0) & ((rise <= _DECREASE * promised) | level)
         bend = rise - promised  # of the parabola through what is known, whose minimum comes next
         shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
@@ -250,7 +273,7 @@ class Descent:
         anew = self.begin(s.at.x)
         step, state = self.propose(s, _select(s.fresh, anew, s.optimizer))
         downward = s.at.inside @ step < 0  # else its memory of curvature misleads
-        step, state = _select(downward, (step, state), self.propose(s, anew))
+        step, state = lax.cond(downward, lambda: (step, state), lambda: self.propose(s, anew))
         return step, state, s.fresh | ~downward
 
     def propose(self, s, state):
@@ -261,7 +284,7 @@ class Descent:
             return jnp.where(code == status.OK, s.unit * value, jnp.inf)
 
         gradient = self.back(s.unit * self.scale * s.at.inside)
-        update, state = self.optimizer.update(
+        update, new = self.optimizer.update(
             gradient,
             state,
             self.back(s.at.x / self.scale),
@@ -269,7 +292,9 @@ class Descent:
             grad=gradient,
             value_fn=value_of,
         )
-        return jnp.where(s.blocked, 0.0, self._flat(update) * self.scale), state
+        # float types of its own choice would not fit through the loop
+        new = jax.tree.map(lambda a, b: jnp.asarray(b, jnp.asarray(a).dtype), state, new)
+        return jnp.where(s.blocked, 0.0, self._flat(update) * self.scale), new
 
     def _flat(self, tree):
         dtype = self.scale.dtype

@@ -1,16 +1,15 @@
 """Nonlinear least squares within bounds: Levenberg-Marquardt on exact Jacobians."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from .. import status
 from .._tree import pytree
-from .box import Box, default_tol, make_box, numbers
+from .box import Box, checked_call, default_tol, make_box, numbers
 from .levenberg import LevenbergMarquardt
 from .outcome import split_residuals
+from .programs import Programs, underivable
 
 
 @pytree
@@ -75,12 +74,14 @@ def fit(residuals, params, bounds=None, steps=100, tol=None, *, args=()):
         steps: number of trial points after the start, at most.
         tol: stop when the undamped step would change the residuals by at most `tol` of the misfit,
             or every parameter by at most ``tol^1.5`` of its size (the norm of its array),
-            or when the misfit is at most ``tol^2`` of that at the start. Default: 1e-6 in float64,
-            1e-3 in float32.
-        args: further arguments of the residuals; what changes from call to call (see `minimize`).
+            or when the misfit is at most ``tol^2`` of that at the start, or when a step that
+            promises 1e-9 of the squared misfit or less does not reduce it (rounding). Default: 1e-6
+            in float64, 1e-3 in float32.
+        args: tuple of further arguments of the residuals: what changes from call to call (see
+            `minimize`).
 
     Returns:
-        `Fit`. Works under jit and vmap; has no derivative.
+        `Fit`. Works under jit and vmap; to differentiate it is an error.
 
     Raises:
         ValueError: residuals that are no floats, bounds that leave no room, a start outside them.
@@ -88,21 +89,18 @@ def fit(residuals, params, bounds=None, steps=100, tol=None, *, args=()):
     A trial point at which the analysis fails is never accepted: the damping grows until a shorter
     step works, or the status is STALLED. Parameters that nothing depends on stay where they are.
     """
-    if not callable(residuals):
-        raise ValueError(f"residuals: expected a function, got {type(residuals).__name__}")
-    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-        raise ValueError(f"steps = {steps!r}: expected a positive integer")
+    args = checked_call(residuals, args, steps, "residuals")
     params = numbers(params)
     tol = default_tol(params) if tol is None else tol
-    return _compiled(residuals, steps)(params, tuple(args), make_box(bounds, params), tol)
+    return _programs(residuals, int(steps))(params, args, make_box(bounds, params), tol)
 
 
-@functools.lru_cache(maxsize=32)
-def _compiled(residuals, steps):
-    """The program for a function of residuals; see `minimize`."""
+def _make(reference, steps):
+    """The program for the function of residuals that `reference()` gives."""
 
     @jax.jit
     def run(params, args, box, tol):
+        params, args = underivable((params, args))
         start, back = ravel_pytree(params)
         flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
 
@@ -111,7 +109,7 @@ def _compiled(residuals, steps):
             return ravel_pytree(norms)[0]
 
         def flattened(x):
-            told, code = split_residuals(residuals(back(x), *args))
+            told, code = split_residuals(reference()(back(x), *args))
             found = ravel_pytree(told)[0]
             if found.size == 0 or not jnp.issubdtype(found.dtype, jnp.floating):
                 raise ValueError("residuals: expected arrays of floats")
@@ -119,15 +117,20 @@ def _compiled(residuals, steps):
 
         end = LevenbergMarquardt(flattened, steps, flat, sizes, tol).run(start)
         held = flat.blocked(end.x, end.residual @ end.jacobian)
-        return Fit(
-            params=back(end.x),
-            residual=end.residual,
-            jacobian=end.jacobian,
-            misfit=jnp.linalg.norm(end.residual),
-            free=jax.tree.map(lambda f: f > 0.5, back((~held).astype(start.dtype))),
-            history=FitHistory(*end.trials),
-            status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
-            steps=jnp.maximum(end.n, 0),
+        return underivable(
+            Fit(
+                params=back(end.x),
+                residual=end.residual,
+                jacobian=end.jacobian,
+                misfit=jnp.linalg.norm(end.residual),
+                free=jax.tree.map(lambda f: f > 0.5, back((~held).astype(start.dtype))),
+                history=FitHistory(*end.trials),
+                status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+                steps=jnp.maximum(end.n, 0),
+            )
         )
 
     return run
+
+
+_programs = Programs(_make)

@@ -45,12 +45,14 @@ def influence(
     if not callable(of) and of not in _OF:
         raise ValueError(f"of = {of!r}: expected one of {', '.join(_OF)}, or a function")
     phases = [phases] if isinstance(phases, Phase) else list(phases)
+    if not phases and start is None:
+        raise ValueError("phases: none, and no start; there is no state to change")
     if phase is not None and not 0 <= phase < len(phases):
         raise ValueError(f"phase = {phase}: there are phases 0 to {len(phases) - 1}")
     if phase is None and wrt in INCREMENTS:  # a phase of its own, which changes nothing yet
-        start = solve(structure, phases, method, start)
+        start = solve(structure, phases, method, start) if phases else start
         phases, phase = [Phase()], 0
-    value, put = _changing(structure, phases, wrt, phase)
+    value, put = _changing(structure, phases or [Phase()], wrt, phase)
 
     def final(value):
         solution = solve(*put(value), method, start)
@@ -77,14 +79,13 @@ def _changing(structure, phases, wrt, phase):
             loads = [*as_list(phases[number].loads), NodalLoads(every, v)]
             return structure, _with(phases, number, loads=loads)
 
-        return jnp.zeros_like(structure.nodes), put
+        return jnp.zeros_like(jnp.asarray(structure.nodes)), put
     if wrt in INCREMENTS:
+        dtype = jnp.asarray(structure.nodes).dtype
         stated = _stated(phases[phase], structure, wrt)
         able = [wrt != "temperature" or g.expansion is not None for g in structure.groups]
         zeros = [
-            jnp.zeros(len(group.links), structure.nodes.dtype)
-            if one and hasattr(group, "restate")
-            else None
+            jnp.zeros(len(group.links), dtype) if one and hasattr(group, "restate") else None
             for group, one in zip(structure.groups, able, strict=True)
         ]
         if all(z is None for z in zeros):
@@ -184,6 +185,8 @@ def scatter(jacobian, tolerance):
         all conspire, and ``sqrt(sum_j (J_ij t_j)^2)``, when they are independent.
     """
     shape = jax.tree.structure(tolerance)
+    if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
+        raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
 
     def add(function, finish):
         def one(entry):

@@ -23,15 +23,15 @@ def slack_distance(structure, solution):
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: its `Solution`, also of a batch, or a `State`.
+        solution: its `Solution` or a `State`, also of a batch.
 
     Returns:
         In the shape of the elements, [n_elem] each, with the leading axes of a batch; None for
         groups that are not tension-only. NaN for a `Solution` that failed.
     """
+    if jnp.ndim(solution.displacement) > 2:
+        return jax.vmap(lambda one: slack_distance(structure, one))(solution)
     if isinstance(solution, Solution):
-        if jnp.ndim(solution.status) > 0:
-            return jax.vmap(lambda one: slack_distance(structure, one))(solution)
         found = slack_distance(structure, solution.last)
         return implicit.nan_unless(solution.status == status.OK, found, found)
     rows, groups = structure.rows()
@@ -69,12 +69,14 @@ def nearest_kink(distance, params, direction):
         params, direction: pytrees of one shape.
 
     Returns:
-        t > 0 in the shape of what `distance` gives; infinite for cables that move away.
+        t >= 0 in the shape of what `distance` gives; infinite for cables that move away, NaN if the
+        analysis failed.
     """
     values, rates = jax.jvp(distance, (params,), (direction,))
 
     def one(value, rate):
-        meets = value * rate < 0
-        return jnp.where(meets, -value / jnp.where(meets, rate, 1.0), jnp.inf)
+        meets = (value * rate < 0) | ((value == 0) & (rate < 0))
+        step = jnp.where(meets, -value / jnp.where(meets, rate, 1.0), jnp.inf)
+        return jnp.where(jnp.isnan(value * rate), jnp.nan, step)
 
     return jax.tree.map(one, values, rates)

@@ -12,6 +12,8 @@ _DAMPING = 1e-3  # at the start, over the largest column of the scaled Jacobian,
 _SINGULAR = 1e-12  # damping of a whole step: directions this weak (squared) count as none
 _LARGEST = 1e20  # damping at which no step is left
 _WORTH = 1e-4  # part of the promised decrease that makes a step acceptable
+_ROUNDS = 8  # of steps taken again because of bounds
+_NOISE = 1e-9  # part of the squared misfit that the tolerance of an analysis may hide
 _QUICKEST = 0.1  # factor on the damping after a step that kept its promise
 
 
@@ -98,6 +100,7 @@ class LevenbergMarquardt:
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
         good = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
+        promised = s.promised
         misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
         entries = Trials(misfit, good.astype(jnp.int32), s.damping, code)
         less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
@@ -110,7 +113,7 @@ class LevenbergMarquardt:
         )
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
         held = self.box.blocked(x, residual @ jacobian)
-        trial = self.box.project(x + damped_step(residual, jacobian, size, damping, held))
+        trial = self.step(x, residual, jacobian, size, damping, held)
         change = jacobian @ (trial - x)
         s = s._replace(
             trial=trial,
@@ -125,7 +128,10 @@ class LevenbergMarquardt:
             n=s.n + 1,
             trials=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.trials, entries),
         )
-        converged = (begun | sound) & self.converged(s, held)
+        # what is left to gain has no digits
+        noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps))
+        level = begun & sound & ~good & (promised >= 0) & (promised <= noise * before)
+        converged = (begun | sound) & (self.converged(s, held) | level)
         hopeless = ~good & ((damping > _LARGEST) | jnp.all(trial == x))
         code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
         code = jnp.where(begun | sound, code, status.BAD_START)
@@ -136,12 +142,31 @@ class LevenbergMarquardt:
 
     def converged(self, s, held):
         """Whether the whole step would change next to nothing; a damped one is always short."""
-        whole = damped_step(s.residual, s.jacobian, s.size, _SINGULAR, held)
+        size = jnp.linalg.norm(s.jacobian, axis=0)
+        whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, held)
         misfit = jnp.linalg.norm(s.residual)
         stationary = jnp.linalg.norm(s.jacobian @ whole) <= self.tol * misfit
         settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * self.sizes(s.x))
         least = jnp.finfo(misfit.dtype).eps
         return stationary | settled | (misfit <= jnp.maximum(self.tol**2, least) * s.first)
+
+    def step(self, x, residual, jacobian, size, damping, held):
+        """The next trial point: a damped step, taken again without the entries that meet a bound.
+
+        What meets a bound stops there, and the others take account of it.
+        """
+
+        def again(s):
+            move, fixed, _, count = s
+            known = jnp.where(fixed, move, 0.0)
+            free = damped_step(residual + jacobian @ known, jacobian, size, damping, fixed)
+            wanted = x + jnp.where(fixed, known, free)
+            trial = self.box.project(wanted)
+            return trial - x, fixed | (trial != wanted), jnp.any(trial != wanted), count + 1
+
+        start = (jnp.zeros_like(x), held, jnp.ones((), bool), 0)
+        move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
+        return self.box.project(x + move)
 
     def evaluate(self, x):
         """Residuals, Jacobian and status; NONFINITE if a number of them is not finite."""

@@ -1,7 +1,5 @@
 """Minimise a loss over any pytree of parameters with any optax transformation, in one program."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import optax
@@ -9,9 +7,10 @@ from jax.flatten_util import ravel_pytree
 
 from .. import status
 from .._tree import pytree
-from .box import Box, default_tol, make_box, numbers, spread
+from .box import Box, checked_call, default_tol, make_box, numbers, spread
 from .descent import Descent
 from .outcome import split_loss
+from .programs import Programs, underivable
 
 _PART = 0.1  # of its size: a typical change of a parameter
 
@@ -42,7 +41,8 @@ class Design:
     """Result of `minimize`.
 
     Attributes:
-        params: where the loss was lowest, in the shape of the start.
+        params: where the loss was lowest (within 1e-9 of it if converged), in the shape of the
+            start.
         loss: there.
         gradient: there, in the shape of `params`; not projected.
         gradient_norm: there, as in `History`.
@@ -82,19 +82,22 @@ def minimize(
             search along the projected path that accepts nothing but a lower loss; it does not
             depend on units.
         steps: number of accepted steps, at most.
-        tol: stop when ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start|)`` is at
-            most `tol`: ``s`` is the largest entry of the parameter's array at the start (or of its
-            finite bounds if that is zero, or 1), and entries at a bound that the step would cross
-            do not count. So a change of a parameter by its own size promises less than `tol` of
-            the loss. Default: 1e-6 in float64, 1e-3 in float32.
-        args: further arguments of the loss, any pytrees. The loss is compiled once for a function
-            object, as by `jax.jit`: what it takes from outside is frozen then. Pass what changes
-            here.
+        tol: stop when ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is
+            at most `tol`: a change of a parameter by its own size promises less than `tol` of the
+            loss, or of a tenth of the first one. (So a start with a huge loss asks for a smaller
+            `tol`.) The size ``s`` is the largest entry
+            of the parameter's array, now or at the start (if all are zero there, of its finite
+            bounds, or 1); entries at a bound that the step would cross do not count. The default
+            optimizer asks for more: that its whole step promises no more than that. Default: 1e-6
+            in float64, 1e-3 in float32.
+        args: tuple of further arguments of the loss, any pytrees. The loss is compiled once for a
+            function object, as by `jax.jit`: what it takes from outside is frozen then. Pass what
+            changes here.
         scale: sizes of a typical change, as `bounds`: the optimizer sees the parameters divided by
-            them. Default: a tenth of ``s`` for the default optimizer, 1 for others.
+            them. Default: a tenth of ``s`` at the start for the default optimizer, 1 for others.
 
     Returns:
-        `Design`. Works under jit and vmap (many starts at once); has no derivative.
+        `Design`. Works under jit and vmap (many starts at once); to differentiate it is an error.
 
     Raises:
         ValueError: no optax transformation, a loss that is no scalar, bounds that leave no room, a
@@ -107,62 +110,68 @@ def minimize(
     is halved and tried again, up to 40 times; then the status is STALLED. Near the minimum, where
     the loss has no digits left, its slope decides (Hager and Zhang, *Algorithm 851*, 2006).
     """
-    if not callable(loss):
-        raise ValueError(f"loss: expected a function of the parameters, got {type(loss).__name__}")
+    args = checked_call(loss, args, steps, "loss")
     if optimizer is not None and not isinstance(optimizer, optax.GradientTransformation):
         raise ValueError(
             "optimizer: expected an optax transformation such as optax.adam(0.1), got "
             f"{type(optimizer).__name__}"
         )
-    if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-        raise ValueError(f"steps = {steps!r}: expected a positive integer")
     params = numbers(params)
     box = make_box(bounds, params)
     tol = default_tol(params) if tol is None else tol
-    sizes = jax.tree.map(_size, params, box.lower, box.upper)
+    floor = jax.tree.map(_floor, params, box.lower, box.upper)
     if scale is None and optimizer is None:
-        scale = jax.tree.map(lambda s: _PART * s, sizes)
+        scale = jax.tree.map(lambda s: _PART * s, floor)
     else:
         scale = spread(scale, params, "scale", absent=1.0, positive=True)
-    return _compiled(loss, optimizer, steps)(params, tuple(args), box, sizes, scale, tol)
+    return _programs(loss, optimizer, int(steps))(params, args, box, floor, scale, tol)
 
 
-def _size(x, low, high):
-    """Size of an array for each entry: its largest one at the start, or of its bounds, or 1."""
+def _floor(x, low, high):
+    """Least size of every entry: the largest of its array at the start, of its bounds, or 1."""
     ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
     start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
     size = jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
     return jnp.full_like(x, size)
 
 
-@functools.lru_cache(maxsize=32)
-def _compiled(loss, optimizer, steps):
-    """The program for a loss; kept, so that another start or other `args` do not compile again."""
+def _make(reference, optimizer, steps):
+    """The program for the loss that `reference()` gives."""
 
     @jax.jit
-    def run(params, args, box, sizes, scale, tol):
+    def run(params, args, box, floor, scale, tol):
+        params, args = underivable((params, args))
         start, back = ravel_pytree(params)
         flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
-        sizes, scale = ravel_pytree(sizes)[0], ravel_pytree(scale)[0]
+        floor, scale = ravel_pytree(floor)[0], ravel_pytree(scale)[0]
 
         def value(params):
-            return split_loss(loss(params, *args))
+            return split_loss(reference()(params, *args))
+
+        def sizes(x):
+            largest = jax.tree.map(lambda v: jnp.full_like(v, jnp.max(jnp.abs(v))), back(x))
+            return jnp.maximum(floor, ravel_pytree(largest)[0])
 
         end = Descent(value, back, optimizer, steps, flat, sizes, scale, tol).run(start)
         converged = end.code == status.OK
         point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), end.at, end.best)
         log = end.log
-        return Design(
-            params=back(point.x),
-            loss=point.loss,
-            gradient=back(point.gradient),
-            gradient_norm=point.measure,
-            history=History(*log),
-            status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
-            steps=jnp.maximum(end.n, 0),
-            evaluations=end.evaluations,
-            # those of accepted steps, and of the last one if it led nowhere
-            failures=jnp.sum(jnp.maximum(log.failures, 0)) + end.failures,
+        return underivable(
+            Design(
+                params=back(point.x),
+                loss=point.loss,
+                gradient=back(point.gradient),
+                gradient_norm=point.measure,
+                history=History(*log),
+                status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+                steps=jnp.maximum(end.n, 0),
+                evaluations=end.evaluations,
+                # those of accepted steps, and of the last one if it led nowhere
+                failures=jnp.sum(jnp.maximum(log.failures, 0)) + end.failures,
+            )
         )
 
     return run
+
+
+_programs = Programs(_make)

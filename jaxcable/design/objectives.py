@@ -1,4 +1,4 @@
-"""Objectives: small pure functions of a `Solution`, smooth, with units.
+"""Objectives: small pure functions of a `Solution`, smooth (but for `material_use`), with units.
 
 They take a batch of solutions (a leading axis for load cases) as well: sums run over all cases, and
 the largest and smallest values are those of the worst case. Add them up to a loss with weights that
@@ -38,7 +38,7 @@ def shape_distance(solution, positions, nodes=None):
         nodes: node numbers, [n]; default all.
     """
     found = solution.positions if nodes is None else solution.positions[..., jnp.asarray(nodes), :]
-    return jnp.sum((found - jnp.asarray(positions)) ** 2)
+    return jnp.sum((found - _for_all(positions, found)) ** 2)
 
 
 def tension_distance(solution, tension):
@@ -48,7 +48,9 @@ def tension_distance(solution, tension):
     """
     target = jax.tree.broadcast(tension, solution.tension)
     gaps = jax.tree.map(
-        lambda found, wanted: jnp.sum((found - wanted) ** 2), solution.tension, target
+        lambda found, wanted: jnp.sum((found - _for_all(wanted, found)) ** 2),
+        solution.tension,
+        target,
     )
     return sum(jax.tree.leaves(gaps))
 
@@ -76,12 +78,18 @@ def largest_deflection(solution, width, phase=-1):
 
 
 def total_prestress(solution, phase=0):
-    """Sum of the tensions at the end of a phase, by default the first, N."""
+    """Sum of the tensions at the end of a phase, by default the first, N.
+
+    Of load cases from `solve_cases` the first phase is their loading: take the solution that they
+    start from.
+    """
     return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(solution.phases[phase].tension))
 
 
 def material_use(solution, stress):
     """Volume of material if every element were sized for its force: ``sum |N| L0 / stress``, m3.
+
+    Not smooth where another load case comes to govern.
 
     Args:
         solution: `Solution`; of several load cases the largest force of every element counts.
@@ -96,3 +104,9 @@ def material_use(solution, stress):
 
     parts = jax.tree.map(volume, solution.tension, solution.rest_length, stress)
     return sum(jax.tree.leaves(parts))
+
+
+def _for_all(target, found):
+    """A target as an array that broadcasts over the cases of a batch."""
+    target = jnp.asarray(target)
+    return target.reshape((1,) * (found.ndim - target.ndim) + target.shape)
