@@ -10,6 +10,19 @@ from pathlib import Path
 RESULTS = Path(__file__).parent / "results"
 
 
+def commit():
+    """Short name of the commit, marked if anything but results differs from it."""
+
+    def git(*arguments):
+        run = subprocess.run(
+            ["git", *arguments], capture_output=True, text=True, cwd=RESULTS.parent.parent
+        )
+        return run.stdout.strip()
+
+    changed = git("status", "--porcelain", "--", ".", ":!experiments/results")
+    return git("rev-parse", "--short", "HEAD") + ("-dirty" if changed else "")
+
+
 class Record:
     """Prints lines, and keeps them for `results/NAME.txt`, which `close` writes.
 
@@ -23,15 +36,9 @@ class Record:
         self.path = RESULTS / f"{name}.txt"
         self.picture = RESULTS / f"{name}.png"
         self.lines, self.begin = [], time.perf_counter()
-        commit = subprocess.run(
-            ["git", "describe", "--always", "--dirty"],
-            capture_output=True,
-            text=True,
-            cwd=RESULTS.parent,
-        )
         self(
             f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
-            f"jax {jax.__version__}, numpy {np.__version__}; commit {commit.stdout.strip()}"
+            f"jax {jax.__version__}, numpy {np.__version__}; commit {commit()}"
         )
 
     def __call__(self, line=""):
