@@ -52,9 +52,16 @@ def test_two_links_in_single_precision(ratio, angle):
     ("method", "increments", "order"),
     [
         (jc.Incremental(corrections=0, tol=np.inf), (40, 80), 2),
-        (jc.Incremental(corrections=1, tol=np.inf), (40, 80), 4),
+        pytest.param(
+            jc.Incremental(corrections=1, tol=np.inf), (40, 80), 4, marks=pytest.mark.slow
+        ),
         pytest.param(jc.Incremental(corrections=2, tol=np.inf), (8, 16), 8, marks=pytest.mark.slow),
-        (jc.Incremental(corrections=0, stiffness="secant", tol=np.inf), (40, 80), 1),
+        pytest.param(
+            jc.Incremental(corrections=0, stiffness="secant", tol=np.inf),
+            (40, 80),
+            1,
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["tangent-0", "tangent-1", "tangent-2", "secant"],
 )

@@ -235,6 +235,7 @@ def test_path_reports_each_increment():
     assert path.equilibrated.all()
 
 
+@pytest.mark.slow
 def test_incremental_needs_no_more_than_its_corrections():
     solution = jc.solve(*jc.scenes.flat_net(load=75.0, increments=(2, 20)), jc.Incremental(2))
     jc.raise_if_failed(solution)

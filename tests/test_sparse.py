@@ -157,7 +157,13 @@ def failing():
 
 
 @pytest.mark.parametrize("solver", HEAVY)
-@pytest.mark.parametrize("case", list(failing()), ids=lambda case: case[0])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case[0], marks=pytest.mark.slow if case[0] == "drift" else [])
+        for case in failing()
+    ],
+)
 def test_failures_have_the_same_status_and_nan_gradients(case, solver):
     _, structure, phases, method, options = case
 

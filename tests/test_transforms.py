@@ -19,11 +19,9 @@ METHODS = {
 if host.available("pardiso"):
     METHODS["pardiso"] = jc.Newton(tol=1e-13, linear_solver="pardiso")
 
-# compiled anew for every method, and alike: two in the first test are enough but for `make slow`
-SLOW = ("tangent", "tangent, superlu", "pardiso")
-NAMES = [pytest.param(n, marks=pytest.mark.slow if n in SLOW else []) for n in METHODS]
-ONE = [pytest.param(n, marks=pytest.mark.slow if n != "newton" else []) for n in METHODS]
-NEWTONS = [name for name in ONE if "tangent" not in name.values[0]]
+# compiled anew for every method, and alike: one is enough but for `make slow`
+NAMES = [pytest.param(n, marks=pytest.mark.slow if n != "newton" else []) for n in METHODS]
+NEWTONS = [name for name in NAMES if "tangent" not in name.values[0]]
 P = jnp.array([180.0, 220.0, -5.0])  # pretension of rows and of columns, load
 
 
@@ -65,7 +63,7 @@ def test_jvp(name):
     assert jnp.abs(tangent - expected).max() < 1e-6 * jnp.abs(expected).max()
 
 
-@pytest.mark.parametrize("name", ONE)
+@pytest.mark.parametrize("name", NAMES)
 def test_batches(name):
     end = make(METHODS[name])
     batch = jnp.stack([P, 1.1 * P, 0.7 * P])
