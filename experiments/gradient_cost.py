@@ -22,7 +22,6 @@ of the ratios of neighbouring calls, with their quartiles. Compile: the first ca
 import io
 import os
 import platform
-import subprocess
 import time
 from pathlib import Path
 
@@ -32,6 +31,7 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
+from record import commit
 
 import jaxcable as jc
 from jaxcable._tree import Indices
@@ -231,11 +231,9 @@ def draw(curves):
 def main():
     begin = time.perf_counter()
     out = io.StringIO()
-    ask = ["git", "describe", "--always", "--dirty"]
-    commit = subprocess.run(ask, capture_output=True, text=True).stdout.strip()
     print(
         f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
-        f"jax {jax.__version__}, numpy {np.__version__}; commit {commit}\n",
+        f"jax {jax.__version__}, numpy {np.__version__}; commit {commit()}\n",
         file=out,
     )
     curves = costs(out)
