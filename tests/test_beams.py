@@ -266,6 +266,7 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     assert abs(low / euler - 1) < 1e-3
 
 
+@pytest.mark.slow
 def test_axial_stiffness_of_a_frame():
     """Von Mises truss of beams too thin to bend, pulled up; closed form of two bars."""
     b, rise, area, up = 1.0, 0.1, 1e-4, 0.05

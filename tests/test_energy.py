@@ -75,9 +75,9 @@ def system(name, held=False, seed=0):
 
 
 # twelve seconds of compilation each, and alike
-HEAVY = [pytest.mark.slow]
+HEAVY, ALIKE = [pytest.mark.slow], ("composite beam", "beam that yields")
 CASES = [
-    *(pytest.param(name, False, marks=HEAVY if name == "composite beam" else []) for name in LAWS),
+    *(pytest.param(name, False, marks=HEAVY if name in ALIKE else []) for name in LAWS),
     *(pytest.param(name, True) for name in JACKED),
 ]
 

@@ -83,6 +83,7 @@ def test_a_stiff_beam_does_not_hide_a_small_load():
     assert float(deflection) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_loads_of_hinged_ends_are_those_of_their_node():
     nodes = np.column_stack([np.linspace(0, 4, 5), np.zeros((5, 2))])
     hinges = np.zeros((4, 2), bool)

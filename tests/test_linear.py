@@ -59,7 +59,7 @@ def test_assembly_product_and_diagonal(symmetric):
 
 
 @pytest.mark.parametrize("symmetric", [True, False])
-@pytest.mark.parametrize("solver", ["dense", *SPARSE])
+@pytest.mark.parametrize("solver", [pytest.param("dense", marks=pytest.mark.slow), *SPARSE])
 def test_general_solve_and_its_transformations(solver, symmetric):
     """Value, jvp, vjp, Hessian and batches of x(values, b) against NumPy's solve."""
     sparse, dense = matrix(8, symmetric, solver)
