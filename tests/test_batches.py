@@ -95,6 +95,15 @@ def figures(process, tol=1e-12):
     return found
 
 
+def test_sharing_out_to_the_devices_there_are():
+    """One here; `make slow` has four, and two processes."""
+    expected, _ = jax.vmap(tension)(FORCES)
+    found, status = jc.batched(tension, 3, devices=jax.devices())(FORCES)
+    assert found.shape == (7, 12) and (status == 0).all()
+    assert jnp.abs(found - expected).max() < 1e-12 * expected.max()
+
+
+@pytest.mark.slow
 def test_four_devices_give_the_answers_of_one():
     found = figures(run("--devices", 4, "--cases", 10, "--chunk", 2))
     assert found["devices"] == 4
