@@ -138,7 +138,7 @@ def main():
         title="Tensions against the design",
         xticks=range(5),
     )
-    left.legend(fontsize=8)
+    left.legend(fontsize=8, loc="upper right")
     order = np.argsort(np.asarray(built.tension / target))
     for name, state, marker in (
         ("as built", built, "o"),
