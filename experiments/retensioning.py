@@ -138,7 +138,7 @@ def main():
         title="Tensions against the design",
         xticks=range(5),
     )
-    left.legend(fontsize=8, loc="upper right")
+    left.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     order = np.argsort(np.asarray(built.tension / target))
     for name, state, marker in (
         ("as built", built, "o"),
