@@ -33,6 +33,7 @@ def arguments():
     parser.add_argument("--cases", type=int, default=1000)
     parser.add_argument("--chunk", type=int, default=128)
     parser.add_argument("--side", type=int, default=4, help="free nodes a side of the net")
+    parser.add_argument("--tol", type=float, default=1e-10, help="of Newton's method")
     return parser.parse_args()
 
 
@@ -62,7 +63,7 @@ def main():
     def displacement(pretension, force):
         loading = jc.Phase(loads=jc.NodalLoads(loaded, force))
         phases = [jc.Phase(pretension=pretension), loading]
-        solution = jc.solve(structure, phases)
+        solution = jc.solve(structure, phases, jc.Newton(tol=given.tol))
         return jnp.where(solution.status == 0, solution.last.displacement, jnp.nan)
 
     def mapped(devices, chunk):
