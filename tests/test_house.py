@@ -18,6 +18,7 @@ PACKAGE = ROOT / "jaxcable"
 
 FLOORS = [
     ["_tree", "_check"],
+    ["selection"],
     ["status"],
     ["linear", "search", "rotations"],
     ["implicit"],
@@ -34,7 +35,7 @@ FLOORS = [
     ["ramp"],
     ["solution"],
     ["solver", "batches"],
-    ["stresses", "design"],
+    ["stresses", "design", "forms"],
     ["scenes"],
     ["plots"],
     ["__init__", "__main__"],

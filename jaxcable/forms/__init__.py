@@ -1,0 +1,1 @@
+"""Form finding: shapes, tensions and unstressed lengths that an analysis can begin with."""
