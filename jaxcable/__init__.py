@@ -10,17 +10,28 @@
 -0.012838093 m
 """
 
-from . import design, materials, plots, scenes
+from . import design, forms, materials, plots, scenes
 from ._tree import replace
 from .batches import batched
 from .design import fit, influence, minimize
-from .elements import Bars, Beams, Cables
+from .elements import Bars, Beams, Cables, Catenaries, SlidingCables
 from .equilibrium import Newton
 from .incremental import Incremental
-from .loads import LineLoads, NodalLoads, SelfWeight, SupportMovement
+from .loads import (
+    AreaLoads,
+    CablePressure,
+    FacePressure,
+    LineLoads,
+    NodalLoads,
+    SelfWeight,
+    SupportMovement,
+    combine,
+    net_faces,
+)
 from .materials import Elastic, Polygonal
 from .phases import Phase
 from .sections import Section, SectionState
+from .selection import only
 from .solution import Path, PhaseResult, Solution, State
 from .solver import solve
 from .status import AnalysisError, describe, raise_if_failed
@@ -31,10 +42,14 @@ __version__ = "0.1.0"
 
 __all__ = [
     "AnalysisError",
+    "AreaLoads",
     "Bars",
     "Beams",
+    "CablePressure",
     "Cables",
+    "Catenaries",
     "Elastic",
+    "FacePressure",
     "Incremental",
     "LineLoads",
     "Newton",
@@ -46,6 +61,7 @@ __all__ = [
     "Section",
     "SectionState",
     "SelfWeight",
+    "SlidingCables",
     "Solution",
     "State",
     "Structure",
@@ -53,13 +69,17 @@ __all__ = [
     "Supports",
     "batched",
     "clamped",
+    "combine",
     "describe",
     "design",
     "fibre_stress",
     "fit",
+    "forms",
     "influence",
     "materials",
     "minimize",
+    "net_faces",
+    "only",
     "pinned",
     "plots",
     "raise_if_failed",

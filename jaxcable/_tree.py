@@ -141,3 +141,27 @@ def fill(tree, arrays):
         return copy(obj, **{n: arrays[v.number] for n, v in values.items() if isinstance(v, _Slot)})
 
     return jax.tree.map(visit, tree, is_leaf=_holds_indices)
+
+
+def emptied(tree, thawed):
+    """Undo `fill`: the numbers of `tree` with the slots of `thawed`, a tree of the same shape."""
+
+    def visit(obj, slots):
+        if not _holds_indices(obj):
+            return obj
+        return copy(obj, **{name: getattr(slots, name) for name in obj._index_fields})
+
+    return jax.tree.map(visit, tree, thawed, is_leaf=_holds_indices)
+
+
+def refrozen(tree, arrays):
+    """Undo `thaw` outside of a program: put `Indices` where the slots are."""
+
+    def visit(obj):
+        if not _holds_indices(obj):
+            return obj
+        values = {n: getattr(obj, n) for n in obj._index_fields}
+        slots = {n: v for n, v in values.items() if isinstance(v, _Slot)}
+        return copy(obj, **{n: Indices(arrays[v.number]) for n, v in slots.items()})
+
+    return jax.tree.map(visit, tree, is_leaf=_holds_indices)

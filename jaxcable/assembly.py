@@ -25,6 +25,7 @@ class System:
         load: dead load on every node, [n_node, 3], N.
         held: displacement of every freedom, used where it is held, [3 n_node], m.
         freedoms: numbering of the unknowns.
+        followers: loads that depend on where the nodes are, list of (load, factor), or None.
     """
 
     nodes: object
@@ -33,6 +34,7 @@ class System:
     load: object
     held: object
     freedoms: object
+    followers: object = None
 
     turning = False
 
@@ -79,9 +81,23 @@ class System:
         """
         return jnp.repeat(each("size", group, state, self.nodes, motion)[:, None], 2, axis=1)
 
+    def all_load(self, motion):
+        """Dead and following loads on every node, as `load`, N."""
+        if self.followers is None:
+            return self.load
+        following = self.following(self.nodes + motion[:, :3])
+        if self.load.shape[1] > 3:
+            following = jnp.pad(following, ((0, 0), (0, 3)))
+        return self.load + following
+
+    def following(self, moved):
+        """Following loads on every node at the positions `moved`, both [n_node, 3], N."""
+        arguments = self.groups, self.states, self.nodes, moved
+        return sum(factor * load.following_forces(*arguments) for load, factor in self.followers)
+
     def unbalanced(self, motion):
         """Internal force minus load at every node, [n_node, 3], N."""
-        return self.internal_force(motion)[0] - self.load
+        return self.internal_force(motion)[0] - self.all_load(motion)
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N."""
@@ -92,22 +108,39 @@ class System:
 
         The scale is the largest, over nodes, of the sum of absolute end forces plus the load.
         """
-        force, size = self.internal_force(self.motion(x))
-        scale = jnp.max(size + jnp.sqrt(jnp.sum(self.load**2, axis=-1)))
-        return (force - self.load).reshape(-1)[self.freedoms.free], scale
+        motion = self.motion(x)
+        (force, size), load = self.internal_force(motion), self.all_load(motion)
+        scale = jnp.max(size + jnp.sqrt(jnp.sum(load**2, axis=-1)))
+        return (force - load).reshape(-1)[self.freedoms.free], scale
 
-    def load_norm(self):
+    def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N."""
-        return jnp.linalg.norm(self.unknowns(self.load))
+        return jnp.linalg.norm(self.unknowns(self.all_load(self.motion(x))))
+
+    def unsymmetric(self):
+        """Whether the tangent is not symmetric: loads follow."""
+        return jnp.array(self.followers is not None)
 
     def tangent(self, x):
         """Tangent stiffness, a matrix of `linear`, N/m: autodiff of the element forces.
 
         Dense [n_free, n_free], or sparse if the freedoms have a pattern.
         """
-        return self._assemble(
-            self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), self.motion(x))
-        )
+        motion = self.motion(x)
+        parts = self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), motion)
+        return self._assemble(parts + self._following_blocks(motion))
+
+    def _following_blocks(self, motion):
+        """What following loads take from the tangent, as `_blocks`."""
+        if self.followers is None:
+            return []
+        arguments = self.groups, self.states, self.nodes, self.nodes + motion[:, :3]
+        parts = []
+        for load, factor in self.followers:
+            for blocks, links in load.following_blocks(*arguments):
+                number = self.freedoms.number[..., :3][links].reshape(len(blocks), -1)
+                parts.append((-factor * blocks.reshape(*number.shape, number.shape[1]), number))
+        return parts
 
     def secant(self, before, x):
         """Secant stiffness between two states, each [n_free], as `tangent`, N/m."""
@@ -147,7 +180,10 @@ class System:
         )
 
     def potential(self, x):
-        """Stored energy minus the work of the loads, J; the residual is its gradient."""
+        """Stored energy minus the work of the dead loads, J; the residual is its gradient.
+
+        Following loads are left out: they need not have a potential.
+        """
         motion = self.motion(x)
         return self.stored_energy(motion) - jnp.sum(self.load * motion)
 
@@ -180,8 +216,10 @@ class System:
 
     @property
     def convex(self):
-        """Whether the energy is convex under dead load: tension-only groups of rising laws."""
-        return all(group.tension_only and group.rising for group in self.groups)
+        """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
+        return self.followers is None and all(
+            group.tension_only and group.rising for group in self.groups
+        )
 
     @property
     def remembers(self):
@@ -227,11 +265,7 @@ class System:
 
     def length_scale(self):
         """A length to measure steps by: the mean initial element length, m."""
-        lengths = [
-            jnp.linalg.norm(self.nodes[g.links[:, -1]] - self.nodes[g.links[:, 0]], axis=-1)
-            for g in self.groups
-        ]
-        return jnp.mean(jnp.concatenate(lengths))
+        return jnp.mean(jnp.concatenate([g.chord(self.nodes[g.links]) for g in self.groups]))
 
     def extent(self):
         """Size of the whole structure: diagonal of its bounding box, m."""

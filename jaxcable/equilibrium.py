@@ -256,7 +256,7 @@ def newton(system, x, method, active, memory=None):
     start = _Iterate(
         *(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code, memory)
     )
-    if system.turning or soften:
+    if system.turning or soften or system.followers is not None:
         start = copy(start, sprint=jnp.ones((), bool))
     if soften:
         start = copy(start, stiffness=zero)
@@ -320,8 +320,9 @@ def _solve(working, matrix, it, tol, wanted):
     step, definite, memory = linear.solve_next(
         matrix, -it.residual, it.memory, forcing, limit, wanted
     )
-    if working.turning:
-        # Moments have no potential, hence no definite tangent to ask for. In a batch both are
+    if working.turning or working.followers is not None:
+        # Moments and following loads have no potential, hence no definite tangent to ask for. In a
+        # batch both are
         # done: after each other, because LAPACK's batched calls can wait for each other.
         after, _ = lax.optimization_barrier((-it.residual, step))
         step, definite = lax.cond(

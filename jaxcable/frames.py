@@ -138,7 +138,10 @@ class FrameSystem(System):
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
         spread = self._spread(step)
         moment = jax.vmap(conjugate)(spread[:, 3:], self.load[:, 3:])
-        load = jnp.concatenate([self.load[:, :3], moment], axis=1)
+        force = self.load[:, :3]
+        if self.followers is not None:
+            force = force + self.following(self.nodes + x[:, :3] + spread[:, :3])
+        load = jnp.concatenate([force, moment], axis=1)
         return self._collect(self._internal_about(x, spread)[0] - load)
 
     def residual(self, x):
@@ -147,13 +150,13 @@ class FrameSystem(System):
 
     def residual_and_scale(self, x):
         """Residual [n_free], and the force it is judged by, N."""
-        force, size = self.internal_force(x)
-        load = _norm(self.load[:, :3]) + _norm(self.load[:, 3:]) / self.arm
-        return self._collect(force - self.load), jnp.max(size + load)
+        (force, size), load = self.internal_force(x), self.all_load(x)
+        amount = _norm(load[:, :3]) + _norm(load[:, 3:]) / self.arm
+        return self._collect(force - load), jnp.max(size + amount)
 
     def unsymmetric(self):
-        """Whether nodal moments act, which make the tangent unsymmetric."""
-        return jnp.any(self.load[:, 3:] != 0)
+        """Whether nodal moments or following loads act, which make the tangent unsymmetric."""
+        return jnp.any(self.load[:, 3:] != 0) | (self.followers is not None)
 
     def rounding(self, x):
         """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
@@ -163,9 +166,9 @@ class FrameSystem(System):
                 left = left.at[group.links].add(each("rounding", group, state, self.nodes, x))
         return self._collect(left)
 
-    def load_norm(self):
+    def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""
-        return jnp.linalg.norm(self._collect(self.load))
+        return jnp.linalg.norm(self._collect(self.all_load(x)))
 
     def tangent(self, x):
         """Derivative of the residual by a step, a matrix of `linear`, N/m."""
@@ -179,6 +182,7 @@ class FrameSystem(System):
         parts = self._blocks(block, x)
         # the change of a moment's work on the step, see `rotations.conjugate`
         change = jax.vmap(jax.jacfwd(conjugate))(jnp.zeros_like(x[:, :3]), self.load[:, 3:])
+        parts += self._following_blocks(x)
         return self._assemble([*parts, (-change / self.arm**2, self.freedoms.number[:, 3:])])
 
     def potential(self, x):

@@ -90,8 +90,9 @@ def _increment(ramp, factor, x, method, code, plastic, first):
         x = jnp.where(settled, x, corrected)
         steps = steps + jnp.where(settled, 0, 1)
         regular = regular & (ok | settled)
-    residual, scale = frozen.residual_and_scale(jax.lax.stop_gradient(x))
-    load, unbalanced = frozen.load_norm(), jnp.linalg.norm(residual)
+    reached = jax.lax.stop_gradient(x)
+    residual, scale = frozen.residual_and_scale(reached)
+    load, unbalanced = frozen.load_norm(reached), jnp.linalg.norm(residual)
     largest = jnp.max(jnp.abs(residual), initial=0.0)
     outcomes = [
         (~(jnp.isfinite(scale) & jnp.isfinite(largest)), status.NONFINITE),

@@ -4,16 +4,19 @@ import jax
 import numpy as np
 
 from . import _check
-from ._tree import pytree
+from ._tree import Indices, pytree
+from .elements.prestress import Stated
 from .loads import as_list
+from .selection import Only
 from .structure import Supports
 
-ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "jacking")
+ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
 INCREMENTS = ("shortening", "temperature")
 
 _RULES = {
     "rest_length": (lambda v: v > 0, "an unstressed length must be positive"),
     "prestrain": (lambda v: v > -1, "a prestrain must be above -1"),
+    "sag": (lambda v: v > 0, "a sag must be positive; a straight cable has no length of its own"),
 }
 _CABLE_RULES = {
     name: (lambda v: v >= 0, "a cable carries tension only; must not be negative")
@@ -26,14 +29,16 @@ class Phase:
     """One phase of the analysis: everything is scaled by a load factor that goes from 0 to 1.
 
     Ways to state prestress, each a scalar (all bars and cables; beams only where these are absent,
-    or for a temperature if they have an `expansion`), an array [n_elem], or a prefix pytree of the
-    structure's elements. Absolute, referred to the initial nodes; one per element:
+    or for a temperature if they have an `expansion`), an array [n_elem], ``only(elements, values)``
+    for some elements of a group, or a prefix pytree of these in the structure's elements. Absolute,
+    referred to the initial nodes; one per element:
 
     - pretension: axial force in the initial geometry, N.
     - force_density: pretension over initial length, N/m.
     - prestrain: strain in the initial geometry, on the unstressed length.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
       eps EA/N in the force).
+    - sag: of catenaries, how far the middle hangs below that of the chord under all weight, m.
     - jacking: force held in the element during this phase whatever its length, N; at the end of the
       phase the jack is anchored: the unstressed length that it left is locked in.
 
@@ -55,6 +60,7 @@ class Phase:
     force_density: object = None
     prestrain: object = None
     rest_length: object = None
+    sag: object = None
     jacking: object = None
     shortening: object = None
     temperature: object = None
@@ -72,10 +78,10 @@ class Phase:
                 _check.floats(leaf, name)
 
     def inputs(self, structure):
-        """Prestress statements per group: a list of dicts from name to array [n_elem]."""
+        """Prestress statements per group: a list of dicts from name to `Stated`."""
         per_group = [{} for _ in structure.groups]
         for name in ABSOLUTE + INCREMENTS:
-            values = _spread(getattr(self, name), structure, name)
+            values = spread(getattr(self, name), structure, name)
             if _is_scalar(getattr(self, name)):
                 values = [
                     None if _passes_by(group, name, structure) else value
@@ -85,18 +91,39 @@ class Phase:
                 if value is not None:
                     statement[name] = _checked(value, group, name)
         for k, statement in enumerate(per_group):
-            absolute = [name for name in ABSOLUTE if name in statement]
-            if len(absolute) > 1:
+            _require_apart(statement, k, structure.groups[k])
+        return per_group
+
+
+def _require_apart(statement, k, group):
+    """Raise ValueError if two statements for an element of group `k` contradict each other."""
+    absolute = [name for name in statement if name in ABSOLUTE]
+    for number, name in enumerate(absolute):
+        for other in absolute[:number]:
+            if (where := _shared(statement[name], statement[other], k, group)) is not None:
                 raise ValueError(
-                    f"{absolute[0]}, {absolute[1]}: both state the prestress of group {k}; "
+                    f"{other}, {name}: both state the prestress of {where}; "
                     "give one absolute statement per element"
                 )
-            if "jacking" in statement and len(statement) > 1:
-                raise ValueError(
-                    f"jacking: group {k} has its force held in this phase; "
-                    f"{next(n for n in INCREMENTS if n in statement)} must go into another phase"
-                )
-        return per_group
+    for name in (name for name in statement if name in INCREMENTS and "jacking" in statement):
+        if (where := _shared(statement[name], statement["jacking"], k, group)) is not None:
+            raise ValueError(
+                f"jacking: {where} has its force held in this phase; {name} must go into another "
+                "phase"
+            )
+
+
+def _shared(one, other, k, group):
+    """What two statements have in common, in words; None if nothing."""
+    if one.chosen is None and other.chosen is None:
+        return f"group {k}"
+    both = _meant(one, group) & _meant(other, group)
+    return f"element {int(both.argmax())} of group {k}" if both.any() else None
+
+
+def _meant(stated, group):
+    """The elements that a statement concerns, [n_elem] bool, NumPy."""
+    return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen.array
 
 
 def _is_scalar(value):
@@ -111,7 +138,7 @@ def _passes_by(group, name, structure):
     return group.n_freedom == 6 and mixed and not warms
 
 
-def _spread(value, structure, name):
+def spread(value, structure, name):
     """A prefix pytree of the elements as a list with one entry per group."""
     if value is None:
         return [None] * len(structure.groups)
@@ -121,11 +148,14 @@ def _spread(value, structure, name):
 
     def is_row(x):
         return isinstance(x, list | tuple) and not any(
-            isinstance(v, list | tuple | dict) for v in x
+            isinstance(v, list | tuple | dict | Only) for v in x
         )
 
+    def is_one(x):
+        return x is None or isinstance(x, Only)
+
     # a list may be a branch of the tree of groups, or else the values of one group
-    for is_leaf in (lambda x: x is None, lambda x: x is None or is_row(x)):
+    for is_leaf in (is_one, lambda x: is_one(x) or is_row(x)):
         values = [None] * len(structure.groups)
 
         def assign(v, subtree, values=values):
@@ -146,23 +176,29 @@ def _spread(value, structure, name):
 def _checked(value, group, name):
     if not hasattr(group, "restate"):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
-    value = _check.per_element(value, len(group.links), name)
     rules = [_RULES[name]] if name in _RULES else []
     if getattr(group, "tension_only", False) and name in _CABLE_RULES:
         rules.append(_CABLE_RULES[name])
-    if name == "jacking" and not hasattr(group, "lock"):
+    if name == "sag" and (not hasattr(group, "strain_at_sag") or group.weight is None):
+        raise ValueError(
+            "sag: stated for catenaries with a weight only; for a chain of straight elements "
+            "use forms.hanging_chain"
+        )
+    if name == "jacking" and getattr(group, "lock", None) is None:
         raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
-    if name in ("pretension", "jacking"):
-        low, high = (_check.concrete(v) for v in group.capacity())
-        if low is not None and high is not None:
-            rules.append(
-                (
-                    lambda v: (v >= low) & (v <= high),
-                    "above what its law can carry; a pretension must lie within the curve",
-                )
-            )
-    for rule, text in rules:
-        _check.require(value, rule, name, text)
     if name == "temperature" and group.expansion is None:
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
-    return value
+    count = len(group.links)
+    if isinstance(value, Only):
+        chosen = Indices(value.chosen(count, name))
+        given, value = value.values, value.spread(np.zeros(count))
+    else:
+        chosen = None
+        value = given = _check.per_element(value, count, name)
+    for rule, text in rules:
+        _check.require(given, rule, name, text)
+    low, high = (_check.concrete(v) for v in group.capacity())
+    if name in ("pretension", "jacking") and low is not None and high is not None:
+        text = "above what its law can carry; a pretension must lie within the curve"
+        _check.require(value, lambda v: (v >= low) & (v <= high), name, text)
+    return Stated(value, chosen)

@@ -43,16 +43,17 @@ def unloaded(nodes, groups):
     return Carry(motion, states, jnp.zeros((len(nodes), 6), nodes.dtype), [])
 
 
-@pytree(static=("increments",))
+@pytree(static=("increments", "other_pattern"))
 class PhaseData:
     """A phase, prepared on the host.
 
     Attributes:
-        inputs: prestress statements, per group a dict from name to [n_elem].
+        inputs: prestress statements, per group a dict from name to `Stated`.
         nodal_loads, element_loads, movements: loads by kind, lists.
         freedoms: numbering of this phase's unknowns.
         freedoms_before: numbering of the phase before, if the supports change, else None.
         increments: number of steps.
+        other_pattern: whether its matrices are not those of the phase before.
     """
 
     inputs: object
@@ -62,6 +63,7 @@ class PhaseData:
     freedoms: object
     freedoms_before: object
     increments: int = 1
+    other_pattern: bool = False
 
 
 @pytree
@@ -72,7 +74,7 @@ class Ramp:
         nodes, groups: the structure.
         begin: what the phase starts from, a `Carry` (loads on newly fixed freedoms taken off).
         end_states: element states at load factor 1; None for a group that does not change.
-        held: (force at the start, force at the end) for a jacked group, else None.
+        held: (force at the start, `Stated` at the end) for a jacked group, else None.
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
         added_element_loads: element loads of this phase.
         moved: steps of the supports in this phase, [n_node, 3 or 6], or None.
@@ -106,9 +108,9 @@ class Ramp:
             if "jacking" in inputs:
                 force = each("tension", group, state, nodes, carry.motion)
                 jack = (force, inputs["jacking"])
-            elif inputs:
-                chord = jnp.linalg.norm(nodes[group.links[:, 1]] - nodes[group.links[:, 0]], axis=1)
-                end_state = group.restate(state, chord, inputs)
+            statements = {name: own for name, own in inputs.items() if name != "jacking"}
+            if statements:
+                end_state = group.restate(state, nodes[group.links], statements)
             end_states.append(end_state)
             held.append(jack)
         added = None
@@ -145,15 +147,17 @@ class Ramp:
         """Element states at a load factor; plastic strains per group, if not the start's."""
         now = []
         for start, end, jack in zip(self.begin.states, self.end_states, self.held, strict=True):
-            if jack is not None:
-                now.append(copy(start, held=_mix(*jack, factor)))
-            elif end is not None:
+            state = start
+            if end is not None:
                 mixed = jax.tree.map(lambda a, b: _mix(a, b, factor), start, end)
                 # taken in altogether: no such cable, and NaN becomes the status NONFINITE
                 length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
-                now.append(copy(mixed, rest_length=length))
-            else:
-                now.append(start)
+                state = copy(mixed, rest_length=length)
+            if jack is not None:
+                force, stated = jack
+                held = _mix(force, stated.values, factor)
+                state = copy(state, held=held, jacked=stated.chosen)
+            now.append(state)
         if plastic is not None:
             now = [copy(state, plastic=own) for state, own in zip(now, plastic, strict=True)]
         return now
@@ -204,31 +208,38 @@ class Ramp:
 
 
 def make_system(nodes, groups, carry, held, freedoms, load=None):
-    """The system of a state: a net's, or a frame's if nodes rotate; bends beams by their loads.
+    """The system of a state: a net's, or a frame's if nodes rotate; shapes elements by their loads.
 
     `held` is the motion that supports prescribe, None if it is not asked for; `load` the loads of
     the carry, if at hand.
     """
     if load is None:
-        load = total_load(nodes, groups, carry)
-    if carry.motion.shape[1] == 3:
-        held = None if held is None else held.reshape(-1)
-        return System(nodes, groups, carry.states, load, held, freedoms)
+        load = dead_load(nodes, groups, carry)
     states = [
-        copy(state, line_load=_line_load(number, group, state, carry.element_loads))
+        copy(state, line_load=_line_load(number, group, state, nodes, carry.element_loads))
+        if group.shaped_by_load
+        else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
-    return FrameSystem(nodes, groups, states, load, held, freedoms)
+    followers = [pair for pair in carry.element_loads if follows(pair[0])] or None
+    if carry.motion.shape[1] == 3:
+        held = None if held is None else held.reshape(-1)
+        return System(nodes, groups, states, load, held, freedoms, followers)
+    return FrameSystem(nodes, groups, states, load, held, freedoms, followers)
 
 
-def _line_load(number, group, state, element_loads):
-    """Load per unstressed length, [n_elem, 3], N/m, that bends the elements of a group, or None."""
-    if group.n_freedom == 3:
-        return None
+def follows(load):
+    """Whether a load depends on where the nodes are."""
+    return hasattr(load, "following_forces")
+
+
+def _line_load(number, group, state, nodes, element_loads):
+    """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
+    ends = nodes[group.links]
     loads = [
         factor * along
         for load, factor in element_loads
-        if (along := load.per_length(number, group, state)) is not None
+        if not follows(load) and (along := load.per_length(number, group, state, ends)) is not None
     ]
     return sum(loads) if loads else None
 
@@ -237,10 +248,11 @@ def _mix(start, end, factor):
     return (1 - factor) * start + factor * end
 
 
-def total_load(nodes, groups, carry):
-    """All loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
+def dead_load(nodes, groups, carry):
+    """All dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
     load = carry.nodal_load
     for element_load, factor in carry.element_loads:
-        added = element_load.nodal_forces(groups, carry.states, load.shape, nodes.dtype)
-        load = load + factor * added
+        if not follows(element_load):
+            arguments = groups, carry.states, nodes, load.shape, nodes.dtype
+            load = load + factor * element_load.element_forces(*arguments)
     return load

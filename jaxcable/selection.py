@@ -45,8 +45,8 @@ class Only:
 
     def spread(self, others):
         """The values at their elements and `others`, [n_elem], elsewhere."""
-        others = jnp.asarray(others)
-        return others.at[self.elements.array].set(jnp.asarray(self.values, others.dtype))
+        values = jnp.asarray(self.values)
+        return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 
 
 def only(elements, values):

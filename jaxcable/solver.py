@@ -7,12 +7,12 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import equilibrium, implicit, incremental, status
-from ._tree import Indices, copy, fill, thaw
+from ._tree import Indices, copy, emptied, fill, refrozen, thaw
 from .equilibrium import Newton
 from .incremental import Incremental
-from .loads import LineLoads, NodalLoads, SupportMovement, as_list
+from .loads import NodalLoads, SupportMovement, as_list
 from .phases import Phase
-from .ramp import PhaseData, Ramp, make_system, total_load, unloaded
+from .ramp import PhaseData, Ramp, dead_load, follows, make_system, unloaded
 from .solution import PER_PHASE, Path, PhaseResult, Solution, State
 from .structure import Freedoms, Structure, number_freedoms
 
@@ -51,7 +51,7 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
         raise ValueError(f"method: expected Newton or Incremental, got {type(method).__name__}")
     if isinstance(method, Incremental) and method.stiffness == "secant":
         for k, group in enumerate(structure.groups):
-            if not hasattr(group, "secant"):
+            if getattr(group, "secant", None) is None:
                 raise ValueError(
                     f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
                     'stiffness; use "tangent"'
@@ -59,9 +59,11 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
     carry, code, fixed = _begin(structure, start)
     rows, groups = structure.rows()
     links = tuple((group.links, group.n_freedom) for group in groups)
+    followers = [] if carry is None else [load for load, _ in carry.element_loads if follows(load)]
 
     def numbered(fixed):
-        return number_freedoms(fixed, rows, links, method.linear_solver)
+        pressed = [(own, 3) for load in followers for own in load.touches(groups)]
+        return number_freedoms(fixed, rows, (*links, *pressed), method.linear_solver, not followers)
 
     nodes = structure.nodes if rows is None else structure.nodes[rows.array]
 
@@ -76,24 +78,32 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
         for movement in movements:
             movement.check_supported(fixed.array)
         kinds = NodalLoads | SupportMovement
+        own = [
+            load.among(structure) if hasattr(load, "among") else load
+            for load in loads
+            if not isinstance(load, kinds)
+        ]
+        followers += [load for load in own if follows(load)]
+        if followers and getattr(method, "stiffness", None) == "secant":
+            raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
+        freedoms = numbered(fixed)
         data.append(
             PhaseData(
                 inputs=phase.inputs(structure),
                 nodal_loads=[load for load in loads if isinstance(load, NodalLoads)],
-                element_loads=[
-                    load.among(structure) if isinstance(load, LineLoads) else load
-                    for load in loads
-                    if not isinstance(load, kinds)
-                ],
+                element_loads=own,
                 movements=movements,
-                freedoms=numbered(fixed),
+                freedoms=freedoms,
                 freedoms_before=None if fixed == sets[-1] else number_freedoms(sets[-1], rows),
                 increments=int(phase.increments),
+                other_pattern=bool(data) and freedoms is not data[-1].freedoms,
             )
         )
         sets.append(fixed)
     thawed, arrays = thaw((nodes, groups, carry, data))
     solution = _analyse(thawed, arrays, method, code, differentiate_path)
+    last = copy(solution.last, carry=refrozen(solution.last.carry, arrays))
+    solution = copy(solution, last=last)
     return _arrange(structure, solution, tuple(sets))
 
 
@@ -160,8 +170,8 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
     results, memory = [], None
     for number, phase in enumerate(data):
         problem = (nodes, groups, carry, phase)
-        if phase.freedoms_before is not None:
-            memory = None  # of matrices with other unknowns
+        if phase.other_pattern:
+            memory = None  # of other matrices
         code, carry, load, factor, path, memory = _run_phase(
             problem, method, code, differentiate_path, memory
         )
@@ -179,6 +189,13 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         values = _unless(code == status.OK, own, PER_PHASE, parameters)
         results.append(PhaseResult(status=code, path=path, began=_plastic(problem[2]), **values))
     names = (*PER_PHASE, "load")
+    slots = [] if thawed[2] is None else thawed[2].element_loads
+    added = [(load, None) for phase in thawed[3] for load in phase.element_loads]
+    slots = [
+        (emptied(load, own), factor)
+        for (load, factor), (own, _) in zip(carry.element_loads, [*slots, *added], strict=True)
+    ]
+    carry = copy(carry, element_loads=slots)
     last = copy(end, carry=carry, **_unless(sound, end, names, parameters))
     final = _unless(code == status.OK, end, names, parameters)
     return Solution(status=code, last=last, phases=tuple(results), **final)
@@ -259,7 +276,7 @@ def _end(ramp, factor, x, valid, problem, plastic=None):
     ]
     before = copy(before, element_loads=[*before.element_loads, *nothing])
     carry = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
-    return carry, jnp.where(valid, system.load, total_load(nodes, groups, before))
+    return carry, jnp.where(valid, system.load, dead_load(nodes, groups, before))
 
 
 def _plastic(carry):
@@ -282,7 +299,7 @@ def _state(frame, carry, load, number, factor, fixed):
         tension=system.tensions(motion),
         rest_length=[state.rest_length for state in carry.states],
         reactions=system.reactions(motion),
-        load=load,
+        load=system.all_load(motion),
         phase=number,
         load_factor=factor,
         carry=None,
@@ -293,7 +310,7 @@ def _state(frame, carry, load, number, factor, fixed):
     return copy(
         state,
         reactions=state.reactions[:, :3],
-        load=load[:, :3],
+        load=state.load[:, :3],
         rotation=motion[:, 3:],
         reaction_moments=state.reactions[:, 3:],
         section_forces=system.section_forces(motion),

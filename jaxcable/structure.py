@@ -144,12 +144,12 @@ class Structure:
             positions = _check.concrete(nodes)
             if positions is not None:
                 ends = positions[group.links.array]
-                zero = (ends[:, 0] == ends[:, -1]).all(axis=-1)
+                zero = (ends == ends[:, :1]).all(axis=(1, 2))
                 if zero.any():
                     k = int(zero.argmax())
                     raise ValueError(
                         f"elements{where}.links[{k}] = {group.links[k].tolist()}: zero length; "
-                        "its two nodes coincide"
+                        "its nodes coincide"
                     )
                 if hasattr(group, "check"):
                     group.check(positions)
@@ -273,15 +273,16 @@ class Freedoms:
 
 
 @functools.lru_cache(maxsize=16)
-def number_freedoms(fixed, rows=None, links=None, solver=None):
+def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True):
     """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
 
     Args:
         fixed: True where a freedom is held, `Indices` [n_row, 3 or 6].
         rows: the node of every row of `fixed`, `Indices` [n_row], or None.
-        links: (`Indices` of links, freedoms of a node) for every group, a tuple; None for no
-            pattern.
+        links: (`Indices` of links, freedoms of a node) for every group and every load that follows,
+            a tuple; None for no pattern.
         solver: the solver that the pattern is made for; None to choose by size.
+        symmetric: False if loads follow; with rotations it is unsymmetric in any case.
     """
     mask = fixed.array.copy()
     if rows is not None:
@@ -301,7 +302,7 @@ def number_freedoms(fixed, rows=None, links=None, solver=None):
         numbers = [number[own.array][..., :width].reshape(len(own), -1) for own, width in links]
         if turning:  # moments have entries of their own, unsymmetric ones
             numbers.append(number[:, 3:])
-        pattern = linear.make_pattern(numbers, n_free, not turning, solver)
+        pattern = linear.make_pattern(numbers, n_free, symmetric and not turning, solver)
     return Freedoms(
         free,
         None if turning else source,

@@ -29,6 +29,10 @@ LAWS = {
     "cable that yields": lambda links: jc.Cables(links, area=2e-3, law=YIELDING),
     "composite bar": lambda links: jc.Bars(links, section=CORED),
     "composite cable": lambda links: jc.Cables(links, section=CORED),
+    "catenary": lambda links: jc.Catenaries(links, axial_stiffness=80.0),
+    "sliding cable": lambda links: jc.SlidingCables(
+        [[*pair, (pair[1] + 2) % 7] for pair in links[::2]] + [[4, 5, 6, 4]], axial_stiffness=80.0
+    ),
     "beam": lambda links: jc.Beams(links, section=jc.Section.disc(0.3, jc.Elastic(3e4), (2, 2))),
     "composite beam": lambda links: jc.Beams(links, section=CORED, up=(0.1, 0.2, 1.0)),
     "beam that yields": lambda links: jc.Beams(
@@ -39,7 +43,7 @@ LAWS = {
 
 
 LINEAR = ["bar", "cable", "cable with law", "compliant cable", "compliant law"]
-JACKED = [name for name in LAWS if "beam" not in name]
+JACKED = [name for name in LAWS if "beam" not in name and name != "catenary"]
 
 
 def system(name, held=False, seed=0):
@@ -49,7 +53,8 @@ def system(name, held=False, seed=0):
     links = np.array([(i, j) for i in range(n) for j in range(i + 1, n) if (i + j) % 3])
     nodes = jnp.asarray(rng.normal(size=(n, 3)))
     group = LAWS[name](links)
-    chord = np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
+    links = group.links.array
+    chord = np.asarray(group.chord(nodes[links]))
     rest = chord * rng.uniform(0.8, 1.2, len(links))
     force = jnp.asarray(rng.uniform(1, 2, len(links))) if held else None
     plastic = jax.tree.map(lambda p: 0.05 * rng.normal(size=p.shape), group.virgin())
@@ -61,6 +66,10 @@ def system(name, held=False, seed=0):
     freedoms = number_freedoms(jc._tree.Indices(fixed))
     load, held_at = rng.normal(size=(2, n, 3))
     group = copy(group, links=links).continued()
+    if name == "catenary":
+        load_along = rng.normal(size=(len(links), 3))
+        load_along[::4] = 0.0  # there it is a straight cable, or a slack one without force
+        state = copy(state, line_load=jnp.asarray(load_along))
     if not frame:
         load, held_at = jnp.asarray(load), jnp.asarray(0.01 * held_at.ravel())
         made = System(nodes, [group], [state], load, held_at, freedoms)

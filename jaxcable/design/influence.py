@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from .._tree import replace
 from ..loads import NodalLoads, as_list
 from ..phases import ABSOLUTE, INCREMENTS, Phase
+from ..selection import only
 from ..solver import solve
 
 _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
@@ -104,13 +105,24 @@ def _changing(structure, phases, wrt, phase):
     else:
         known = ", ".join((*INCREMENTS, *ABSOLUTE, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: expected one of {known}")
-    values = structure.arrange([v if v is None else jnp.asarray(v) for v in values])
+    values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
     return values, lambda v: (structure, _with(phases, phase, **{wrt: v}))
 
 
 def _stated(phase, structure, name):
-    """What a phase states by `name`: arrays [n_elem] or None, a list with an item per group."""
-    return [inputs.get(name) for inputs in phase.inputs(structure)]
+    """What a phase states by `name`, a list with an item per group.
+
+    Arrays [n_elem], `Only` where an absolute statement concerns some elements, or None.
+    """
+    stated = [inputs.get(name) for inputs in phase.inputs(structure)]
+    return [
+        s
+        if s is None
+        else s.values
+        if s.chosen is None or name in INCREMENTS
+        else only(s.chosen.array, s.values[s.chosen.array])
+        for s in stated
+    ]
 
 
 def _with(phases, number, **changes):

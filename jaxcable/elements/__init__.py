@@ -7,8 +7,10 @@ these members. Of the whole group:
 - ``properties()``: dict of the arrays with a leading [n_elem] axis, vmapped together with the
   state; everything else in the group (its material law, its section) is shared by the elements;
 - ``start(ends)``: the state before the first phase, from initial end positions [n_elem, n_end, 3];
-- ``weight``: None, or ``weight_at_ends(state)`` gives the share of each end, [n_elem, n_end], N;
-- ``restate(state, chord, inputs)``, if it can be prestressed, ``lock(state, ends, motion)``, if by
+- ``weight``: per unstressed length, or None; ``chord(ends)``: initial lengths, [n_elem], m;
+  ``at_ends(amount, ends)``: the share of each end in what acts along it, [n_elem, n_end];
+- ``shaped_by_load``: whether its state has the load along it (`AxialState.line_load`);
+- ``restate(state, ends, inputs)``, if it can be prestressed, ``lock(state, ends, motion)``, if by
   a jack; ``capacity()``: the forces between which it can be (`prestress` has the common part);
 - ``tension_only``, ``rising``: whether it holds only in tension, and whether its force is known not
   to fall with strain (both: its energy is convex in the positions);
@@ -29,12 +31,14 @@ ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (u
 - ``rounding``, with rotations: what the rounding of displacements leaves of the end forces;
 - ``fibre_stress(strain, plastic)``, ``settle_at(strain, plastic)``: of recorded section strains;
 - ``secant(state, ends, before, motion)``: symmetric matrix with ``K (u - u0) = f(u) - f(u0)``, if
-  the secant scheme is offered.
+  the secant scheme is offered, else None.
 """
 
 from .bar import Bars
 from .beam import Beams
 from .cable import Cables
+from .catenary import Catenaries
 from .prestress import AxialState
+from .sliding import SlidingCables
 
-__all__ = ["AxialState", "Bars", "Beams", "Cables"]
+__all__ = ["AxialState", "Bars", "Beams", "Cables", "Catenaries", "SlidingCables"]

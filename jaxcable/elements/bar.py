@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from .. import _check
 from .._tree import copy, pytree
 from ..materials import Parallel
-from .prestress import Prestressed, checked_links, stretch
+from .prestress import Prestressed, checked_links, held_or, stretch
 
 _PROPERTIES = (
     "axial_stiffness",
@@ -180,9 +180,9 @@ class Bars(Prestressed):
 
     def tension(self, state, ends, motion):
         """Axial force, N, tension positive."""
-        if state.held is not None:
-            return state.held
-        return self.force(self.strain(state, ends, motion), state.plastic)
+        return held_or(
+            state, state.held, lambda: self.force(self.strain(state, ends, motion), state.plastic)
+        )
 
     def end_forces(self, state, ends, motion):
         """Internal force at both ends, [2, 3], N."""
@@ -196,10 +196,13 @@ class Bars(Prestressed):
 
     def energy(self, state, ends, motion):
         """Stored energy, J; of a held force its work on the change of length."""
-        if state.held is not None:
-            return state.held * stretch(ends, motion)[2]
-        strain = self.strain(state, ends, motion)
-        return state.rest_length * self.energy_per_length(strain, state.plastic)
+
+        def stored():
+            strain = self.strain(state, ends, motion)
+            return state.rest_length * self.energy_per_length(strain, state.plastic)
+
+        work = None if state.held is None else state.held * stretch(ends, motion)[2]
+        return held_or(state, work, stored)
 
     def tangent(self, state, ends, motion):
         """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
@@ -217,9 +220,8 @@ class Bars(Prestressed):
 
     def section_strain(self, state, ends, motion):
         """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
-        if state.held is not None:
-            return self.strain_at(state.held, state.plastic)
-        return self.strain(state, ends, motion)
+        own = None if state.held is None else self.strain_at(state.held, state.plastic)
+        return held_or(state, own, lambda: self.strain(state, ends, motion))
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
@@ -263,20 +265,21 @@ class Bars(Prestressed):
         """
         start, length = stretch(ends, before)[1], stretch(ends, motion)[1]
         then, now = self.strain(state, ends, before), self.strain(state, ends, motion)
-        if state.held is None:
 
-            def force(strain):
-                return self.force(strain, state.plastic)
+        def force(strain):
+            return self.force(strain, state.plastic)
 
+        def following():
             force_then, tangent = jax.jvp(force, (then,), (jnp.ones_like(then),))
             force_now = force(now)
             apart = jnp.abs(now - then) > jnp.sqrt(jnp.finfo(now.dtype).eps) * jnp.abs(then)
-            modulus = jnp.where(
-                apart, (force_now - force_then) / jnp.where(apart, now - then, 1.0), tangent
-            )
-        else:
-            force_then = force_now = state.held
-            modulus = jnp.zeros_like(now)
+            secant = (force_now - force_then) / jnp.where(apart, now - then, 1.0)
+            return jnp.stack([force_then, force_now, jnp.where(apart, secant, tangent)])
+
+        held = None
+        if state.held is not None:
+            held = jnp.stack([state.held, state.held, jnp.zeros_like(now)])
+        force_then, force_now, modulus = held_or(state, held, following)
         q_then, q_now = force_then / start, force_now / length
         c = (modulus / state.rest_length - q_then) / (length * (length + start))
         m = 2 * (ends[1] - ends[0]) + (before[1] - before[0]) + (motion[1] - motion[0])
@@ -288,10 +291,15 @@ class Bars(Prestressed):
     def lock(self, state, ends, motion):
         """State of an anchored jack: the unstressed length that gives the held force here."""
         _, length, change, _ = stretch(ends, motion)
+        return self.locked(state, length, change)
+
+    def locked(self, state, length, change):
+        """State that holds its force at a length which is `change` more than the initial one, m."""
         strain = self.strain_at(state.held, state.plastic)
         rest_length = length / (1 + strain)
-        elongation = rest_length * strain - change
-        return copy(state, rest_length=rest_length, elongation=elongation, held=None)
+        own = jnp.stack([rest_length, rest_length * strain - change])
+        own = held_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
+        return copy(state, rest_length=own[0], elongation=own[1], held=None, jacked=None)
 
 
 def _any(law, name):

@@ -72,6 +72,7 @@ class Beams(Prestressed):
     tension_only = False
     rising = False  # bending energy is not convex in the positions
     n_freedom = 6
+    shaped_by_load = True
 
     def __post_init__(self):
         put = object.__setattr__

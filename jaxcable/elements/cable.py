@@ -9,6 +9,7 @@ import jax.numpy as jnp
 
 from .._tree import pytree
 from .bar import Bars
+from .prestress import held_or
 
 
 @pytree(indices=("links",))
@@ -32,9 +33,11 @@ class Cables(Bars):
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
-        if state.held is not None:
-            return jnp.zeros((), bool)
-        return self._slack(self.strain(state, ends, motion), state.plastic)
+        return held_or(
+            state,
+            jnp.zeros((), bool),
+            lambda: self._slack(self.strain(state, ends, motion), state.plastic),
+        )
 
     def _slack(self, strain, plastic):
         if plastic is None:

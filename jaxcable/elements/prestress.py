@@ -15,19 +15,38 @@ class AxialState:
         rest_length: unstressed length L0, [n_elem], m.
         elongation: initial chord minus unstressed length, carried by itself, [n_elem], m.
         held: force held by a jack during a phase, [n_elem], N, or None.
+        jacked: which elements have a jack, [n_elem] bool; None for all, where forces are held.
         weighing: unstressed length that has weight, [n_elem], m, or None if the group has none;
             it is `rest_length` but for what a jack has taken in.
         plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
-        line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements that bend under
-            it, or None.
+        line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
+            makes, or None.
     """
 
     rest_length: object
     elongation: object
     held: object = None
+    jacked: object = None
     weighing: object = None
     plastic: object = None
     line_load: object = None
+
+
+@pytree(indices=("chosen",))
+class Stated:
+    """One statement of prestress for a group.
+
+    Attributes:
+        values: [n_elem]; zero for an element that it does not concern.
+        chosen: the elements that it concerns, [n_elem] bool; None for all.
+    """
+
+    values: object
+    chosen: object = None
+
+    def over(self, new, old):
+        """`new` at the elements that it concerns, `old` elsewhere."""
+        return new if self.chosen is None else jnp.where(self.chosen, new, old)
 
 
 class Prestressed:
@@ -37,9 +56,15 @@ class Prestressed:
     plastic)` and `virgin()`, the plastic strains of all its unused elements or None.
     """
 
+    shaped_by_load = False
+
+    def chord(self, ends):
+        """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
+        return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+
     def start(self, ends):
         """State before the first phase: the group's unstressed length, or the chord itself."""
-        chord = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+        chord = self.chord(ends)
         if self.rest_length is None:
             rest_length, elongation = chord, jnp.zeros_like(chord)
         else:
@@ -47,42 +72,50 @@ class Prestressed:
         weighing = None if self.weight is None else rest_length
         return AxialState(rest_length, elongation, weighing=weighing, plastic=self.virgin())
 
-    def weight_at_ends(self, state):
-        """Half of each element's self-weight for each of its ends, [n_elem, 2], N."""
-        return jnp.repeat((0.5 * self.weight * state.weighing)[:, None], 2, axis=1)
+    def at_ends(self, amount, ends):
+        """`amount` [n_elem] in halves to the ends, [n_elem, 2]; `ends` [n_elem, 2, 3]."""
+        return jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
 
-    def restate(self, state, chord, inputs):
+    def restate(self, state, ends, inputs):
         """State after the prestress statements of a phase, for a whole group.
 
-        `chord` is the initial length [n_elem]; `inputs` maps the names of `Phase` to [n_elem].
+        `ends` are the initial ends [n_elem, n_end, 3]; `inputs` maps names of `Phase` to `Stated`.
         Absolute statements come first, then the increments (shortening, temperature).
         """
-        strain = None
-        if "pretension" in inputs:
-            strain = self.strain_at(inputs["pretension"], state.plastic)
-        elif "force_density" in inputs:
-            strain = self.strain_at(inputs["force_density"] * chord, state.plastic)
-        elif "prestrain" in inputs:
-            strain = inputs["prestrain"]
-        if strain is not None:
-            rest_length, elongation = chord / (1 + strain), chord * (strain / (1 + strain))
-        elif "rest_length" in inputs:
-            rest_length = inputs["rest_length"]
-            elongation = chord - rest_length
-        else:
-            rest_length, elongation = state.rest_length, state.elongation
+        chord = self.chord(ends)
+        rest_length, elongation, weighing = state.rest_length, state.elongation, state.weighing
+        for name, stated in inputs.items():
+            if name in ("shortening", "temperature"):
+                continue
+            if name == "rest_length":
+                rest = stated.over(stated.values, chord)
+                own = rest, chord - rest
+            else:
+                strain = self.stated_strain(name, stated, state, ends, chord)
+                own = chord / (1 + strain), chord * (strain / (1 + strain))
+            rest_length, elongation = map(stated.over, own, (rest_length, elongation))
+            if weighing is not None:
+                weighing = stated.over(rest_length, weighing)
+        before = rest_length
         if "shortening" in inputs:
-            rest_length = rest_length - inputs["shortening"]
-            elongation = elongation + inputs["shortening"]
+            change = inputs["shortening"].values
+            rest_length, elongation = rest_length - change, elongation + change
         if "temperature" in inputs:
-            change = rest_length * self.expansion * inputs["temperature"]
+            change = rest_length * self.expansion * inputs["temperature"].values
             rest_length, elongation = rest_length + change, elongation - change
-        weighing = state.weighing
         if weighing is not None:
-            absolute = set(inputs) - {"shortening", "temperature"}
-            change = rest_length - state.rest_length
-            weighing = rest_length if absolute else weighing + change
+            weighing = weighing + (rest_length - before)
         return copy(state, rest_length=rest_length, elongation=elongation, weighing=weighing)
+
+    def stated_strain(self, name, stated, state, ends, chord):
+        """Strain of the initial chord, [n_elem], that an absolute statement means."""
+        if name == "pretension":
+            return self.strain_at(stated.values, state.plastic)
+        if name == "force_density":
+            return self.strain_at(stated.values * chord, state.plastic)
+        if name == "sag":
+            return self.strain_at_sag(ends, stated.over(stated.values, 0.1 * chord))
+        return stated.values
 
 
 def stretch(ends, motion):
@@ -91,6 +124,13 @@ def stretch(ends, motion):
     vector = chord + w
     start, length = jnp.sqrt(chord @ chord), jnp.sqrt(vector @ vector)
     return vector, length, (2 * chord + w) @ w / (length + start), start
+
+
+def held_or(state, held, free):
+    """`held` in an element whose force a jack holds, else ``free()``."""
+    if state.held is None:
+        return free()
+    return held if state.jacked is None else jnp.where(state.jacked, held, free())
 
 
 def element(group, properties):

@@ -1,0 +1,129 @@
+"""Elastic catenary: one element for a whole span, exact under its own weight (see `hanging`).
+
+Between its ends it is what its potential energy says: ``-+F`` at the ends with the tension vector
+``F`` in the middle, and half of the load at each end, which is exact. Its shape follows the dead
+load that acts along it at that moment (self-weight, line loads); without any it is a straight
+cable.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from .._tree import pytree
+from . import hanging
+from .bar import Bars
+from .cable import Cables
+from .prestress import stretch
+
+
+@pytree(indices=("links",))
+class Catenaries(Cables):
+    """A group of elastic catenaries, tension only; results per element are means over its ends.
+
+    It carries weight where a phase has `SelfWeight` and line loads where it has `LineLoads`, by the
+    factor of the moment: a slack one without any load has no force. `tension` in results is the
+    mean of the tensions at the two ends, which is at least half of the load on the element;
+    `end_tensions` has both. Prestress is stated as for cables: a tension is that in the straight
+    element without load; a `sag` that under its whole weight, hanging down along -z.
+
+    Args:
+        links: node numbers, [n_elem, 2].
+        axial_stiffness: EA, scalar or [n_elem], N.
+        rest_length: unstressed length, scalar or [n_elem], m; default the initial chord.
+        weight: self-weight per unstressed length, scalar or [n_elem], N/m.
+        expansion, strength, compliance: as of `Bars`.
+
+    Raises:
+        ValueError: as of `Bars`; and for a law or a section, which have no closed form.
+    """
+
+    lock = None  # no jack: what it holds depends on where along the cable it pulls
+    secant = None
+    shaped_by_load = True
+
+    def __post_init__(self):
+        if self.law is not None or self.section is not None or self.area is not None:
+            raise ValueError("law, area, section: a catenary is elastic; give axial_stiffness")
+        super().__post_init__()
+
+    def _hang(self, state, ends, motion):
+        """F, tau, theta and the chord of one element."""
+        chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
+        force, tau, theta = hanging.hang(
+            chord, excess(state, ends, motion), state.line_load, state.rest_length, self._stiffness
+        )
+        return force, tau, theta, chord
+
+    @property
+    def _stiffness(self):
+        return self._section()[0]
+
+    def tension(self, state, ends, motion):
+        """Mean of the tensions at both ends, N."""
+        if state.line_load is None:
+            return super().tension(state, ends, motion)
+        return self._hang(state, ends, motion)[1]
+
+    def _pull(self, state, ends, motion):
+        if state.line_load is None:
+            return super()._pull(state, ends, motion)
+        return self._hang(state, ends, motion)[0]
+
+    def energy(self, state, ends, motion):
+        """Stored energy and the potential of the load along it, less what acts at the ends, J."""
+        if state.line_load is None:
+            return super().energy(state, ends, motion)
+        force, tau, theta, chord = self._hang(state, ends, motion)
+        return hanging.stored_energy(
+            force, tau, theta, chord, state.line_load, state.rest_length, self._stiffness
+        )
+
+    def is_slack(self, state, ends, motion):
+        """Longer than its chord and without load."""
+        slack = Bars.strain(self, state, ends, motion) < 0
+        if state.line_load is None:
+            return slack
+        return slack & jnp.all(state.line_load == 0)
+
+    def end_tensions(self, state, ends, motion):
+        """Tensions at the first and the second end, [2], N."""
+        if state.line_load is None:
+            return jnp.repeat(super().tension(state, ends, motion), 2)
+        force = self._hang(state, ends, motion)[0]
+        half = 0.5 * state.rest_length * state.line_load
+        return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
+
+    def depth(self, state, ends, motion):
+        """How far the middle of the cable hangs below that of its chord, along the load, m."""
+        force, tau, theta, _ = self._hang(state, ends, motion)
+        load, rest_length = state.line_load, state.rest_length
+        return hanging.depth(force, tau, theta, load, rest_length, self._stiffness)
+
+    def curve(self, state, ends, motion, parts):
+        """Places along the element, [n, 3], m, at parts [n] of its unstressed length."""
+        first = ends[0] + motion[0]
+        if state.line_load is None:
+            return first[None] + jnp.outer(parts, ends[1] + motion[1] - first)
+        force, tau, _, _ = self._hang(state, ends, motion)
+        load, rest_length = state.line_load, state.rest_length
+        return first[None] + hanging.places(parts, force, tau, load, rest_length, self._stiffness)
+
+    def strain_at_sag(self, ends, sag):
+        """Strains of the chords with which the middles hang by `sag` [n_elem], m, below theirs.
+
+        Under the whole weight of the group along -z, between the initial ends [n_elem, 2, 3].
+        """
+
+        def one(ends, weight, stiffness, sag):
+            load = weight * jnp.array([0.0, 0.0, -1.0], ends.dtype)
+            return hanging.strain_at_depth(ends[1] - ends[0], load, stiffness, sag)
+
+        weight, stiffness = (jnp.asarray(v, ends.dtype) for v in (self.weight, self._stiffness))
+        return jax.vmap(one)(ends, weight, stiffness, sag)
+
+
+def excess(state, ends, motion):
+    """``|chord|^2 - L0^2`` without their difference, m2."""
+    start, w = ends[1] - ends[0], motion[1] - motion[0]
+    length = stretch(ends, jnp.zeros_like(ends))[3]
+    return state.elongation * (length + state.rest_length) + (2 * start + w) @ w

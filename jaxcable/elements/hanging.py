@@ -1,0 +1,244 @@
+"""The elastic catenary: a cable under a uniform dead load, reduced to one equation.
+
+Along the unstressed length ``s`` the tension vector is ``T(s) = F - q (s - L0/2)``, with the load
+``q`` per unstressed length and ``F`` the tension vector in the middle. Integrating
+``dr/ds = T/EA + T/|T|`` gives the chord ``d``. With the mean ``tau`` of the tensions at both ends,
+the part ``V`` of ``F`` along the load and the part ``H`` across it,
+
+    d_along  = L0 V (1/EA + 1/tau)
+    d_across = L0 H (1/EA + A/tau),     A = theta coth(theta),   tanh(theta) = |q| L0 / (2 tau),
+
+and ``(V/tau)^2 + (H/tau)^2 cosh(theta)^2 = 1`` less the part of the first, ``1 - (V/tau)^2``:
+``H = tau sqrt(1 - (V/tau)^2) / cosh(theta)``. Both together leave one equation for ``tau``,
+
+    L0^2 (1 + e)^2 - d^2 = d_across^2 (r^2 - 1),
+    e = tau/EA,   r = (1 + e) / (theta/sinh(theta) + e/cosh(theta)),
+
+whose left side rises and whose right side falls with ``tau``. It is regular from a slack cable to a
+straight one and from a level chord to a vertical one, and without weight it is the law of a
+straight cable. Nothing is subtracted that nearly cancels: ``L0^2 - d^2`` comes from the start
+elongation. (The closed forms are those of Irvine, Cable Structures, 1981; this reduction of two
+equations to one is ours.)
+"""
+
+import jax.numpy as jnp
+
+from ..roots import rising_root
+
+
+def hang(chord, excess, load, rest_length, stiffness):
+    """Tension vector in the middle of a hanging cable, and what it is made of.
+
+    Args:
+        chord: from the first end to the second, [3], m.
+        excess: ``|chord|^2 - L0^2``, better known than its parts, m2.
+        load: dead load per unstressed length, [3], N/m; may be zero.
+        rest_length: unstressed length L0, m.
+        stiffness: EA, N.
+
+    Returns:
+        F [3], N; tau, the mean of the tensions at the ends, N; theta. All zero where a cable
+        without load is slack.
+    """
+    weight2 = load @ load
+    heavy = weight2 > 0
+    weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
+    along = chord @ load / jnp.where(heavy, weight2, 1.0)  # times the load: the part along it
+    across = chord - along * load
+    tiny = jnp.finfo(chord.dtype).tiny ** 0.6  # a chord along the load: nothing differs by it
+    across2 = across @ across / rest_length**2 + tiny
+    excess = excess / rest_length**2
+    omega = weight * rest_length / stiffness
+    empty = ~heavy & (excess < 0)
+    tip = jnp.where(empty, 0.0, excess)
+    least = _least_tension(omega, across2, tip)
+    theta = 0.5 * jnp.log1p(omega / least)
+    strain = least + 0.5 * omega
+    bend = _grown(theta)
+    # the two springs between chord and force, across the load and along it
+    across_spring = stiffness * strain / rest_length / (strain + 1 + bend)
+    further = across_spring * bend / (strain + 1)
+    pull = across_spring * chord
+    pull = pull + further / jnp.where(heavy, weight2, 1.0) * (chord @ load) * load
+    none = jnp.where(empty, 0.0, 1.0)
+    return none * pull, none * stiffness * strain, theta
+
+
+def _least_tension(omega, across2, excess):
+    """``(tau - |q| L0/2) / EA`` from ``|q| L0/EA``, ``(d_across/L0)^2`` and ``(d/L0)^2 - 1``.
+
+    The unknown is a logarithm, because the horizontal force falls exponentially where a cable hangs
+    nearly vertically in a loop; of a taut cable it is the logarithm of what the load adds to its
+    straight strain, because that may be far below the rounding of the strain. Then both sides of
+    the equation, in logarithms, are nearly straight lines.
+    """
+    straight = excess / (1 + jnp.sqrt(jnp.where(excess > 0, 1 + excess, 1.0)))
+    taut = (excess >= 0) & (straight >= 0.5 * omega)
+    base = jnp.where(taut, straight - 0.5 * omega, 0.0)
+    gap = jnp.where(taut, 0.0, 0.5 * omega - straight)
+    floor = jnp.finfo(omega.dtype).tiny ** 0.2  # of the sag, where there is no load
+
+    def balance(u):
+        added = jnp.exp(u)
+        least = base + added
+        strain = least + 0.5 * omega
+        theta = 0.5 * jnp.log1p(omega / least)
+        s, c = _sinhc_less_1(theta), _cosh_less_1(theta)
+        # r - 1, without the difference
+        more = (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
+        left = jnp.where(
+            excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
+        )
+        return jnp.log(left / across2) - jnp.log(more * (2 + more) + floor)
+
+    theta, strain, added = _first_guess(omega, across2, excess)
+    added = jnp.where(taut, added, jnp.where(omega > 0, omega / jnp.expm1(2 * theta), strain))
+    tiny = jnp.finfo(omega.dtype).tiny
+    low = jnp.log(jnp.full_like(omega, 1e3 * tiny))  # rounded, still a number
+    high = jnp.log(2 + 2 * jnp.sqrt(jnp.maximum(1 + excess, 0.0)) + omega)
+    return base + jnp.exp(rising_root(balance, jnp.log(jnp.maximum(added, 1e3 * tiny)), low, high))
+
+
+def _first_guess(omega, across2, excess):
+    """theta, strain and what the load adds to it, of a shallow cable; theta corrected if deep."""
+    tiny = jnp.finfo(omega.dtype).tiny
+    straight = excess / (1 + jnp.sqrt(jnp.maximum(1 + excess, 0.0)))
+    # e^3 - straight e^2 = k, whose positive root Newton's method finds from above
+    k = across2 * omega**2 / 24
+    slack = jnp.sqrt(k / jnp.maximum(-straight, tiny))
+    strain = jnp.where(straight > 0, straight, 0.0) + jnp.cbrt(k)
+    strain = jnp.where(straight < 0, jnp.minimum(strain, slack), strain)
+    strain = jnp.maximum(strain, tiny**0.3)  # whose cube is still a number
+    for _ in range(4):
+        slope = 3 * strain**2 - 2 * straight * strain
+        step = (strain**3 - straight * strain**2 - k) / jnp.where(slope > 0, slope, 1.0)
+        strain = jnp.where(slope > 0, jnp.maximum(strain - step, 0.1 * strain), strain)
+    theta = jnp.minimum(0.5 * omega / strain, 1e6)
+    # inextensible: log(sinh(t)/t) = log(sqrt(L0^2 - d_along^2)/d_across), convex, from the right
+    ratio = 0.5 * jnp.log1p(jnp.maximum(-excess, 0.0) / across2)
+    deep = theta
+    for _ in range(3):
+        t = jnp.maximum(deep, 1e-2)
+        log_sinhc = t + jnp.log(-jnp.expm1(-2 * t) / (2 * t))
+        deep = jnp.clip(t - (log_sinhc - ratio) / (1 / jnp.tanh(t) - 1 / t), 1e-2, t)
+    limit = 0.45 * jnp.abs(jnp.log(tiny))
+    theta = jnp.minimum(jnp.where(theta > 0.5, deep, theta), limit)
+    return theta, strain, k / strain / strain
+
+
+def _sinhc_less_1(t):
+    """``sinh(t)/t - 1``."""
+    t2 = t * t
+    series = 1 + t2 / 342
+    for k in (272, 210, 156, 110, 72, 42, 20):
+        series = 1 + t2 / k * series
+    big = jnp.where(t < 1, 1.0, t)
+    return jnp.where(t < 1, t2 / 6 * series, jnp.sinh(big) / big - 1)
+
+
+def _cosh_less_1(t):
+    """``cosh(t) - 1``."""
+    return 2 * jnp.sinh(0.5 * t) ** 2
+
+
+def _grown(t):
+    """``t coth(t) - 1``."""
+    s = _sinhc_less_1(t)
+    small = (_cosh_less_1(t) - s) / (1 + s)
+    return jnp.where(t < 1, small, t / jnp.tanh(jnp.where(t < 1, 1.0, t)) - 1)
+
+
+def stored_energy(force, tau, theta, chord, load, rest_length, stiffness):
+    """Energy of the chord, J: ``F.d`` minus the complementary energy of ``F``.
+
+    Its gradient by the chord is ``F``: stored energy and the potential of the load along the
+    cable, whose share at the ends is not in it. The complementary energy is the integral of
+    ``|T|^2/(2 EA) + |T|`` over the unstressed length.
+    """
+    weight2 = load @ load
+    heavy = weight2 > 0
+    along = force @ load
+    along2 = along**2 / jnp.where(heavy, weight2, 1.0)
+    across2 = jnp.maximum(force @ force - along2, 0.0)
+    some = jnp.where(tau > 0, tau, 1.0)
+    integral = 0.5 * (tau + along2 / some + across2 * (1 + _grown(theta)) / some)
+    square = force @ force + weight2 * rest_length**2 / 12
+    return force @ chord - rest_length * (0.5 * square / stiffness + integral)
+
+
+def depth(force, tau, theta, load, rest_length, stiffness):
+    """How far the middle of the cable hangs from the middle of its chord, along the load, m.
+
+    ``q L0^2/8EA + (tau - |F|)/q``, the second term from
+    ``tau^2 - |F|^2 = (q L0 cosh(theta) H / 2 tau)^2``.
+    """
+    weight2 = load @ load
+    weight = jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
+    along = force @ load / weight
+    across = force - along * load / weight
+    some = jnp.where(tau > 0, tau, 1.0)
+    level = across @ across * (jnp.cosh(theta) / some) ** 2
+    return weight * rest_length**2 * (level / (4 * (some + _norm(force))) + 1 / (8 * stiffness))
+
+
+def places(part, force, tau, load, rest_length, stiffness):
+    """Positions from the first end, [n, 3], m, at parts [n] of the unstressed length, 0 to 1.
+
+    Every piece of a catenary is one: between 0 and s the same equations hold.
+    """
+    arc = (part * rest_length)[:, None]
+    first = force + 0.5 * rest_length * load
+    first = jnp.broadcast_to(first, (len(arc), 3))
+    here = first - jnp.outer(arc[:, 0], load)
+    mean = 0.5 * (first + here)
+    both = _rows(first) + _rows(here)
+    weight2 = load @ load
+    unit = load / jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
+    along = jnp.outer(mean @ unit, unit)
+    c = jnp.sqrt(weight2) * arc / jnp.where(both > 0, both, 1.0)
+    theta = jnp.arctanh(jnp.minimum(c, 1 - jnp.finfo(c.dtype).eps))
+    stretched = mean / stiffness
+    straight = 2 / jnp.where(both > 0, both, 1.0)
+    return arc * (stretched + straight * (along + (1 + _grown(theta)) * (mean - along)))
+
+
+def _norm(vector):
+    square = vector @ vector
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def _rows(vectors):
+    return jnp.sqrt(jnp.sum(vectors**2, axis=-1, keepdims=True))
+
+
+def strain_at_depth(chord, load, stiffness, sag):
+    """Chord over unstressed length, less 1, where the middle hangs `sag` below that of the chord.
+
+    The sag grows with the length, so that there is one; from the parabola
+    ``L0 (1 + H/EA) = d (1 + 8/3 (sag/d)^2)``, ``H = q d^2 / (8 sag)``, outwards.
+
+    Args:
+        chord: [3], m.
+        load: per unstressed length, [3], N/m, not along the chord; not zero.
+        stiffness: EA, N.
+        sag: positive, m.
+    """
+    length2 = chord @ chord
+    length = jnp.sqrt(length2)
+
+    def mismatch(u):
+        rest_length = length * jnp.exp(u)
+        excess = -length2 * jnp.expm1(2 * u)
+        force, tau, theta = hang(chord, excess, load, rest_length, stiffness)
+        return jnp.log(depth(force, tau, theta, load, rest_length, stiffness) / sag)
+
+    weight = jnp.sqrt(load @ load)
+    unit = load / weight
+    across = chord - (chord @ unit) * unit
+    slope = jnp.sqrt(across @ across) / length
+    ratio = sag / length
+    shallow = jnp.log1p(8 / 3 * (ratio * slope) ** 2)
+    taut = jnp.log1p(weight * length / (8 * ratio * stiffness))
+    deep = jnp.log1p(2 * ratio)
+    guess = jnp.minimum(shallow, deep) - taut
+    return jnp.expm1(-rising_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5))

@@ -1,0 +1,131 @@
+"""Sliding cable: one cable over several nodes without friction, so that it has one tension.
+
+``N = EA (sum l - L0) / L0`` over the sum of its pieces: a running rope over pulleys, a cable in a
+pocket of a membrane, a closed loop. (Aufaure 1993, Zhou, Accorsi and Leonard 2004: "hyper cable".)
+Its energy is a function of a sum of lengths, hence as convex in the nodes as that of a cable.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import Indices, pytree
+from .cable import Cables
+from .prestress import held_or
+
+
+@pytree(indices=("links",))
+class SlidingCables(Cables):
+    """A group of cables that slide without friction over their nodes; tension only.
+
+    Everything per element is per cable: one tension, one unstressed length, one weight. `tension`
+    and `rest_length` of results have one value for a cable. Weight and line loads go to its nodes
+    by the share of the initial lengths of its pieces, and do not slide along.
+
+    Args:
+        links: the nodes of each cable in turn, a list of lists, or [n_elem, n_end]. A closed loop
+            ends with its first node. Chains of different lengths are filled up with their last
+            node.
+        axial_stiffness, area, law, section, rest_length, weight, expansion, strength, compliance:
+            as of `Cables`; `rest_length` is that of the whole cable.
+
+    Raises:
+        ValueError: as of `Cables`; and for a chain with less than two nodes or a node twice in
+            succession.
+    """
+
+    secant = None  # a piece that shortens while another one lengthens has none of its own
+
+    def __post_init__(self):
+        if not isinstance(self.links, Indices):
+            object.__setattr__(self, "links", _checked_chains(self.links))
+        super().__post_init__()
+
+    def check(self, positions):
+        """Raise ValueError where two successive nodes of a cable have the same place."""
+        links = self.links.array
+        ends = positions[links]
+        same = (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])
+        if same.any():
+            k, piece = np.argwhere(same)[0]
+            pair = links[k, piece : piece + 2].tolist()
+            raise ValueError(f"links[{k}]: its nodes {pair} coincide; a piece has no length")
+
+    def chord(self, ends):
+        """Length over all nodes [n_elem, n_end, 3], [n_elem], m."""
+        return jnp.sum(_pieces(ends)[1], axis=-1)
+
+    def at_ends(self, amount, ends):
+        """`amount` [n_elem] divided among the nodes by half of their pieces, [n_elem, n_end]."""
+        length = _pieces(ends)[1]
+        share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
+        return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
+
+    def strain(self, state, ends, motion):
+        """Engineering strain on the unstressed length of the whole cable."""
+        return (state.elongation + _change(ends, motion)) / state.rest_length
+
+    def end_forces(self, state, ends, motion):
+        """Internal force at every node, [n_end, 3], N: the tension along the pieces that meet."""
+        piece, length = _pieces(ends + motion)
+        unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
+        pull = self.tension(state, ends, motion) * unit
+        return jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
+
+    def tangent(self, state, ends, motion):
+        """Tangent stiffness, [n_end, 3, n_end, 3], N/m: autodiff of the end forces."""
+        return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
+
+    def energy(self, state, ends, motion):
+        """Stored energy, J; of a held force its work on the change of length."""
+
+        def stored():
+            strain = self.strain(state, ends, motion)
+            return state.rest_length * self.energy_per_length(strain, state.plastic)
+
+        work = None if state.held is None else state.held * _change(ends, motion)
+        return held_or(state, work, stored)
+
+    def lock(self, state, ends, motion):
+        """State of an anchored jack: the unstressed length that gives the held force here."""
+        return self.locked(state, jnp.sum(_pieces(ends + motion)[1]), _change(ends, motion))
+
+
+def _pieces(places):
+    """Pieces between successive places [..., n, 3]: vectors and lengths."""
+    piece = places[..., 1:, :] - places[..., :-1, :]
+    square = jnp.sum(piece**2, axis=-1)
+    # filled up with the last node: a piece without length, and without a derivative of it
+    length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+    return piece, length
+
+
+def _change(ends, motion):
+    """Change of the length over all nodes, m, without subtracting lengths."""
+    start, before = _pieces(ends)
+    w = motion[1:] - motion[:-1]
+    after = _pieces(ends + motion)[1]
+    both = before + after
+    return jnp.sum(jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0))
+
+
+def _checked_chains(chains):
+    chains = [
+        np.atleast_1d(_check.integers(chain, f"links[{k}]")) for k, chain in enumerate(chains)
+    ]
+    if not chains:
+        raise ValueError("links: a group needs at least one element")
+    for k, chain in enumerate(chains):
+        if len(chain) < 2:
+            raise ValueError(f"links[{k}] = {chain.tolist()}: a cable has at least two nodes")
+        same = chain[1:] == chain[:-1]
+        # filled up already, by an earlier call
+        same[len(same) - int(np.cumprod(same[::-1]).sum()) :] = False
+        if same.any() or (chain == chain[0]).all():
+            j = int(same.argmax())
+            raise ValueError(f"links[{k}] = {chain.tolist()}: node {chain[j]} twice in succession")
+    width = max(len(chain) for chain in chains)
+    return Indices(
+        np.array([np.pad(chain, (0, width - len(chain)), mode="edge") for chain in chains])
+    )

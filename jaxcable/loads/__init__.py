@@ -1,0 +1,49 @@
+"""What acts on a structure in a phase, one kind a file.
+
+Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`along`), on areas
+(`areas`). Following loads turn with what they press on (`pressure`). Supports may be moved
+(`movement`). Loads of elements and areas go on acting in later phases; `combine` scales and adds
+load cases.
+
+A load is a pytree class with ``check(structure)`` and ``scaled(factor)``, and one of
+
+- ``nodal_forces(shape, dtype)``, on nodes: it leaves freedoms that become fixed;
+- ``element_forces(groups, states, nodes, shape, dtype)``, dead, evaluated at every load factor, and
+  ``per_length(number, group, state, ends)``: what of it shapes the elements of a group, or None;
+- ``following_forces(groups, states, nodes, moved)`` and ``following_blocks``, their derivatives;
+  ``touches(groups)``, the nodes that these couple;
+- ``steps(shape, dtype)``, of supports.
+"""
+
+from .along import LineLoads, SelfWeight
+from .areas import AreaLoads, net_faces
+from .combine import combine
+from .movement import SupportMovement
+from .nodal import NodalLoads
+from .pressure import CablePressure, FacePressure
+
+__all__ = [
+    "AreaLoads",
+    "CablePressure",
+    "FacePressure",
+    "LineLoads",
+    "NodalLoads",
+    "SelfWeight",
+    "SupportMovement",
+    "as_list",
+    "combine",
+    "net_faces",
+]
+
+_MEMBERS = ("nodal_forces", "element_forces", "following_forces", "steps")
+
+
+def as_list(loads):
+    """Loads of a phase as a list: None, one load, or a list or tuple of loads."""
+    if loads is None:
+        return []
+    items = list(loads) if isinstance(loads, list | tuple) else [loads]
+    for k, load in enumerate(items):
+        if not any(hasattr(load, name) for name in _MEMBERS):
+            raise ValueError(f"loads[{k}]: {type(load).__name__} is not a load")
+    return items

@@ -1,0 +1,132 @@
+"""Dead loads along elements: self-weight and line loads.
+
+They are evaluated from the state of the elements and go on acting in later phases.
+"""
+
+import jax.numpy as jnp
+
+from .. import _check
+from .._tree import copy, pytree
+from .groups import chosen
+
+PER = ("unstressed", "initial", "projected")
+
+
+@pytree
+class SelfWeight:
+    """Self-weight of every group that has `weight`, half of each element to each end.
+
+    The weight is that of the current unstressed length; a jack leaves it as it was when it began to
+    pull, so that anchoring it moves nothing. Beams bend and catenaries hang under it.
+
+    Args:
+        direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
+    """
+
+    direction: object = (0.0, 0.0, -1.0)
+
+    def __post_init__(self):
+        direction = _check.floats(self.direction, "direction")
+        if direction.shape != (3,):
+            raise ValueError(f"direction: expected shape (3,), got {direction.shape}")
+        object.__setattr__(self, "direction", direction)
+
+    def check(self, structure):
+        """Raise ValueError if no group has a weight."""
+        if all(getattr(group, "weight", None) is None for group in structure.groups):
+            raise ValueError("SelfWeight: no element group has a weight; give weight=... in N/m")
+
+    def scaled(self, factor):
+        """The load times `factor`."""
+        return copy(self, direction=factor * self.direction)
+
+    def element_forces(self, groups, states, nodes, shape, dtype):
+        """Force on every node, as `shape`, N, for the given element states."""
+        total = jnp.zeros(shape[0], dtype)
+        for group, state in zip(groups, states, strict=True):
+            if group.weight is not None:
+                weight = group.weight * state.weighing
+                total = total.at[group.links].add(group.at_ends(weight, nodes[group.links]))
+        return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
+
+    def per_length(self, number, group, state, ends):
+        """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
+        if group.weight is None:
+            return None
+        share = group.weight * state.weighing / state.rest_length
+        return jnp.outer(share, self.direction)
+
+
+@pytree(static=("on", "per"))
+class LineLoads:
+    """Dead loads along the elements; beams bend under them and catenaries hang.
+
+    Half of each element's load goes to each end; beams get the work on their deflection as well
+    (consistent end moments that turn with the element).
+
+    Args:
+        forces: force per length, [3], N/m.
+        on: key of the loaded group in the structure's elements (a dict's key, a list's number);
+            None loads all groups.
+        per: which length: "unstressed" (of the moment; of a jacked element that with which the jack
+            began, until it is anchored), "initial" (chord of the initial nodes), or "projected"
+            (the same as seen along the force: snow on a sloping cable, wind on a mast).
+    """
+
+    forces: object
+    on: object = None
+    per: str = "unstressed"
+
+    def __post_init__(self):
+        forces = _check.floats(self.forces, "forces")
+        if forces.shape != (3,):
+            raise ValueError(f"forces: expected shape (3,), got {forces.shape}")
+        object.__setattr__(self, "forces", forces)
+        if self.per not in PER:
+            raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+
+    def check(self, structure):
+        """Raise ValueError if the structure has no such group."""
+        chosen(self.on, structure)
+
+    def among(self, structure):
+        """The load with `on` turned into the numbers of its groups."""
+        return copy(self, on=chosen(self.on, structure))
+
+    def scaled(self, factor):
+        """The load times `factor`."""
+        return copy(self, forces=factor * self.forces)
+
+    def element_forces(self, groups, states, nodes, shape, dtype):
+        """Force on every node, as `shape`, N, for the given element states."""
+        total = jnp.zeros(shape[0], dtype)
+        for number, (group, state) in enumerate(zip(groups, states, strict=True)):
+            if number in self.on:
+                ends = nodes[group.links]
+                total = total.at[group.links].add(group.at_ends(self._length(state, ends), ends))
+        return padded(jnp.outer(total, self.forces.astype(dtype)), shape)
+
+    def per_length(self, number, group, state, ends):
+        """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
+        if number not in self.on:
+            return None
+        return jnp.outer(self._length(state, ends) / state.rest_length, self.forces)
+
+    def _length(self, state, ends):
+        """The length that the load is per, [n_elem], m; `ends` [n_elem, n_end, 3]."""
+        if self.per == "unstressed":
+            return state.rest_length
+        pieces = ends[:, 1:] - ends[:, :-1]
+        if self.per == "projected":
+            square = self.forces @ self.forces
+            along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
+            pieces = pieces - along[..., None] * self.forces
+        square = jnp.sum(pieces**2, axis=-1)
+        # a piece along the force has no projected length, and no derivative of it
+        length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        return jnp.sum(length, axis=-1)
+
+
+def padded(forces, shape):
+    """Forces [n_node, 3] with no moments beside them if `shape` has columns for them."""
+    return forces if shape[1] == 3 else jnp.pad(forces, ((0, 0), (0, 3)))

@@ -1,0 +1,52 @@
+"""Load combinations: factors times load cases."""
+
+import jax
+import jax.numpy as jnp
+
+from .. import _check
+
+
+def combine(cases, factors):
+    """Combine load cases: a batch of the loads of a phase, one for every row of factors.
+
+    Loads of cable structures cannot be superposed: every combination is an analysis of its own, to
+    be mapped over::
+
+        loads = combine({"dead": dead, "snow": snow}, [[1.35, 1.5], [1.0, 0.0]])
+        jax.vmap(lambda one: solve(structure, [Phase(loads=one)], start=first).tension)(loads)
+
+    Args:
+        cases: dict or list of load cases, each a load or a list of loads.
+        factors: [n_combination, n_case], in the order of the cases; or [n_case] for one
+            combination, which is returned without a leading axis.
+
+    Returns:
+        List of loads whose numbers have a leading axis [n_combination].
+
+    Raises:
+        ValueError: no case, or another number of factors than of cases.
+    """
+    cases = list(cases.values()) if isinstance(cases, dict) else list(cases)
+    factors = _check.floats(factors, "factors")
+    if not cases:
+        raise ValueError("cases: at least one load case is needed")
+    if factors.ndim not in (1, 2) or factors.shape[-1] != len(cases):
+        raise ValueError(
+            f"factors: expected shape [n_combination, {len(cases)}], one column a case, "
+            f"got {factors.shape}"
+        )
+    listed = [list(c) if isinstance(c, list | tuple) else [c] for c in cases]
+    for k, loads in enumerate(listed):
+        for load in loads:
+            if not hasattr(load, "scaled"):
+                raise ValueError(f"cases[{k}]: {type(load).__name__} is not a load")
+
+    def one(row):
+        return [
+            jax.tree.map(jnp.asarray, load.scaled(row[k]))
+            for k, loads in enumerate(listed)
+            for load in loads
+        ]
+
+    factors = jnp.asarray(factors)
+    return one(factors) if factors.ndim == 1 else jax.vmap(one)(factors)

@@ -1,0 +1,52 @@
+"""Faces of three or four nodes, as triangles."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import Indices
+
+_SPLITS = {
+    3: [((0, 1, 2), 1.0)],
+    # of a quadrilateral the mean of both ways to split it: the area vectors, and the volume under
+    # them, are those of the bilinear surface between its edges
+    4: [((0, 1, 2), 0.5), ((0, 2, 3), 0.5), ((0, 1, 3), 0.5), ((1, 2, 3), 0.5)],
+}
+
+
+def checked(faces):
+    """Faces [n, 3] or [n, 4] as `Indices`; ValueError if they are not that, or degenerate."""
+    if isinstance(faces, Indices):
+        return faces
+    array = np.asarray(faces)
+    if array.ndim != 2 or array.shape[1] not in (3, 4) or len(array) == 0:
+        raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got shape {array.shape}")
+    array = _check.integers(array, "faces", width=array.shape[1])
+    few = np.array([len(set(face)) < 3 for face in array.tolist()])
+    if few.any():
+        k = int(few.argmax())
+        raise ValueError(f"faces[{k}] = {array[k].tolist()}: a face has at least 3 different nodes")
+    return Indices(array)
+
+
+def known(faces, structure):
+    """Raise ValueError if a node of the faces is unknown to the structure."""
+    unknown = (faces.array >= structure.n_node).any(axis=1)
+    if unknown.any():
+        k = int(unknown.argmax())
+        raise ValueError(
+            f"faces[{k}] = {faces[k].tolist()}: the structure has nodes 0 to {structure.n_node - 1}"
+        )
+
+
+def area_vectors(corners):
+    """Area vectors of the triangles of faces at `corners` [..., 3 or 4, 3], with their corners.
+
+    Returns:
+        List of (numbers of the corners, area vector [..., 3], m2, counted once).
+    """
+    parts = []
+    for numbers, share in _SPLITS[corners.shape[-2]]:
+        a, b, c = (corners[..., k, :] for k in numbers)
+        parts.append((numbers, 0.5 * share * jnp.cross(b - a, c - a)))
+    return parts

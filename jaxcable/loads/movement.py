@@ -1,0 +1,80 @@
+"""Prescribed movement of supports."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import Indices, copy, pytree
+
+
+@pytree(indices=("nodes",))
+class SupportMovement:
+    """Displacement of supports, by increments, from where they are.
+
+    Args:
+        nodes: node numbers, [n].
+        displacements: [3] or [n, 3], m, or None; along freedoms that are held in the phase.
+        rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
+    """
+
+    nodes: object
+    displacements: object
+    rotations: object = None
+
+    def __post_init__(self):
+        if not isinstance(self.nodes, Indices):
+            object.__setattr__(self, "nodes", Indices(_check.integers(self.nodes, "moved nodes")))
+        if self.displacements is None:
+            object.__setattr__(self, "displacements", (0.0, 0.0, 0.0))
+        for name in ("displacements", "rotations"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            value = _check.floats(value, name)
+            if value.shape not in ((3,), (len(self.nodes), 3)):
+                raise ValueError(
+                    f"{name}: expected shape (3,) or ({len(self.nodes)}, 3), got {value.shape}"
+                )
+            object.__setattr__(self, name, value)
+
+    def check(self, structure):
+        """Raise ValueError if a node is unknown to the structure."""
+        unknown = self.nodes.array >= structure.n_node
+        if unknown.any():
+            k = int(unknown.argmax())
+            raise ValueError(
+                f"moved nodes[{k}] = {self.nodes[k]}: "
+                f"the structure has nodes 0 to {structure.n_node - 1}"
+            )
+        if self.rotations is not None and not structure.turns()[self.nodes.array].all():
+            k = int((~structure.turns()[self.nodes.array]).argmax())
+            raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
+
+    def check_supported(self, fixed):
+        """Raise ValueError if a moved freedom is not held; `fixed`, [n_node, 3 or 6]."""
+        own = fixed[self.nodes.array]
+        for k, node in enumerate(self.nodes.array):
+            moves = _check.concrete(self.displacements)
+            moves = np.ones((len(own), 3)) if moves is None else moves  # traced: could be any
+            loose = (np.broadcast_to(moves, (len(own), 3))[k] != 0) & ~own[k, :3]
+            if loose.any():
+                raise ValueError(
+                    f"displacements[{k}]: node {node} is free along "
+                    f"{'xyz'[int(loose.argmax())]}; only what is held can be moved"
+                )
+            if self.rotations is not None and not own[k, 3:].all():
+                raise ValueError(f"rotations[{k}]: node {node} is not clamped")
+
+    def scaled(self, factor):
+        """The movement times `factor` (of rotations: the rotation vectors)."""
+        rotations = None if self.rotations is None else factor * self.rotations
+        return copy(self, displacements=factor * self.displacements, rotations=rotations)
+
+    def steps(self, shape, dtype):
+        """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
+        step = jnp.broadcast_to(self.displacements.astype(dtype), (len(self.nodes), 3))
+        if shape[1] == 6:
+            turn = 0.0 if self.rotations is None else self.rotations
+            turn = jnp.broadcast_to(jnp.asarray(turn, dtype), step.shape)
+            step = jnp.concatenate([step, turn], axis=1)
+        return jnp.zeros(shape, dtype).at[self.nodes].add(step)

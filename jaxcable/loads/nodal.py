@@ -1,0 +1,72 @@
+"""Dead forces and moments on nodes."""
+
+import jax.numpy as jnp
+
+from .. import _check
+from .._tree import Indices, copy, pytree
+
+
+@pytree(indices=("nodes",))
+class NodalLoads:
+    """Dead forces on nodes.
+
+    Args:
+        nodes: node numbers, [n]; a node may be named more than once, its forces add.
+        forces: one force [3] for each of them, or [n, 3], N.
+        moments: moments [3] or [n, 3], N m, on nodes that a beam is joined to rigidly. They keep
+            their direction in space; such moments have no potential (unless they turn about a fixed
+            axis) and make the tangent unsymmetric.
+    """
+
+    nodes: object
+    forces: object
+    moments: object = None
+
+    def __post_init__(self):
+        if not isinstance(self.nodes, Indices):
+            object.__setattr__(self, "nodes", Indices(_check.integers(self.nodes, "load nodes")))
+        forces = _check.floats(self.forces, "forces")
+        if forces.shape not in ((3,), (len(self.nodes), 3)):
+            raise ValueError(
+                f"forces: expected shape (3,) or ({len(self.nodes)}, 3), got {forces.shape}"
+            )
+        object.__setattr__(self, "forces", forces)
+        if self.moments is not None:
+            moments = _check.floats(self.moments, "moments")
+            if moments.shape not in ((3,), (len(self.nodes), 3)):
+                raise ValueError(
+                    f"moments: expected shape (3,) or ({len(self.nodes)}, 3), got {moments.shape}"
+                )
+            object.__setattr__(self, "moments", moments)
+
+    def check(self, structure):
+        """Raise ValueError if a node is unknown to the structure."""
+        unknown = self.nodes.array >= structure.n_node
+        if unknown.any():
+            k = int(unknown.argmax())
+            raise ValueError(
+                f"load nodes[{k}] = {self.nodes[k]}: "
+                f"the structure has nodes 0 to {structure.n_node - 1}"
+            )
+        if self.moments is not None:
+            turns = structure.turns()[self.nodes.array]
+            if not turns.all():
+                k = int((~turns).argmax())
+                raise ValueError(
+                    f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
+                )
+
+    def scaled(self, factor):
+        """The load times `factor`."""
+        moments = None if self.moments is None else factor * self.moments
+        return copy(self, forces=factor * self.forces, moments=moments)
+
+    def nodal_forces(self, shape, dtype):
+        """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+        each = jnp.broadcast_to(self.forces.astype(dtype), (len(self.nodes), 3))
+        if shape[1] == 3:
+            return jnp.zeros(shape, dtype).at[self.nodes].add(each)
+        moments = 0.0 if self.moments is None else self.moments
+        moments = jnp.broadcast_to(jnp.asarray(moments, dtype), each.shape)
+        both = jnp.concatenate([each, moments], axis=1)
+        return jnp.zeros(shape, dtype).at[self.nodes].add(both)

@@ -1,0 +1,186 @@
+"""Pressure that follows what it presses on: cables, and faces of a net.
+
+Their forces depend on where the nodes are, so that their derivative belongs to the tangent; it is
+taken by automatic differentiation. The assembled derivative is symmetric where the loads derive
+from a potential: all nodes at the border are held, the pressure is even and per current size.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from .. import _check
+from .._tree import copy, pytree
+from . import faces as _faces
+from .groups import chosen
+
+PER = ("current", "unstressed")
+
+
+@pytree(static=("on", "per"))
+class CablePressure:
+    """Follower pressure on cables, across them and across an axis.
+
+    ``axis x d`` of a cable with chord ``d`` is the area vector of a strip of width 1 that the axis
+    spans along the cable: a cable in a plane with the axis as its normal is pressed along its
+    normal, and its equilibrium under pressure alone is a circle. Half of an element's force goes to
+    each end. Like all loads of elements it goes on acting, and following, in later phases.
+
+    Args:
+        pressure: force per length, N/m, scalar, or [n_elem] of the one group that `on` names.
+            Positive along ``axis x d``.
+        axis: direction, [3], of any length.
+        on: key of the loaded group in the structure's elements (a dict's key, a list's number);
+            None loads all groups. They must be groups of cables or bars.
+        per: "current" length (as seen along the axis), or "unstressed": then it keeps its
+            magnitude and only turns, which has no potential.
+    """
+
+    pressure: object
+    axis: object
+    on: object = None
+    per: str = "current"
+
+    def __post_init__(self):
+        axis = _check.floats(self.axis, "axis")
+        if axis.shape != (3,):
+            raise ValueError(f"axis: expected shape (3,), got {axis.shape}")
+        value = _check.concrete(axis)
+        if value is not None and (value == 0).all():
+            raise ValueError("axis: is zero; give the normal of the plane in which the cable bends")
+        object.__setattr__(self, "axis", axis)
+        pressure = _check.floats(self.pressure, "pressure")
+        if pressure.ndim > 1:
+            raise ValueError(f"pressure: expected a scalar or [n_elem], got {pressure.shape}")
+        object.__setattr__(self, "pressure", pressure)
+        if self.per not in PER:
+            raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+
+    def check(self, structure):
+        """Raise ValueError if a loaded group cannot be pressed."""
+        numbers = chosen(self.on, structure)
+        for number in numbers:
+            group = structure.groups[number]
+            if group.links.shape[1] != 2 or group.shaped_by_load:
+                raise ValueError(
+                    f"on = {self.on!r}: a group of {type(group).__name__} cannot be pressed; "
+                    "only cables and bars of two nodes"
+                )
+            if self.pressure.shape not in ((), (len(group.links),)):
+                raise ValueError(
+                    f"pressure: expected a scalar or shape ({len(group.links)},), "
+                    f"got {self.pressure.shape}"
+                )
+
+    def among(self, structure):
+        """The load with `on` turned into the numbers of its groups."""
+        return copy(self, on=chosen(self.on, structure))
+
+    def scaled(self, factor):
+        """The load times `factor`."""
+        return copy(self, pressure=factor * self.pressure)
+
+    def touches(self, groups):
+        """Nodes whose forces depend on each other, a list of [n, 2]."""
+        return [groups[number].links for number in self.on]
+
+    def _parts(self, groups, states, moved):
+        """Per group: ends [n, 2, 3] of moved nodes, and their force as a function of them."""
+        for number in self.on:
+            group, state = groups[number], states[number]
+            pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
+            yield moved[group.links], (pressure, state.rest_length), group.links
+
+    def _force(self, ends, numbers):
+        """Force at the two ends, [2, 3], N, of one element."""
+        pressure, rest_length = numbers
+        axis = self.axis.astype(ends.dtype)
+        axis = axis / _length(axis)
+        across = jnp.cross(axis, ends[1] - ends[0])
+        if self.per == "unstressed":
+            across = rest_length * across / _length(across)
+        half = 0.5 * pressure * across
+        return jnp.stack([half, half])
+
+    def following_forces(self, groups, states, nodes, moved):
+        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        return _collected(self, self._parts(groups, states, moved), moved)
+
+    def following_blocks(self, groups, states, nodes, moved):
+        """Its derivative: list of (blocks [n, 2, 3, 2, 3], nodes [n, 2])."""
+        return _derived(self, self._parts(groups, states, moved))
+
+
+@pytree(indices=("faces",))
+class FacePressure:
+    """Follower pressure on faces of a net: along their normals, times their current areas.
+
+    A third of the force on each triangle goes to each of its corners. Positive along the normal
+    about which the nodes of a face turn anticlockwise (`net_faces`: upwards).
+
+    Args:
+        faces: node numbers, [n_face, 3] or [n_face, 4], as of `AreaLoads`.
+        pressure: N/m2, scalar or [n_face].
+    """
+
+    faces: object
+    pressure: object
+
+    def __post_init__(self):
+        object.__setattr__(self, "faces", _faces.checked(self.faces))
+        pressure = _check.floats(self.pressure, "pressure")
+        if pressure.shape not in ((), (len(self.faces),)):
+            raise ValueError(
+                f"pressure: expected a scalar or shape ({len(self.faces)},), got {pressure.shape}"
+            )
+        object.__setattr__(self, "pressure", pressure)
+
+    def check(self, structure):
+        """Raise ValueError if a node is unknown to the structure."""
+        _faces.known(self.faces, structure)
+
+    def scaled(self, factor):
+        """The load times `factor`."""
+        return copy(self, pressure=factor * self.pressure)
+
+    def touches(self, groups):
+        """Nodes whose forces depend on each other, a list of [n, 3 or 4]."""
+        return [self.faces]
+
+    def _parts(self, moved):
+        pressure = jnp.broadcast_to(self.pressure, (len(self.faces),)).astype(moved.dtype)
+        yield moved[self.faces], pressure, self.faces
+
+    def _force(self, corners, pressure):
+        """Force at the corners, [3 or 4, 3], N, of one face."""
+        force = jnp.zeros_like(corners)
+        for numbers, vector in _faces.area_vectors(corners):
+            force = force.at[jnp.array(numbers)].add(pressure * vector / 3)
+        return force
+
+    def following_forces(self, groups, states, nodes, moved):
+        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+        return _collected(self, self._parts(moved), moved)
+
+    def following_blocks(self, groups, states, nodes, moved):
+        """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        return _derived(self, self._parts(moved))
+
+
+def _collected(load, parts, moved):
+    total = jnp.zeros_like(moved)
+    for places, numbers, links in parts:
+        total = total.at[links].add(jax.vmap(load._force)(places, numbers))
+    return total
+
+
+def _derived(load, parts):
+    return [
+        (jax.vmap(jax.jacfwd(load._force))(places, numbers), links)
+        for places, numbers, links in parts
+    ]
+
+
+def _length(vector):
+    """Length of a vector; 1 for the zero vector, which has no direction."""
+    square = vector @ vector
+    return jnp.sqrt(jnp.where(square > 0, square, 1.0))

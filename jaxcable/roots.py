@@ -1,0 +1,51 @@
+"""The zero of a rising function of one number, with its derivative."""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+_MAX_STEPS = 120  # bisection alone halves any bracket of floats to its last digit in these
+
+
+def rising_root(function, guess, low, high):
+    """Zero of a function that rises where it is a number: Newton's method within a bracket.
+
+    A step that leaves the bracket, or a value that is not a number, is answered by bisection. The
+    derivative is that of the implicit function theorem, of any order.
+
+    Args:
+        function: of a scalar, rising; not a number, or minus infinity, only below its zero.
+        guess: scalar.
+        low, high: a bracket, scalars; the zero is taken to lie in it.
+
+    Returns:
+        The zero, to the rounding of `function`; NaN if its parameters are.
+    """
+
+    def solve(f, guess):
+        eps = jnp.finfo(guess.dtype).eps
+
+        def unfinished(s):
+            _, _, _, moved, before, count = s
+            # near the zero each step is far smaller than the last, until only rounding is left
+            rounding = (moved < jnp.sqrt(eps)) & (moved > 0.5 * before)
+            return (moved > 2 * eps) & ~rounding & (count < _MAX_STEPS)
+
+        def step(s):
+            u, low, high, before, _, count = s
+            value, slope = jax.jvp(f, (u,), (jnp.ones_like(u),))
+            below = ~(value >= 0)
+            low, high = jnp.where(below, u, low), jnp.where(below, high, u)
+            new = u - value / slope
+            inside = (new >= low) & (new <= high)
+            new = jnp.where(inside, new, 0.5 * (low + high))
+            moved = jnp.abs(new - u) / jnp.maximum(1, jnp.abs(new))
+            return new, low, high, moved, before, count + 1
+
+        far = jnp.full_like(guess, jnp.inf)
+        start = (guess, low, high, far, far, jnp.zeros_like(guess, jnp.int32))
+        return lax.while_loop(unfinished, step, start)[0]
+
+    guess = jnp.clip(guess, low, high)
+    low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
+    return lax.custom_root(function, guess, solve, lambda g, y: y / g(jnp.ones_like(y)))
