@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
+from test_gradients import slope
 
 import jaxcable as jc
 from jaxcable._tree import copy
 from jaxcable.assembly import each
-from test_gradients import slope
 
 mp.mp.dps = 60
 N_DRAW = 10_000
@@ -308,7 +308,7 @@ def test_sag(sag, rise):
     h, v = reaction[0], reaction[1] - weight * length / 2
     assert float(v) == pytest.approx(float(end[2]), rel=1e-12)
     # from the middle to the upper end: half the length, its own middle is a quarter further
-    dx, dz = chord_of(h, v + weight * length / 4, length / 2, weight, stiffness)
+    _, dz = chord_of(h, v + weight * length / 4, length / 2, weight, stiffness)
     middle = rise - dz
     # the reactions have the rounding of the force, which is worth eps of the chord
     assert float(mp.mpf(rise) / 2 - middle) == pytest.approx(sag, rel=1e-13, abs=1e-13)

@@ -20,7 +20,7 @@ FLOORS = [
     ["_tree", "_check"],
     ["selection"],
     ["status"],
-    ["linear", "search", "rotations"],
+    ["linear", "search", "rotations", "roots"],
     ["implicit"],
     ["materials"],
     ["sections"],

@@ -1,1 +1,27 @@
 """Form finding: shapes, tensions and unstressed lengths that an analysis can begin with."""
+
+from .feasible import Prestress, feasible_prestress
+from .force_density import force_density
+from .form import Form
+from .imperfections import Modes, imperfect, modes
+from .prescribed import find_form
+from .relaxation import dynamic_relaxation
+from .self_stress import SelfStress, self_stress
+from .symmetry import symmetric_groups
+from .tangent import tangent_of
+
+__all__ = [
+    "Form",
+    "Modes",
+    "Prestress",
+    "SelfStress",
+    "dynamic_relaxation",
+    "feasible_prestress",
+    "find_form",
+    "force_density",
+    "imperfect",
+    "modes",
+    "self_stress",
+    "symmetric_groups",
+    "tangent_of",
+]

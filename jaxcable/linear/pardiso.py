@@ -12,7 +12,10 @@ import numpy as np
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
 _SLOTS = 8  # factors of a pattern that can live side by side
-_SMALL = 3000  # unknowns up to which one thread is faster than several
+# Unknowns, or entries of a matrix with one unknown a node, up to which one thread is as fast as
+# several; on a machine with other work it is faster by far.
+_SMALL, _THIN = 3000, 40_000
+_FEW = 16  # right sides up to which it is faster to solve one after the other (3 sides: 4 times)
 _INT = ctypes.POINTER(ctypes.c_int32)
 _FLOAT = ctypes.POINTER(ctypes.c_double)
 
@@ -81,6 +84,7 @@ class _Handle:
         self.iparm[34] = 1  # indices from zero
         self.iparm[55] = 1  # the diagonal of the factor may be asked for
         self.free = list(range(_SLOTS, 0, -1))
+        self.alone = n <= _SMALL or len(self.indices) <= _THIN
         self.call(11, 1, np.ones(len(self.indices)))
 
     def factorize(self, values):
@@ -125,7 +129,7 @@ class _Handle:
         def floats(array):
             return (unused if array is None else array).ctypes.data_as(_FLOAT)
 
-        before = mkl.MKL_Set_Num_Threads_Local(1) if self.n <= _SMALL else None
+        before = mkl.MKL_Set_Num_Threads_Local(1) if self.alone else None
         mkl.pardiso(
             self.memory.ctypes.data_as(ctypes.POINTER(ctypes.c_int64)),
             integer(_SLOTS),
@@ -165,9 +169,11 @@ class Factor:
             b = b / size
         b = np.asfortranarray(b)
         x = np.empty_like(b, order="F")
-        error = handle.call(33, self.slot, self.values, b, x)
-        if error != 0:
-            raise RuntimeError(f"PARDISO: the solution failed with error {error}")
+        few = b.ndim == 2 and b.shape[1] <= _FEW
+        for own, place in zip(b.T, x.T, strict=True) if few else [(b, x)]:
+            error = handle.call(33, self.slot, self.values, own, place)
+            if error != 0:
+                raise RuntimeError(f"PARDISO: the solution failed with error {error}")
         return x if size is None else x / size
 
     def release(self):

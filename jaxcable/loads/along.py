@@ -120,7 +120,7 @@ class LineLoads:
         if self.per == "projected":
             square = self.forces @ self.forces
             along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
-            pieces = pieces - along[..., None] * self.forces
+            pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
         square = jnp.sum(pieces**2, axis=-1)
         # a piece along the force has no projected length, and no derivative of it
         length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

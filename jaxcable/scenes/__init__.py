@@ -1,18 +1,25 @@
 """Ready scenes: a structure and its phases, `jc.solve(*scene)`."""
 
 from .accuracy import accuracy_cable
+from .domes import geiger_dome, levy_dome
 from .hypar import hypar_net
 from .masts import guyed_mast, strung_arch
 from .nets import Scene, flat_net, saddle
 from .saddle_net import saddle_net
+from .tensegrity import simplex
+from .trusses import cable_truss
 
 __all__ = [
     "Scene",
     "accuracy_cable",
+    "cable_truss",
     "flat_net",
+    "geiger_dome",
     "guyed_mast",
     "hypar_net",
+    "levy_dome",
     "saddle",
     "saddle_net",
+    "simplex",
     "strung_arch",
 ]

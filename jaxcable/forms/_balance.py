@@ -1,0 +1,87 @@
+"""The straight members of a structure, those of all groups in one row, and how they balance nodes.
+
+"All members" below means: group after group in pytree order, [n_elem].
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .members import check_members
+
+
+def members(structure):
+    """Node numbers [n_elem, 2], and whether a member holds only in tension [n_elem], of all.
+
+    Raises:
+        ValueError: a group that is not of straight bars or cables.
+    """
+    check_members(structure)
+    links = np.concatenate([group.links.array for group in structure.groups])
+    cable = [np.full(len(group.links), bool(group.tension_only)) for group in structure.groups]
+    return links, np.concatenate(cable)
+
+
+def in_a_row(structure, value, name):
+    """Values of all members, [n_elem], from that, a scalar, or the shape of the elements."""
+    sizes = [len(group.links) for group in structure.groups]
+    if isinstance(value, list | tuple) and all(np.ndim(v) == 0 for v in value):
+        value = np.asarray(value)
+    shape = np.shape(value) if hasattr(value, "shape") or np.isscalar(value) else None
+    if shape in ((), (sum(sizes),)):
+        return (jnp if isinstance(value, jax.Array) else np).broadcast_to(value, (sum(sizes),))
+    try:
+        parts = jax.tree.leaves(
+            jax.tree.map(
+                lambda size, v: (jnp if isinstance(v, jax.Array) else np).broadcast_to(v, (size,)),
+                structure.arrange(sizes),
+                value,
+            )
+        )
+    except (ValueError, TypeError) as error:
+        raise ValueError(
+            f"{name}: expected [{sum(sizes)}], one value per element of all groups, or the shape "
+            "of the structure's elements"
+        ) from error
+    return (jnp if any(isinstance(p, jax.Array) for p in parts) else np).concatenate(parts)
+
+
+def arranged(structure, row):
+    """Values of all members [n_elem] in the shape of the elements."""
+    ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
+    return structure.arrange([row[part] for part in np.split(np.arange(len(row)), ends)])
+
+
+def host_nodes(structure, what):
+    """Positions as NumPy numbers in double precision; ValueError if traced or not finite."""
+    nodes = _check.concrete(structure.nodes)
+    if nodes is None:
+        raise ValueError(f"{what}: ranks are decided on the host; nodes cannot be traced here")
+    finite = np.isfinite(nodes)
+    if not finite.all():
+        k = int(np.argwhere(~finite)[0][0])
+        raise ValueError(f"nodes[{k}] = {nodes[k].tolist()}: must be finite")
+    return np.asarray(nodes, float)
+
+
+def incidence(links, n_node):
+    """-1 at the first node of a member and 1 at its second, [n_elem, n_node], NumPy."""
+    matrix = np.zeros((len(links), n_node))
+    every = np.arange(len(links))
+    matrix[every, links[:, 0]], matrix[every, links[:, 1]] = -1.0, 1.0
+    return matrix
+
+
+def balance(nodes, links):
+    """Equilibrium matrix of all nodes, [3 n_node, n_elem], and lengths, [n_elem], m.
+
+    Matrix times tensions is the load that they balance, node by node, x, y, z. Differentiable in
+    the nodes if they are a jax array.
+    """
+    xp = jnp if isinstance(nodes, jax.Array) else np
+    joins = incidence(links, len(nodes)).astype(nodes.dtype)
+    vector = joins @ nodes
+    length = xp.sqrt(xp.sum(vector**2, axis=1))
+    unit = vector / length[:, None]
+    return xp.einsum("en,ek->nke", -joins, unit).reshape(-1, len(links)), length

@@ -1,0 +1,216 @@
+"""Prestress that a structure can carry in its geometry, equal within groups of elements.
+
+With ``G`` [n_elem, n_group] one where an element belongs to a group, tensions ``G t`` are in
+equilibrium if ``A G t = 0``: the null space of ``A G`` holds the integral prestress modes. Most
+structures with the symmetry of their groups have one mode. With one group's tension given, the
+others are then the least squares solution of a full rank system, which is differentiable.
+
+Source: Yuan and Dong (2002, 2003), integral feasible prestress of cable domes.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import pytree
+from ._balance import arranged, balance, host_nodes, in_a_row, members
+
+
+@pytree
+class Prestress:
+    """What `feasible_prestress` found.
+
+    Attributes:
+        tension: in the shape of the elements, each [n_elem], N; for `Phase(pretension=...)`.
+        group_tension: of every group, [n_group], N.
+        unbalanced: largest force left at a free freedom over the largest tension; of the order of
+            rounding where the geometry has the symmetry of the groups.
+        modes: integral prestress modes, an orthonormal basis, [n_mode, n_group]; None if the nodes
+            were traced.
+    """
+
+    tension: object
+    group_tension: object
+    unbalanced: object
+    modes: object = None
+
+    @property
+    def n_mode(self):
+        """Number of independent integral prestress modes."""
+        return len(self.modes)
+
+
+def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None):
+    """Self-equilibrated tensions, equal within groups, with every cable taut.
+
+    With several modes, the one is taken in which the smallest cable tension is the largest part of
+    the largest force (a linear program).
+
+    Differentiable in the nodes and in `tension`. Inside a transformation that traces the nodes,
+    `group` must be given, and neither the number of modes nor the signs are looked at: look at them
+    once outside. There must be one mode (of several the result is NaN); derivatives are those of
+    the least squares solution, exact where nodes change without losing the symmetry of the groups.
+
+    Args:
+        structure: `Structure` of `Bars` and `Cables`, its supports count.
+        groups: group numbers from 0, [n_elem] of all elements in a row, or in the shape of the
+            elements; elements with one number have equal tensions. Default: every element its own.
+            `symmetric_groups` finds them.
+        group: number of the group whose tension is given, or None for the largest force.
+        tension: of that group, N, negative for struts; or the largest absolute force, N.
+        tol: relative limit of singular values that count as zero, as in `self_stress`.
+
+    Returns:
+        `Prestress`.
+
+    Raises:
+        ValueError: no state of self-stress is equal within the groups, or none has all cables taut;
+            names the group; wrong group numbers.
+    """
+    links, cable = members(structure)
+    number = _numbers(structure, groups, len(links))
+    n_group = number.max() + 1
+    if group is not None and not 0 <= group < n_group:
+        raise ValueError(f"group = {group}: there are groups 0 to {n_group - 1}")
+    free = ~structure.fixed(structure.supports).ravel()
+    spread = np.zeros((len(links), n_group))
+    spread[np.arange(len(links)), number] = 1.0
+    modes = None
+    if tol is None:
+        single = np.dtype(structure.nodes.dtype) == np.float32
+        tol = 1e-5 if single else 1e-10
+    if _check.concrete(structure.nodes) is None:
+        if group is None:
+            raise ValueError("group: must be given where nodes are traced")
+    else:
+        nodes = host_nodes(structure, "feasible_prestress")
+        sums = balance(nodes, links)[0][free] @ spread
+        modes = _null(sums / np.sqrt(spread.sum(0)), tol) / np.sqrt(spread.sum(0))
+        taut = _taut(modes, (spread * cable[:, None]).any(axis=0))
+        if group is None:
+            group = int(np.abs(taut).argmax())
+            tension = np.sign(taut[group]) * tension
+        elif abs(taut[group]) <= 1e-9:
+            raise ValueError(f"group = {group}: has no force in the prestress; give another group")
+        elif _check.concrete(tension) is not None and np.any(tension * taut[group] <= 0):
+            raise ValueError(
+                f"tension = {tension}: with group {group} so, cables would be in compression"
+            )
+        modes = np.linalg.qr(modes.T)[0].T
+        if len(modes) > 1:
+            return _result(structure, free, links, number, taut / taut[group] * tension, modes)
+    solved = _others(structure, free, links, spread, group, tension, tol)
+    return _result(structure, free, links, number, solved, modes)
+
+
+def _numbers(structure, groups, n_elem):
+    """Group of every element, [n_elem], checked."""
+    if groups is None:
+        return np.arange(n_elem)
+    number = np.asarray(in_a_row(structure, groups, "groups"))
+    if not np.issubdtype(number.dtype, np.integer):
+        raise ValueError(f"groups: expected integers, got {number.dtype}")
+    if number.min() < 0:
+        k = int(number.argmin())
+        raise ValueError(f"groups[{k}] = {number[k]}: group numbers start at 0")
+    empty = np.bincount(number) == 0
+    if empty.any():
+        raise ValueError(f"groups: no element is in group {int(empty.argmax())}")
+    return number
+
+
+def _null(matrix, tol):
+    """Orthonormal basis of the null space, rows; ValueError if it is empty."""
+    _, values, right = np.linalg.svd(matrix)
+    rank = int((values > tol * values[0]).sum())
+    if rank == matrix.shape[1]:
+        raise ValueError(
+            "groups: no state of self-stress has equal tensions within these groups (smallest "
+            f"singular value {values[-1] / values[0]:.2g} of the largest, tol {tol:.2g}); the "
+            "geometry or the groups must change"
+        )
+    return right[rank:]
+
+
+def _taut(modes, cable):
+    """Combination of the modes with all cables taut, largest force 1, [n_group].
+
+    Without cables any would do: the first mode.
+    """
+    if len(modes) == 1 or not cable.any():
+        state = modes[0] / np.abs(modes[0]).max()
+        if cable.any() and state[cable].sum() < 0:
+            state = -state
+        elif not cable.any() and state[np.abs(state).argmax()] < 0:
+            state = -state
+    else:
+        # t is the smallest cable tension, all forces are within -1 and 1
+        from scipy.optimize import linprog
+
+        n_mode, own = len(modes), modes[:, cable].T
+        none = np.zeros((modes.shape[1], 1))
+        found = linprog(
+            np.append(np.zeros(n_mode), -1.0),
+            A_ub=np.block(
+                [[-own, np.ones((len(own), 1))], [modes.T, none], [-modes.T, none]],
+            ),
+            b_ub=np.concatenate([np.zeros(len(own)), np.ones(2 * modes.shape[1])]),
+            bounds=[(None, None)] * n_mode + [(None, 1.0)],
+        )
+        if not found.success:
+            raise ValueError(f"groups: no prestress was found: {found.message}")
+        state = found.x[:-1] @ modes
+        if np.abs(state).max() < 1e-9:
+            raise ValueError(
+                f"groups: none of the {n_mode} states of self-stress and their combinations has "
+                "all cables in tension"
+            )
+        state = state / np.abs(state).max()
+    loose = cable & (state <= 1e-9)
+    if loose.any():
+        k = int(np.flatnonzero(loose)[0])
+        raise ValueError(
+            f"groups: the cables of group {k} are not in tension in any prestress "
+            f"({state[k]:.3g} of the largest force)"
+            if len(modes) == 1
+            else f"groups: no combination of {len(modes)} states has group {k} in tension"
+        )
+    return state
+
+
+def _others(structure, free, links, spread, group, tension, tol):
+    """Tensions of all groups, [n_group], N, from that of one: least squares by QR.
+
+    NaN, with NaN derivatives, if the others have a state of self-stress of their own.
+    """
+    nodes, xp = _numbers_of(structure.nodes, tension)
+    sums = balance(nodes, links)[0][free] @ spread.astype(nodes.dtype)
+    rest = np.delete(np.arange(spread.shape[1]), group)
+    given = xp.reshape(xp.asarray(tension, nodes.dtype), (1,))
+    if not len(rest):
+        return given
+    orthogonal, upper = xp.linalg.qr(sums[:, rest])
+    pivots = xp.abs(xp.diagonal(upper))
+    unique = xp.where(xp.min(pivots) > tol * xp.max(pivots), 1.0, xp.nan).astype(nodes.dtype)
+    others = xp.linalg.solve(upper, -(orthogonal.T @ (sums[:, group] * given[0])))
+    return xp.concatenate([given, others * unique])[np.argsort(np.append(group, rest))]
+
+
+def _numbers_of(nodes, tension):
+    """Nodes, and NumPy or jax.numpy: whichever they and the tension are of."""
+    if isinstance(nodes, jax.Array) or isinstance(tension, jax.Array):
+        return jnp.asarray(nodes), jnp
+    return nodes, np
+
+
+def _result(structure, free, links, number, group_tension, modes):
+    nodes, xp = _numbers_of(structure.nodes, group_tension)
+    row = xp.asarray(group_tension, nodes.dtype)[number]
+    left = balance(nodes, links)[0][free] @ row
+    return Prestress(
+        tension=arranged(structure, row),
+        group_tension=group_tension,
+        unbalanced=xp.max(xp.abs(left)) / xp.max(xp.abs(row)),
+        modes=modes,
+    )

@@ -1,0 +1,215 @@
+"""The force density method: the form of a net whose ratios of force to length are given.
+
+With ``q = N / l`` equilibrium is linear in the positions, and the same in each direction:
+
+    sum_j q_ij (x_i - x_j) = p_i,      D_ff x_f = p_f - D_fs x_s,      D = C^T Q C
+
+(Schek 1974, The force density method for form finding and computation of general networks; after
+Linkwitz). The matrix has one unknown a node, not three, and is factorised once for the three right
+sides of x, y and z wherever supports hold whole nodes.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .. import _check, implicit, linear
+from .._tree import Indices, copy, fill, pytree, thaw
+from .members import check_members, nodal_loads, stated, total
+
+
+def force_density(structure, q, loads=None, linear_solver=None):
+    """Positions in which a net with given force densities is in equilibrium.
+
+    ``D_ff x_f = p_f - D_fs x_s`` with ``D = C^T diag(q) C``. A pure function of pytrees: jit, vmap,
+    grad, jvp, jacfwd and hessian work on it, with respect to q, supports and loads.
+
+    Args:
+        structure: `Structure` of cables and bars. Of its nodes only the held coordinates count.
+        q: force over length, N/m: a scalar, [n_elem], or a prefix pytree of the elements. Negative
+            in struts, which must be `Bars`.
+        loads: `NodalLoads` or a list of them.
+        linear_solver: "dense", "superlu" or "pardiso"; None chooses by size, as `Newton` does.
+
+    Returns:
+        Positions of all nodes, [n_node, 3], m. Of a direction whose matrix is singular the free
+        coordinates are NaN, with NaN derivatives: the net is not held, a node has no force density
+        at all, or struts and cables cancel.
+
+    Raises:
+        ValueError: elements that are not straight members, other loads than nodal ones, a negative
+            force density in a cable, an element without one.
+    """
+    check_members(structure)
+    linear.check(linear_solver)
+    loads = nodal_loads(structure, loads)
+    densities, chosen = stated(q, structure, "q")
+    for k, (group, own, meant) in enumerate(zip(structure.groups, densities, chosen, strict=True)):
+        if not meant.all():
+            raise ValueError(
+                f"q: element {int((~meant).argmax())} of group {k} has no force density; "
+                "every element needs one"
+            )
+        if group.tension_only:
+            _check.require(own, lambda v: v >= 0, "q", "a cable carries tension only; use Bars")
+    fixed = Indices(structure.fixed(structure.supports))
+    net = number_axes(fixed, tuple(group.links for group in structure.groups), linear_solver)
+    thawed, arrays = thaw((structure.nodes, densities, loads))
+    return _positions(thawed, arrays, net)
+
+
+@pytree(static=("axes",))
+class _Block:
+    """Directions whose unknowns are the same nodes.
+
+    Attributes:
+        axes: these directions, of 0, 1, 2.
+        free: nodes that are free along them, [n_free].
+        number: unknown of every end of an element, n_free if it is held, [n_elem, 2].
+        pattern: `linear.Pattern` of their matrix.
+    """
+
+    axes: tuple
+    free: object
+    number: object
+    pattern: object
+
+    def place(self, positions, found):
+        """Positions [n_node, 3] with the free coordinates `found`, [n_free, n_axis]."""
+        at = positions.at[self.free[:, None], np.array(self.axes)]
+        return at.set(found, unique_indices=True)
+
+
+@functools.lru_cache(maxsize=16)
+def number_axes(fixed, links, solver):
+    """Links of all elements, [n_elem, 2], and the unknowns of each direction; kept.
+
+    Args:
+        fixed: True where a coordinate is held, `Indices` [n_node, 3].
+        links: of every group, a tuple of `Indices`.
+        solver: name or None.
+    """
+    mask, links = fixed.array, np.concatenate([own.array for own in links])
+    alike = {}
+    for axis in range(3):
+        alike.setdefault(mask[:, axis].tobytes(), []).append(axis)
+    blocks = []
+    for axes in alike.values():
+        free = np.flatnonzero(~mask[:, axes[0]]).astype(np.int32)
+        if len(free) == 0:
+            continue
+        number = np.full(len(mask), len(free), np.int32)
+        number[free] = np.arange(len(free), dtype=np.int32)
+        number = number[links]
+        pattern = linear.make_pattern([number], len(free), True, solver)
+        with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
+            blocks.append(_Block(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern))
+    with jax.ensure_compile_time_eval():
+        return jnp.asarray(links), blocks
+
+
+@jax.jit
+def _positions(thawed, arrays, net):
+    """The compiled core."""
+    parameters = fill(thawed, arrays)
+    nodes, densities, loads = parameters
+    nodes = jnp.asarray(nodes)
+    q = jnp.concatenate([jnp.asarray(own, nodes.dtype) for own in densities])
+    load = total(loads, nodes.shape, nodes.dtype)
+    positions = nodes
+    for block in net[1]:
+        found = _differentiable(Balance.build(nodes, q, load, net[0], block))
+        found = implicit.nan_unless(jnp.all(jnp.isfinite(found)), found, parameters)
+        positions = block.place(positions, found)
+    return positions
+
+
+def shape(nodes, q, load, net):
+    """Positions [n_node, 3] for force densities [n_elem] on the numbering of `number_axes`.
+
+    Not differentiable; NaN where there are none.
+    """
+    positions = nodes
+    for block in net[1]:
+        balance = Balance.build(nodes, q, load, net[0], block)
+        positions = block.place(positions, balance.solve(balance.rhs()))
+    return positions
+
+
+@pytree
+class Balance:
+    """Equilibrium along the axes of a block, linear in the free coordinates.
+
+    Attributes:
+        q: force densities, [n_elem], N/m.
+        held: what the held coordinates do between the ends of elements, [n_elem, n_axis], m.
+        load: on the free nodes, [n_free, n_axis], N.
+        block: `_Block`.
+        factor: of its matrix, a constant.
+    """
+
+    q: object
+    held: object
+    load: object
+    block: object
+    factor: object
+
+    @classmethod
+    def build(cls, nodes, q, load, links, block):
+        """Assemble and, with dense matrices, factorise."""
+        axes = np.array(block.axes)
+        held = nodes[:, axes].at[block.free].set(0.0, unique_indices=True)
+        blocks = jnp.stack([q, -q, -q, q], axis=1).reshape(-1, 2, 2)
+        parts = [(lax.stop_gradient(blocks), block.number)]
+        matrix = linear.assemble(parts, len(block.free), block.pattern)
+        held = held[links[:, 0]] - held[links[:, 1]]
+        return cls(q, held, load[block.free][:, axes], block, linear.factorize(matrix))
+
+    def gather(self, difference):
+        """Sum of ``q (x_i - x_j)`` at the free nodes, from ``x_i - x_j``, [n_elem, n_axis]."""
+        force = self.q[:, None] * difference
+        ends = jnp.stack([force, -force], axis=1)
+        zero = jnp.zeros((len(self.block.free), force.shape[1]), force.dtype)
+        return zero.at[self.block.number].add(ends, mode="drop")
+
+    def pull(self, x):
+        """The same of free coordinates, held ones being zero: ``D_ff x``, [n_free, n_axis]."""
+        ends = x.at[self.block.number].get(mode="fill", fill_value=0.0)
+        return self.gather(ends[:, 0] - ends[:, 1])
+
+    def rhs(self):
+        """``p_f - D_fs x_s``, [n_free, n_axis]."""
+        return self.load - self.gather(self.held)
+
+    def solve(self, rhs):
+        """Solve for all columns with one factor; NaN if the matrix is singular."""
+
+        def one(b):
+            return self.factor.solve(b, lambda v: self.pull(v[:, None])[:, 0])
+
+        return jax.vmap(one, 1, 1)(rhs)
+
+
+def _differentiable(balance):
+    """Free coordinates [n_free, n_axis]; NaN if there are none.
+
+    The value first, then its derivative apart from it: a singular case of a batch must not reach
+    what the batch shares.
+    """
+    start = lax.stop_gradient(balance.solve(balance.rhs()))
+    ok = jnp.all(jnp.isfinite(start))
+    q, held, load = implicit.gate(ok, (balance.q, balance.held, balance.load))
+    balance = copy(balance, q=q, held=held, load=load)
+
+    def residual(x):
+        return balance.pull(x) - balance.rhs()
+
+    def tangent_solve(_, rhs):
+        return balance.solve(rhs)
+
+    safe = jnp.where(ok, start, 0.0)
+    x = lax.custom_root(residual, safe, lambda _, x: x, tangent_solve)
+    return jnp.where(ok, x, jnp.nan)

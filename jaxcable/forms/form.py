@@ -1,0 +1,92 @@
+"""A form that was found: a shape in equilibrium, ready to be analysed."""
+
+import jax.numpy as jnp
+from jax import lax
+
+from .. import implicit, status
+from .._tree import pytree
+
+
+@pytree
+class Form:
+    """A shape, its forces, and the unstressed lengths to cut.
+
+    It goes straight into an analysis: ``jc.replace(structure, nodes=form.positions)`` with
+    ``jc.Phase(pretension=form.tension, loads=loads)``, or with ``rest_length=form.rest_length``, is
+    in equilibrium at once. Everything but the status, the residuals and the iterations is NaN,
+    with NaN derivatives, unless the status is OK.
+
+    Attributes:
+        positions: of all nodes, [n_node, 3], m.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        length: distance of an element's ends, likewise, m.
+        rest_length: unstressed length, likewise, m: `length` over one plus the strain that belongs
+            to the tension by the group's law.
+        force_density: tension over length, likewise, N/m.
+        status: code, `describe` has the texts.
+        residual: largest unbalanced force at a free freedom, N.
+        relative_residual: the same over the largest, over nodes, of the sum of the absolute end
+            forces plus the load.
+        iterations: linear solves, or steps of a relaxation.
+    """
+
+    positions: object
+    tension: object
+    length: object
+    rest_length: object
+    force_density: object
+    status: object
+    residual: object
+    relative_residual: object
+    iterations: object
+
+
+def make_form(
+    groups, positions, tensions, code, residual, scale, iterations, parameters, rests=None
+):
+    """The `Form` of a shape and its forces, its lists per group not yet in the shape of `elements`.
+
+    A law that cannot carry its force makes the status MATERIAL_FAILURE.
+
+    Args:
+        groups: element groups, their links arrays.
+        positions: [n_node, 3], m.
+        tensions: per group [n_elem], N.
+        code: status so far.
+        residual, scale: unbalanced force, and what it is judged by, N.
+        iterations: number.
+        parameters: everything that the form depends on.
+        rests: unstressed lengths per group, [n_elem], m, if they are known; else they follow from
+            the tensions.
+    """
+    fine = jnp.ones((), bool)
+    for group, tension in zip(*lax.stop_gradient((groups, tensions)), strict=True):
+        low, high = group.capacity()
+        strain = group.strain_at(tension, group.virgin())
+        fine = fine & jnp.all((tension >= low) & (tension <= high) & (strain > -1))
+    torn = jnp.where(fine, status.OK, status.MATERIAL_FAILURE)
+    code = status.first_failure(code, torn).astype(jnp.int32)
+    ok = code == status.OK
+    # a law asked beyond its curve, or NaN, must not spoil what a batch shares
+    groups, positions, tensions = implicit.gate(ok, (groups, positions, tensions))
+    lengths, cut = [], []
+    for group, tension in zip(groups, tensions, strict=True):
+        ends = positions[group.links]
+        lengths.append(jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1))
+        if rests is None:
+            cut.append(lengths[-1] / (1 + group.strain_at(tension, group.virgin())))
+    densities = [force / length for force, length in zip(tensions, lengths, strict=True)]
+    values = positions, tensions, lengths, cut if rests is None else rests, densities
+    values = implicit.nan_unless(ok, values, parameters)
+    return Form(*values, code, residual, residual / jnp.where(scale > 0, scale, 1.0), iterations)
+
+
+def arranged(form, structure):
+    """A `Form` whose lists per group are in the shape of the structure's elements."""
+    names = ("tension", "length", "rest_length", "force_density")
+    lists = {name: structure.arrange(getattr(form, name)) for name in names}
+    others = {
+        name: getattr(form, name)
+        for name in ("positions", "status", "residual", "relative_residual", "iterations")
+    }
+    return Form(**lists, **others)

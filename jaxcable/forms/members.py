@@ -1,0 +1,60 @@
+"""What form finding takes of a structure: straight members between two nodes, and nodal loads."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from ..elements import Bars
+from ..loads import NodalLoads, as_list
+from ..phases import spread
+from ..selection import Only
+from ..structure import Structure
+
+
+def check_members(structure):
+    """Raise ValueError unless `structure` is one of cables and bars only."""
+    if not isinstance(structure, Structure):
+        raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
+    for k, group in enumerate(structure.groups):
+        if not isinstance(group, Bars) or group.links.shape[1] != 2:
+            raise ValueError(
+                f"elements: group {k} ({type(group).__name__}) is not made of straight members "
+                "with two ends; form finding takes Cables and Bars"
+            )
+
+
+def nodal_loads(structure, loads):
+    """Loads as a checked list of `NodalLoads`; ValueError for others."""
+    loads = as_list(loads)
+    for k, load in enumerate(loads):
+        if not isinstance(load, NodalLoads):
+            raise ValueError(
+                f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "
+                "unstressed lengths or moves supports; form finding takes NodalLoads"
+            )
+        load.check(structure)
+    return loads
+
+
+def total(loads, shape, dtype):
+    """Sum of nodal loads, `shape` [n_node, 3], N."""
+    return sum((load.nodal_forces(shape, dtype) for load in loads), start=jnp.zeros(shape, dtype))
+
+
+def stated(value, structure, name):
+    """A scalar, [n_elem], `only(...)`, or a prefix pytree of the elements, spread over the groups.
+
+    Returns:
+        values: per group floats [n_elem], zero where nothing is said, or None if nothing is.
+        chosen: per group the elements that are meant, [n_elem] bool, NumPy.
+    """
+    values, chosen = [], []
+    for group, own in zip(structure.groups, spread(value, structure, name), strict=True):
+        n_elem = len(group.links)
+        meant = np.full(n_elem, own is not None)
+        if isinstance(own, Only):
+            meant = own.chosen(n_elem, name)
+            own = own.spread(np.zeros(n_elem))
+        values.append(_check.per_element(own, n_elem, name))
+        chosen.append(meant)
+    return values, chosen

@@ -1,0 +1,264 @@
+"""Form finding with prescribed forces: the shape in which given tensions balance.
+
+Forces ``T`` and loads ``p`` are given, positions are sought: ``sum_j T_ij (x_i - x_j)/l_ij = p_i``.
+That is the stationary point of ``sum T l - p.x``, which is convex where all forces are tensions
+(a sum of norms): a minimal net if they are equal. Elements whose length is given instead take part
+with their force as an unknown (`lengths`), the multiplier of that condition.
+
+The iteration is `equilibrium.newton` on members that hold their force whatever their length, with
+its tangent by autodiff and its line search. The derivative is the implicit function theorem's.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .. import _check, equilibrium, implicit, status
+from .._tree import Indices, copy, fill, thaw
+from ..assembly import System
+from ..equilibrium import Newton
+from ..structure import number_freedoms
+from . import lengths
+from .force_density import number_axes, shape
+from .form import arranged, make_form
+from .members import check_members, nodal_loads, stated, total
+from .strings import Strings, StringState
+
+_DRAPING = 5  # steps by force densities before Newton's method
+_STIFF = 1e3  # of the springs that keep lengths, over the largest force
+_NEAR = 1e-4  # relative residual at which springs have done their work
+
+
+def find_form(structure, tension=None, loads=None, length=None, stress=None, method=None):
+    """Find the shape in which prescribed forces, and lengths of other elements, are in equilibrium.
+
+    Every element has one of `tension`, `stress` and `length`; each is a scalar, [n_elem],
+    `selection.only(elements, values)`, or a prefix pytree of the structure's elements with such
+    leaves and None. A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on
+    it, with respect to forces, lengths, supports and loads.
+
+    Where every force is a tension and no length is given, the shape is that of least
+    ``sum T l - p.x`` and is found from any sensible start. It need not exist: forces that cannot
+    balance each other draw nodes together until an element has no length, or away without limit;
+    the status then is NOT_CONVERGED, NONFINITE or MECHANISM. Where it is not unique (all elements
+    at a node in one line: it may slide) the one found depends on the start, and the derivatives of
+    such a node are NaN. With struts or lengths there can be several forms; the one found is near
+    the start.
+
+    Args:
+        structure: `Structure` of cables and bars; its nodes are supports and start.
+        tension: axial force, N; negative in struts, which must be `Bars`.
+        loads: `NodalLoads` or a list of them.
+        length: final distance of the ends, under force, m.
+        stress: tension over area, Pa, of groups with an area or a section.
+        method: `Newton`; as for `solve`, with the same meaning of `tol`. Lengths are met within
+            `tol` of their own; their forces need another solver than PARDISO (default: SuperLU).
+
+    Returns:
+        `Form`; look at its `status`, or call `raise_if_failed`. A cable of given length that would
+        have to push is NOT_CONVERGED; a force beyond the law's curve is MATERIAL_FAILURE.
+
+    Raises:
+        ValueError: elements that are not straight members, an element with two statements or none,
+            other loads than nodal ones, a negative tension in a cable, a length that is not
+            positive.
+
+    Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths; Weber's problem
+    for the convexity and for nodes that meet.
+    """
+    check_members(structure)
+    method = Newton() if method is None else method
+    if not isinstance(method, Newton):
+        raise ValueError(f"method: expected Newton, got {type(method).__name__}")
+    loads = nodal_loads(structure, loads)
+    tensions, sought, given = statements(structure, tension, stress, length)
+    mixed = any(own.any() for own in sought)
+    fixed = Indices(structure.fixed(structure.supports))
+    links = tuple(group.links for group in structure.groups)
+    solver = method.linear_solver
+    freedoms = number_freedoms(fixed, None, tuple((own, 3) for own in links), solver)
+    extra = lengths.number(fixed, links, tuple(map(Indices, sought)), solver) if mixed else None
+    convex = not mixed and all(group.tension_only for group in structure.groups)
+    net = number_axes(fixed, links, solver) if convex else None
+    problem = (structure.nodes, structure.groups, tensions, given, loads)
+    thawed, arrays = thaw(problem)
+    return arranged(_find(thawed, arrays, freedoms, extra, net, method, convex), structure)
+
+
+def statements(structure, tension, stress, length):
+    """What is said about the elements, checked.
+
+    Returns:
+        tensions: prescribed forces per group, [n_elem], zero where the length is given, N.
+        sought: whether the length is given, per group [n_elem] bool, NumPy.
+        given: (these lengths, 1 elsewhere, [n_elem] m; where they are) per group, or None.
+    """
+    names = ("tension", "stress", "length")
+    values, chosen = zip(
+        *(stated(v, structure, n) for v, n in zip((tension, stress, length), names, strict=True)),
+        strict=True,
+    )
+    tensions, given = [], []
+    for k, group in enumerate(structure.groups):
+        said = np.stack([own[k] for own in chosen])
+        count = said.sum(axis=0)
+        if (count != 1).any():
+            e = int((count != 1).argmax())
+            twice = ", ".join(n for n, own in zip(names, said, strict=True) if own[e])
+            raise ValueError(
+                f"{twice}: element {e} of group {k} has more than one of them; give one"
+                if count[e]
+                else f"tension: element {e} of group {k} has neither tension, stress nor length"
+            )
+        forces = jnp.zeros(len(group.links))
+        if said[0].any():
+            _check_force(values[0][k], said[0], group, "tension")
+            forces = jnp.where(said[0], values[0][k], 0.0)
+        if said[1].any():
+            area = group._section()[2]
+            if area is None:
+                raise ValueError(f"stress: group {k} has no area; give tension")
+            _check_force(values[1][k], said[1], group, "stress")
+            forces = jnp.where(said[1], values[1][k] * area, forces)
+        tensions.append(forces)
+        own = values[2][k]
+        if own is not None:
+            positive = ~said[2]
+            _check.require(own, lambda v, p=positive: p | (v > 0), "length", "must be positive")
+            own = jnp.where(said[2], own, 1.0), said[2]
+        given.append(own)
+    return tensions, chosen[2], given
+
+
+def _check_force(values, said, group, name):
+    if group.tension_only:
+        _check.require(
+            values, lambda v: ~said | (v >= 0), name, "a cable carries tension only; use Bars"
+        )
+
+
+@functools.partial(jax.jit, static_argnames=("convex",))
+def _find(thawed, arrays, freedoms, extra, net, method, convex):
+    """The compiled core; results per element are lists, one item per group."""
+    parameters = fill(thawed, arrays)
+    dtype = parameters[0].dtype
+    nodes, groups, tensions, given, loads = jax.tree.map(
+        lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
+        jax.tree.map(jnp.asarray, parameters),
+    )
+    load = total(loads, nodes.shape, dtype)
+    data = (nodes, tensions, given, load)
+    system = functools.partial(_system, groups, freedoms=freedoms, convex=convex)
+    frozen = lax.stop_gradient(data)
+    start = jnp.zeros(freedoms.free.shape, dtype)
+    if net is not None:
+        start = _draped(frozen, net).reshape(-1)[freedoms.free]
+    if extra is None:
+        found, memory = equilibrium.newton(system(frozen), start, method, jnp.ones((), bool))
+        code, steps, residual, scale = found.code, found.steps, found.residual, found.scale
+        valid = code == status.OK
+        attached = system(implicit.gate(valid, data))
+        tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
+        x = implicit.attach(attached, found.x, valid, memory, tol, worth)
+        forces, motion = [state.force for state in attached.states], attached.motion(x)
+    else:
+        struts = not all(group.tension_only for group in groups)
+        z, code, steps, residual, scale = _with_lengths(
+            system, frozen, start, extra, method, struts
+        )
+        valid = code == status.OK
+        saddle = _saddle(system, implicit.gate(valid, data), extra)
+        z = lengths.attach(saddle, z, valid)
+        forces, motion = saddle.forces(z), saddle.system.motion(saddle.split(z)[0])
+        attached = saddle.system
+    # a frozen start where nothing was found, so that lengths are those of real elements
+    positions = jnp.where(valid, attached.nodes + motion, nodes)
+    pushing = [
+        jnp.any(force < 0)
+        for group, force in zip(groups, forces, strict=True)
+        if group.tension_only
+    ]
+    slack = jnp.any(jnp.stack([jnp.zeros((), bool), *pushing]))
+    code = status.first_failure(code, jnp.where(slack, status.NOT_CONVERGED, status.OK))
+    worst = jnp.max(jnp.abs(residual), initial=0.0)
+    return make_form(groups, positions, forces, code, worst, scale, steps, parameters)
+
+
+def _system(groups, data, freedoms, convex, stiffness=None):
+    """The `System` of members that hold their forces; with a stiffness [N] also nearly lengths."""
+    nodes, tensions, given, load = data
+    states, strings = [], []
+    for group, force, own in zip(groups, tensions, given, strict=True):
+        spring = excess = jnp.zeros_like(force)
+        if stiffness is not None and own is not None:
+            length, sought = own
+            spring = jnp.where(sought, stiffness / length, 0.0)
+            ends = nodes[group.links]
+            excess = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1) - length
+        states.append(StringState(force, spring, excess))
+        strings.append(Strings(group.links, convex))
+    held = jnp.zeros(nodes.size, nodes.dtype)
+    return System(nodes, strings, states, load, held, freedoms)
+
+
+def _draped(data, net):
+    """Displacement [n_node, 3] to start from, by force densities T/l of the shape before.
+
+    Each step minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937), hence
+    leads down from anywhere; Newton's method takes over near the end.
+    """
+    nodes, tensions, _, load = data
+    force, links = jnp.concatenate(tensions), net[0]
+
+    def step(_, x):
+        length = jnp.linalg.norm(x[links[:, 1]] - x[links[:, 0]], axis=-1)
+        new = shape(nodes, force / length, load, net)
+        return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
+
+    return lax.fori_loop(0, _DRAPING, step, nodes) - nodes
+
+
+def _saddle(system, data, extra):
+    """The `lengths.Saddle`; its unit keeps the two kinds of rows alike."""
+    made = system(data)
+    given = [None if own is None else own[0] for own in data[2]]
+    unit = lax.stop_gradient(jnp.sqrt(_force(data) / made.length_scale()))
+    return lengths.Saddle(made, given, unit, extra)
+
+
+def _force(data):
+    """The size of the prescribed forces and loads, N; 1 if there are none."""
+    _, tensions, _, load = data
+    force = jnp.max(jnp.abs(jnp.concatenate([*tensions, load.reshape(-1)])))
+    return jnp.where(force > 0, force, 1.0)
+
+
+def _with_lengths(system, data, start, extra, method, struts):
+    """Point of the `Saddle`, status, steps, unbalanced forces and their scale.
+
+    With cables alone stiff springs come first, which reach the form nearly from anywhere; then
+    Newton's method on the saddle meets the lengths. Where there are bars, the form sought may be
+    one that springs would leave (a tensegrity held by constant forces): then the saddle comes
+    first, from the forces that balance best at the start, and springs only if that leads nowhere.
+    """
+    tol = equilibrium.limit(method, start.dtype)
+    saddle = _saddle(system, data, extra)
+    known = jnp.zeros((), bool)
+    if struts:
+        first = lengths.settle(saddle, saddle.balanced(start), tol, method.max_steps, ~known)
+        known = first[1] == status.OK
+    sprung = system(data, stiffness=_STIFF * _force(data))
+    near, _ = equilibrium.newton(sprung, start, copy(method, tol=_NEAR), ~known)
+    z = saddle.join(near.x, sprung.tensions(sprung.motion(near.x)))
+    active = ~known & (near.code == status.OK)
+    limit = method.max_steps - near.steps
+    z, code, steps, residual, scale = lengths.settle(saddle, z, tol, limit, active)
+    second = z, jnp.where(active, code, near.code), near.steps + steps, residual, scale
+    if not struts:
+        return second
+    chosen = list(jax.tree.map(lambda a, b: jnp.where(known, a, b), first, second))
+    chosen[2] = first[2] + second[2]
+    return chosen

@@ -1,0 +1,298 @@
+"""Dynamic relaxation with kinetic damping: a second way to the same forms, for checks.
+
+The net is let go and moves under its unbalanced forces R with fictitious masses; whenever its
+kinetic energy has passed a peak it is stopped there, and let go again. Central differences with a
+time step of 1,
+
+    v(t + 1/2) = v(t - 1/2) + R(t)/m,      x(t + 1) = x(t) + v(t + 1/2),
+
+are stable if the mass of a node is at least half the sum of the stiffnesses of its elements (the
+largest eigenvalue is at most twice that sum). The peak is placed by a parabola through three
+energies. No stiffness matrix, no Newton step, and nothing of `assembly`: only the elements' laws
+are shared with `solve`.
+
+Sources: Day (1965), An introduction to dynamic relaxation; Cundall (1976) for kinetic damping;
+Barnes (1999), Form finding and analysis of tension structures by dynamic relaxation.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import _check, implicit, status
+from .._tree import copy, fill, pytree, thaw
+from ..elements.prestress import element
+from .form import arranged, make_form
+from .members import check_members, nodal_loads, stated, total
+
+_AWAY = 1e3  # displacement, in structure sizes, that no held structure reaches
+_SPARE = 1.05  # of the masses, over what stability asks for
+
+
+def dynamic_relaxation(
+    structure,
+    tension=None,
+    rest_length=None,
+    loads=None,
+    start=None,
+    tol=1e-10,
+    max_steps=100_000,
+):
+    """Find the equilibrium of a net of held forces, or of elastic elements, by letting it move.
+
+    An independent check of `find_form` and `solve`, slower than both. Works under jit and vmap. Its
+    derivative is not offered: it is NaN; differentiate `find_form` or `solve`.
+
+    Args:
+        structure: `Structure` of cables and bars.
+        tension: axial force held whatever the length, N: a scalar, [n_elem],
+            `selection.only(elements, values)`, or a prefix pytree of the structure's elements with
+            such leaves and None; negative in `Bars` only.
+        rest_length: unstressed length, m, likewise, of elements that follow their law; cables may
+            go slack. An element without a statement has the unstressed length of its group, or else
+            the chord between the structure's nodes.
+        loads: `NodalLoads` or a list of them.
+        start: positions to start from, [n_node, 3], m (held coordinates are those of the
+            structure); default the structure's nodes.
+        tol: largest unbalanced force at a free freedom over the largest, over nodes, of the sum of
+            absolute end forces plus the load; not below 64 eps. Strains are differences of lengths
+            here: what rounding leaves is eps EA/N.
+        max_steps: steps allowed; beyond, the status is NOT_CONVERGED.
+
+    Returns:
+        `Form`; its `iterations` are steps. Status NOT_CONVERGED, MECHANISM (a node has gone
+        away), NONFINITE or MATERIAL_FAILURE (an element strained beyond its curve).
+
+    Raises:
+        ValueError: as `find_form`; both statements for one element.
+    """
+    check_members(structure)
+    loads = nodal_loads(structure, loads)
+    forces, held = stated(tension, structure, "tension")
+    rests, cut = stated(rest_length, structure, "rest_length")
+    for k, group in enumerate(structure.groups):
+        both = held[k] & cut[k]
+        if both.any():
+            raise ValueError(
+                f"tension, rest_length: element {int(both.argmax())} of group {k} has both; "
+                "give one"
+            )
+        if forces[k] is not None and group.tension_only:
+            _check.require(
+                forces[k], lambda v: v >= 0, "tension", "a cable carries tension only; use Bars"
+            )
+        if rests[k] is not None:
+            others = ~cut[k]
+            _check.require(
+                rests[k], lambda v, o=others: o | (v > 0), "rest_length", "must be positive"
+            )
+    _check.require(tol, lambda v: v > 0, "tol", "must be positive")
+    if start is not None:
+        start = _check.floats(start, "start")
+        if start.shape != structure.nodes.shape:
+            raise ValueError(
+                f"start: expected shape {structure.nodes.shape}, got {tuple(start.shape)}"
+            )
+    members = [
+        _Members(group, force, rest, own_held, own_cut)
+        for group, force, rest, own_held, own_cut in zip(
+            structure.groups, forces, rests, held, cut, strict=True
+        )
+    ]
+    fixed = structure.fixed(structure.supports)
+    thawed, arrays = thaw((structure.nodes, members, loads, start))
+    return arranged(_relax(thawed, arrays, fixed, tol, max_steps), structure)
+
+
+@pytree
+class _Members:
+    """A group and what is said about it.
+
+    Attributes:
+        group: element group.
+        force: held forces, [n_elem], N, or None.
+        rest: unstressed lengths, [n_elem], m, or None.
+        held, cut: which elements these concern, [n_elem] bool.
+    """
+
+    group: object
+    force: object
+    rest: object
+    held: object
+    cut: object
+
+    def unstressed(self, nodes):
+        """Unstressed lengths of all elements, [n_elem], m."""
+        group = self.group
+        rest = group.rest_length
+        if rest is None:
+            ends = nodes[group.links]
+            rest = jnp.sqrt(jnp.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=-1))
+        return rest if self.rest is None else jnp.where(self.cut, self.rest, rest)
+
+    def vectors(self, x):
+        """Vectors from first to second ends, [n_elem, 3], and their lengths, [n_elem], m."""
+        ends = x[self.group.links]
+        d = ends[:, 1] - ends[:, 0]
+        return d, jnp.sqrt(jnp.sum(d * d, axis=-1))
+
+    def _law(self, strain, function):
+        plastic = self.group.virgin()
+        return jax.vmap(lambda p, e, own: function(element(self.group, p), e, own))(
+            self.group.properties(), strain, plastic
+        )
+
+    def tension(self, length, rest):
+        """Axial forces, [n_elem], N."""
+        own = self._law((length - rest) / rest, lambda one, e, plastic: one.force(e, plastic))
+        return own if self.force is None else jnp.where(self.held, self.force, own)
+
+    def stiffness(self, length, rest):
+        """A bound of the stiffness of a taut element in any direction, [n_elem], N/m."""
+        strain = jnp.maximum((length - rest) / rest, 0.0)
+
+        def slope(one, e, plastic):
+            rate = jax.grad(lambda e: one.force(e, plastic))
+            return jnp.maximum(rate(e), rate(jnp.zeros_like(e)))
+
+        along = self._law(strain, slope) / rest
+        if self.force is not None:
+            along = jnp.where(self.held, 0.0, along)
+        return along + jnp.abs(self.tension(length, rest)) / length
+
+    def beyond(self, length, rest):
+        """Whether an element is strained beyond its curve."""
+        if not self.group.breaks:
+            return jnp.zeros((), bool)
+        broken = self._law(
+            (length - rest) / rest, lambda one, e, plastic: one._section()[1].beyond(e)
+        )
+        return jnp.any(broken if self.force is None else broken & ~self.held)
+
+
+@pytree
+class _Motion:
+    """Where the net is.
+
+    Attributes:
+        x: positions, [n_node, 3].
+        v: velocity half a step ago, [n_node, 3].
+        force: unbalanced force at x, [n_node, 3], zero where held.
+        mass: of every node, [n_node, 1].
+        energy: kinetic energies of the last two half steps, the latest first, [2].
+        rest: whether it has just been stopped.
+        steps: so far.
+        size: largest unbalanced force over its scale.
+        scale: N.
+    """
+
+    x: object
+    v: object
+    force: object
+    mass: object
+    energy: object
+    rest: object
+    steps: object
+    size: object
+    scale: object
+
+
+@jax.jit
+def _relax(thawed, arrays, fixed, tol, max_steps):
+    """The compiled core; results per element are lists, one item per group."""
+    parameters = fill(thawed, arrays)
+    dtype = parameters[0].dtype
+    nodes, members, loads, start = lax.stop_gradient(
+        jax.tree.map(
+            lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
+            jax.tree.map(jnp.asarray, parameters),
+        )
+    )
+    members = [copy(m, group=m.group.continued() if m.group.breaks else m.group) for m in members]
+    load = total(loads, nodes.shape, dtype)
+    rests = [m.unstressed(nodes) for m in members]
+    limit = jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
+    extent = jnp.sqrt(jnp.sum((jnp.max(nodes, axis=0) - jnp.min(nodes, axis=0)) ** 2))
+
+    def balance(x):
+        """Unbalanced forces, largest one over its scale, scale, masses that are stable."""
+        force, size = load, jnp.sqrt(jnp.sum(load**2, axis=-1))
+        stiffness = jnp.zeros_like(size)
+        for m, rest in zip(members, rests, strict=True):
+            d, length = m.vectors(x)
+            tension = m.tension(length, rest)
+            pull = (tension / length)[:, None] * d
+            first, second = m.group.links[:, 0], m.group.links[:, 1]
+            force = force.at[first].add(pull).at[second].add(-pull)
+            own = m.stiffness(length, rest)
+            for end in (first, second):
+                size = size.at[end].add(jnp.abs(tension))
+                stiffness = stiffness.at[end].add(own)
+        force, scale = jnp.where(fixed, 0.0, force), jnp.max(size)
+        # a node that nothing holds gets some mass to move with
+        mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))[:, None]
+        mass = jnp.where(mass > 0, mass, 1.0)
+        worst = jnp.max(jnp.abs(force)) / jnp.where(scale > 0, scale, 1.0)
+        return force, worst, scale, mass
+
+    def stopped(motion, x):
+        """At rest at x, with masses made for it."""
+        force, size, scale, mass = balance(x)
+        return copy(
+            motion,
+            x=x,
+            v=jnp.zeros_like(x),
+            force=force,
+            mass=_SPARE * mass,
+            energy=jnp.zeros(2, dtype),
+            rest=jnp.ones((), bool),
+            size=size,
+            scale=scale,
+        )
+
+    def step(motion):
+        pace = motion.force / motion.mass
+        v = motion.v + jnp.where(motion.rest, 0.5, 1.0) * pace
+        x = motion.x + v
+        energy = jnp.sum(0.5 * motion.mass * v * v)
+        force, size, scale, mass = balance(x)
+        moved = _Motion(
+            *(x, v, force, motion.mass, jnp.stack([energy, motion.energy[0]])),
+            *(jnp.zeros((), bool), motion.steps + 1, size, scale),
+        )
+        peak = energy < motion.energy[0]
+        fall, rise = energy - motion.energy[0], motion.energy[0] - motion.energy[1]
+        q = fall / jnp.where(peak, fall - rise, 1.0)  # part of a step between peak and last energy
+        back = x - (1 + q) * v + 0.5 * q * pace
+        heavier = jnp.any(mass > motion.mass) & ~(size <= limit)  # the masses are no longer stable
+        at = jnp.where(peak, back, x)
+        return lax.cond(peak | heavier, lambda: stopped(moved, at), lambda: moved)
+
+    def unfinished(motion):
+        gone = jnp.max(jnp.abs(motion.x - nodes)) > _AWAY * extent
+        return (motion.steps < max_steps) & (motion.size > limit) & ~gone
+
+    begin = nodes if start is None else jnp.where(fixed, nodes, start)
+    zero = jnp.zeros((), dtype)
+    at_rest = _Motion(begin, begin, begin, begin, zero, zero, jnp.int32(0), zero, zero)
+    end = lax.while_loop(unfinished, step, stopped(at_rest, begin))
+    code = jnp.where(end.size <= limit, status.OK, status.NOT_CONVERGED)
+    gone = jnp.max(jnp.abs(end.x - nodes)) > _AWAY * extent
+    code = jnp.where(gone, status.MECHANISM, code)
+    code = jnp.where(jnp.isfinite(end.size) & jnp.isfinite(end.scale), code, status.NONFINITE)
+    found = [(m, m.vectors(end.x)[1], rest) for m, rest in zip(members, rests, strict=True)]
+    torn = jnp.any(jnp.stack([m.beyond(length, rest) for m, length, rest in found]))
+    code = status.first_failure(code, jnp.where(torn, status.MATERIAL_FAILURE, status.OK))
+    forces = [m.tension(length, rest) for m, length, rest in found]
+    cut = []
+    for (m, length, rest), force in zip(found, forces, strict=True):
+        if m.force is not None:
+            strain = m.group.strain_at(force, m.group.virgin())
+            rest = jnp.where(m.held, length / (1 + strain), rest)
+        cut.append(rest)
+    groups = [m.group for m in members]
+    residual = jnp.max(jnp.abs(end.force))
+    form = make_form(groups, end.x, forces, code, residual, end.scale, end.steps, (), cut)
+    names = ("positions", "tension", "length", "rest_length", "force_density")
+    values = {name: getattr(form, name) for name in names}
+    return copy(form, **implicit.undifferentiated(values, parameters))

@@ -1,0 +1,205 @@
+"""States of self-stress and mechanisms of a cable-strut structure in its geometry.
+
+The equilibrium matrix ``A`` gives the loads that tensions ``t`` balance, ``A t = f``, and its
+transpose the elongations of small displacements, ``A^T d = e``. With ``r`` its rank, there are
+``s = n_elem - r`` states of self-stress (``A t = 0``) and ``m = n_free - r`` ways to move without
+elongation (``A^T d = 0``). A prestress ``t`` stiffens a mechanism ``d`` if
+
+    sum over elements of  q |d_j - d_i|^2 > 0,    q = t / length,
+
+and all of them if this form is positive definite on their space: they are then infinitesimal of
+first order, and the structure is stable for a prestress small beside EA.
+
+Source: Pellegrino and Calladine (1986), Pellegrino (1993); the form is the one of Calladine and
+Pellegrino's product forces (1991), written with the force density matrix.
+
+Ranks are discrete, so all of this is NumPy on the host and has no derivatives.
+"""
+
+import numpy as np
+
+from .._tree import pytree
+from ._balance import balance, host_nodes, in_a_row, incidence, members
+
+KINDS = {
+    (False, False): "I",
+    (False, True): "II",
+    (True, False): "III",
+    (True, True): "IV",
+}
+"""Pellegrino and Calladine's kinds, by whether there are states of self-stress, and mechanisms."""
+
+_WORDS = {False: "determinate", True: "indeterminate"}
+
+
+@pytree
+class SelfStress:
+    """What `self_stress` found.
+
+    Elements of all groups are in one row, group after group; `arrange` of a structure and
+    `feasible_prestress` give the shape of its elements.
+
+    Attributes:
+        tensions: states of self-stress, an orthonormal basis, [s, n_elem].
+        force_densities: the same over the lengths, [s, n_elem], 1/m.
+        mechanisms: displacements without elongation and without rigid motion, an orthonormal basis,
+            [m, n_node, 3].
+        rigid: rigid motions that the supports allow, likewise, [., n_node, 3].
+        singular_values: of the equilibrium matrix, falling, [min(n_free, n_elem)].
+        rank: how many of them count.
+        matrix: equilibrium matrix of the free freedoms, [n_free, n_elem].
+        length: of the elements, [n_elem], m.
+        tension_only: which elements are cables, [n_elem] bool.
+        links: node numbers, [n_elem, 2].
+        structure: what was asked about.
+    """
+
+    tensions: object
+    force_densities: object
+    mechanisms: object
+    rigid: object
+    singular_values: object
+    rank: object
+    matrix: object
+    length: object
+    tension_only: object
+    links: object
+    structure: object
+
+    @property
+    def s(self):
+        """Number of independent states of self-stress."""
+        return len(self.tensions)
+
+    @property
+    def m(self):
+        """Number of independent infinitesimal mechanisms, rigid motions apart."""
+        return len(self.mechanisms)
+
+    @property
+    def kind(self):
+        """Kind I to IV of Pellegrino and Calladine; rigid motions do not count."""
+        return KINDS[self.s > 0, self.m > 0]
+
+    @property
+    def gap(self):
+        """Smallest singular value that counts and largest that does not, relative to the largest.
+
+        The rank is sure where they are far apart; 0 where there is none.
+        """
+        values = self.singular_values
+        below = float(values[self.rank]) if self.rank < len(values) else 0.0
+        top = float(values[0])
+        return float(values[self.rank - 1]) / top, below / top
+
+    def describe(self):
+        """The classification in words."""
+        return (
+            f"kind {self.kind}: statically {_WORDS[self.s > 0]} (s = {self.s}), "
+            f"kinematically {_WORDS[self.m > 0]} (m = {self.m})"
+        )
+
+    def unbalanced(self, tension):
+        """Largest force that a prestress leaves at a free freedom over its largest tension.
+
+        `tension`, N: of all elements in a row [n_elem], or in the shape of the elements.
+        """
+        tension = self._row(tension)
+        largest = np.abs(tension).max()
+        return float(np.abs(self.matrix @ tension).max(initial=0.0) / (largest or 1.0))
+
+    def mechanism_stiffness(self, tension):
+        """Eigenvalues of the stiffness that a prestress gives the mechanisms, rising, [m], N/m.
+
+        `tension` as in `unbalanced`. All positive: it stiffens every mechanism.
+        """
+        density = self._row(tension) / self.length
+        joins = incidence(self.links, self.mechanisms.shape[1])
+        apart = np.einsum("en,mnk->mek", joins, self.mechanisms)
+        return np.linalg.eigvalsh(np.einsum("mek,e,nek->mn", apart, density, apart))
+
+    def stiffens(self, tension, tol=1e-9):
+        """Whether a prestress stiffens every mechanism; `tol` is relative to the largest |q|."""
+        density = np.abs(self._row(tension) / self.length).max()
+        return bool((self.mechanism_stiffness(tension) > tol * density).all())
+
+    def _row(self, tension):
+        return np.asarray(in_a_row(self.structure, tension, "tension"), float)
+
+
+def self_stress(structure, tol=None):
+    """States of self-stress and mechanisms of pin-jointed bars and cables, all taken as taut.
+
+    Args:
+        structure: `Structure` of `Bars` and `Cables`; its supports count. A free-standing
+            structure, a tensegrity, is held statically determinate, or by fewer freedoms: rigid
+            motions that are left are told apart from mechanisms.
+        tol: singular values up to `tol` times the largest count as zero; default 1e-10, or 1e-5 if
+            the nodes are in single precision. Take more where coordinates are rounded.
+
+    Returns:
+        `SelfStress`.
+
+    Raises:
+        ValueError: other elements, traced or infinite nodes, no free freedom.
+    """
+    links, cable = members(structure)
+    nodes = host_nodes(structure, "self_stress")
+    free = ~structure.fixed(structure.supports).ravel()
+    if not free.any():
+        raise ValueError("supports: every freedom is fixed; there is nothing to balance")
+    if tol is None:
+        tol = 1e-5 if np.asarray(structure.nodes).dtype == np.float32 else 1e-10
+    matrix, length = balance(nodes, links)
+    matrix = matrix[free]
+    left, values, right = np.linalg.svd(matrix)
+    rank = int((values > tol * values[0]).sum())
+    states, idle = right[rank:], left[:, rank:].T
+
+    rigid = _rigid(nodes, free, tol)
+    if len(rigid):  # rigid motions have no elongation: what is left of the space beside them
+        idle = _complement(idle, rigid)
+    return SelfStress(
+        tensions=states,
+        force_densities=states / length,
+        mechanisms=_full(idle, free),
+        rigid=_full(rigid, free),
+        singular_values=values,
+        rank=rank,
+        matrix=matrix,
+        length=length,
+        tension_only=cable,
+        links=links,
+        structure=structure,
+    )
+
+
+def rigid_motions(nodes):
+    """Rigid motions of points, an orthonormal basis, [6 (5 of a straight row), 3 n_node], NumPy."""
+    arms = nodes - nodes.mean(axis=0)
+    arms = arms / max(np.abs(arms).max(), np.finfo(float).tiny)
+    spins = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
+    moves = [np.tile(axis, len(nodes)) for axis in np.eye(3)]
+    _, values, basis = np.linalg.svd(np.array(moves + spins), full_matrices=False)
+    return basis[values > 1e-10 * values[0]]
+
+
+def _rigid(nodes, free, tol):
+    """Rigid motions that vanish at fixed freedoms, on the free ones, orthonormal, [., n_free]."""
+    basis = rigid_motions(nodes)
+    _, values, mixes = np.linalg.svd(basis[:, ~free].T, full_matrices=True)
+    kept = int((values > max(tol, 1e-10)).sum())
+    return (mixes[kept:] @ basis)[:, free]
+
+
+def _complement(space, part):
+    """Orthonormal basis of what a space (rows) has beside a part of it (orthonormal rows)."""
+    _, _, mixes = np.linalg.svd(part @ space.T, full_matrices=True)
+    return mixes[len(part) :] @ space
+
+
+def _full(rows, free):
+    """Values at free freedoms, [., n_free], as displacements of nodes, [., n_node, 3]."""
+    full = np.zeros((len(rows), len(free)))
+    full[:, free] = rows
+    return full.reshape(len(rows), len(free) // 3, 3)

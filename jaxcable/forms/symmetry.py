@@ -1,0 +1,70 @@
+"""Which elements are images of each other under the symmetry of a structure."""
+
+import numpy as np
+
+from ._balance import arranged, host_nodes, members
+
+
+def symmetric_groups(structure, fold, mirror=None, centre=(0.0, 0.0), tol=1e-6):
+    """Number the elements so that images of each other have one number.
+
+    Only positions count: supports need not be symmetric, since a self-stress does not load those
+    of a free-standing structure. Elements of different groups never share a number.
+
+    Args:
+        structure: `Structure` of `Bars` and `Cables`.
+        fold: turning about a vertical axis by 2 pi / fold maps the structure on itself; 1 for none.
+        mirror: direction, rad from x, of a vertical plane of symmetry through the axis, or None.
+        centre: of the axis, x and y, m.
+        tol: distance of an image from a node, relative to the size of the structure.
+
+    Returns:
+        Group numbers from 0 in the shape of the elements, each [n_elem], for `feasible_prestress`.
+
+    Raises:
+        ValueError: a node or an element has no image.
+    """
+    if isinstance(fold, bool) or int(fold) != fold or fold < 1:
+        raise ValueError(f"fold = {fold!r}: expected a whole number of at least 1")
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    links, _ = members(structure)
+    nodes = host_nodes(structure, "symmetric_groups")
+    nodes = nodes - np.array([*centre, 0.0])
+    owner = np.repeat(np.arange(len(structure.groups)), [len(g.links) for g in structure.groups])
+    ends = np.sort(links, axis=1)
+    number = {(o, *pair): k for k, (o, pair) in enumerate(zip(owner, ends.tolist(), strict=True))}
+    angle, maps = 2 * np.pi / int(fold), []
+    if fold > 1:
+        maps.append([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    if mirror is not None:
+        maps.append(
+            [
+                [np.cos(2 * mirror), np.sin(2 * mirror)],
+                [np.sin(2 * mirror), -np.cos(2 * mirror)],
+            ]
+        )
+    tree, size = cKDTree(nodes), np.ptp(nodes, axis=0).max()
+    joined = [(k, k) for k in range(len(links))]
+    for plane in maps:
+        moved = nodes.copy()
+        moved[:, :2] = nodes[:, :2] @ np.array(plane).T
+        distance, image = tree.query(moved)
+        if distance.max() > tol * size:
+            k = int(distance.argmax())
+            raise ValueError(
+                f"nodes[{k}]: its image under the symmetry is {distance[k]:.3g} m from any node"
+            )
+        for k, (own, pair) in enumerate(zip(owner, np.sort(image[links], axis=1), strict=True)):
+            other = number.get((own, *pair.tolist()))
+            if other is None:
+                raise ValueError(
+                    f"links: no element of group {own} joins nodes {pair.tolist()}, the image of "
+                    f"{links[k].tolist()} under the symmetry"
+                )
+            joined.append((k, other))
+    first, second = np.array(joined).T
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(links),) * 2)
+    return arranged(structure, connected_components(graph, directed=False)[1])

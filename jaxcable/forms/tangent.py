@@ -1,0 +1,63 @@
+"""The tangent stiffness of a state that an analysis ended in."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._tree import Indices, fill, thaw
+from ..ramp import make_system
+from ..solution import Solution, State
+from ..structure import number_freedoms
+
+
+def tangent_of(structure, state, fixed=None):
+    """Dense tangent stiffness at the state of a solution: autodiff of the element forces.
+
+    Positive definite: the state is stable. Slack cables give no stiffness. A pure function: it can
+    be transformed like the solution that it is given.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state is meant) or `State`.
+        fixed: freedoms to leave out, [n_node, 3] bool, in a structure with beams [n_row, 6];
+            default those held in the last phase. All False: of the free-standing structure.
+
+    Returns:
+        [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, spins follow the three
+        displacements of a node, times a length (`FrameSystem.arm`).
+
+    Raises:
+        ValueError: not a state, or `fixed` of the wrong shape.
+    """
+    return _tangent(*prepared(structure, state, fixed))
+
+
+@jax.jit
+def _tangent(thawed, arrays, freedoms):
+    nodes, groups, carry = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    return system.tangent(system.unknowns(carry.motion))
+
+
+def prepared(structure, state, fixed=None):
+    """What the tangent is made of: (nodes, groups, carry) thawed, index arrays, freedoms."""
+    state = state.last if isinstance(state, Solution) else state
+    if not isinstance(state, State):
+        raise ValueError(f"state: expected a Solution or its last, got {type(state).__name__}")
+    rows, groups = structure.rows()
+    fixed = _held(state) if fixed is None else Indices(np.asarray(fixed, bool))
+    if fixed.shape != state.fixed[-1].shape:
+        raise ValueError(
+            f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
+        )
+    nodes = structure.nodes if rows is None else structure.nodes[rows.array]
+    return *thaw((nodes, groups, state.carry)), number_freedoms(fixed, rows)
+
+
+def _held(state):
+    """Freedoms held in the phase that a state belongs to, `Indices`."""
+    if all(own == state.fixed[-1] for own in state.fixed):
+        return state.fixed[-1]
+    if isinstance(state.phase, jax.core.Tracer):
+        raise ValueError("state: supports change and the state is traced; give fixed=...")
+    return state.fixed[int(state.phase) + 1]

@@ -1,0 +1,207 @@
+"""Cable domes of Geiger's and Levy's kind: struts that stand on hoops, in a net of cables."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..elements import Bars, Cables
+from ..forms.feasible import feasible_prestress
+from ..loads import NodalLoads
+from ..phases import Phase
+from ..structure import Structure, pinned
+from .nets import Scene
+
+
+class DomeParts(NamedTuple):
+    """Geometry and topology of a dome before it has stiffness.
+
+    Attributes:
+        nodes: hub top and bottom, then ring by ring from the inside the tops and the bottoms of its
+            struts, last the anchors, [n_node, 3], m.
+        links: by kind, "ridges", "diagonals", "hoops", "struts", each [n_elem, 2].
+        groups: number of the group of equal tension, likewise, each [n_elem].
+        tops: the hub's top and the top nodes of the rings, [1 + n_ring sectors].
+        areas: roof area in plan that hangs on each of them, m2.
+    """
+
+    nodes: object
+    links: dict
+    groups: dict
+    tops: object
+    areas: object
+
+
+def geiger_dome(
+    span=60.0,
+    rise=4.5,
+    sectors=12,
+    rings=2,
+    struts=6.0,
+    pretension=500e3,
+    load=300.0,
+    cable_stiffness=300e6,
+    strut_stiffness=1e9,
+    increments=(1, 4),
+):
+    """Cable dome after Geiger: radial ridge and diagonal cables, hoops, struts, in vertical planes.
+
+    The top nodes lie on a sphere through the anchors. From the foot of every strut a diagonal runs
+    to the top of the next one outside, or to an anchor; feet of a ring are joined by a hoop. In the
+    middle stands one strut, the hub. With two rings or more there is one state of self-stress, and
+    there are ``6 + 2 sectors (rings - 1)`` mechanisms, turns and twists of rings, which it
+    stiffens; with one ring there are ``sectors - 2`` states, of which one is equal in all sectors,
+    and ``sectors + 3`` mechanisms.
+
+    Phase 1 prestresses: the given geometry is in equilibrium (`feasible_prestress`). Phase 2 is a
+    roof load on the plan area around every top node. It takes tension from the ridges, which hold
+    the struts upright: with the numbers given here the rings twist from about 410 N/m2 on. The
+    perfect dome does not: beyond, look at its lowest eigenvalue (`forms.modes`), or give it errors
+    of length.
+
+    Args:
+        span: diameter of the circle of anchors, m.
+        rise: of the hub's top over the anchors, m.
+        sectors: number of anchors and of struts in a ring, at least 3.
+        rings: of struts, evenly between hub and anchors.
+        struts: length of all, or of the hub and each ring from the inside, [rings + 1], m; a foot
+            must stay below the top of the next ring.
+        pretension: of the outermost hoop, N.
+        load: per plan area, downward, N/m2.
+        cable_stiffness: EA of ridges and diagonals, scalar or dict by kind with "hoops", N.
+        strut_stiffness: EA, N.
+        increments: of the two phases.
+
+    Raises:
+        ValueError: numbers that give no dome, or no prestress with all cables taut.
+
+    A scene of our own, of the kind of Geiger, Stefaniuk and Chen (1986); the prestress follows Yuan
+    and Dong (2003).
+    """
+    parts = _dome(span, rise, sectors, rings, struts, staggered=False)
+    return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)
+
+
+def levy_dome(
+    span=60.0,
+    rise=4.5,
+    sectors=12,
+    rings=2,
+    struts=6.0,
+    pretension=500e3,
+    load=300.0,
+    cable_stiffness=300e6,
+    strut_stiffness=1e9,
+    increments=(1, 4),
+):
+    """Cable dome after Levy: as `geiger_dome`, but triangulated.
+
+    Every ring is turned by half a sector against its neighbours; two ridges and two diagonals run
+    from every strut to the two struts, or anchors, outside. In proportions like these there is no
+    mechanism, and there are ``2 sectors - 5`` states of self-stress, one of which has the full
+    symmetry and is taken.
+
+    Args, errors and phases as `geiger_dome`. A scene of our own, of the kind of Levy (1994).
+    """
+    parts = _dome(span, rise, sectors, rings, struts, staggered=True)
+    return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)
+
+
+def _dome(span, rise, sectors, rings, struts, staggered):
+    """`DomeParts` of either kind."""
+    for name, value, least in (("sectors", sectors, 3), ("rings", rings, 1)):
+        if isinstance(value, bool) or int(value) != value or value < least:
+            raise ValueError(f"{name} = {value!r}: expected a whole number of at least {least}")
+    for name, value in (("span", span), ("rise", rise)):
+        if not value > 0:
+            raise ValueError(f"{name} = {value}: must be positive")
+    radius = 0.5 * span * np.arange(rings + 2) / (rings + 1)  # hub, rings, anchors
+    sphere = (radius[-1] ** 2 + rise**2) / (2 * rise)
+    top = np.sqrt(sphere**2 - radius**2) - (sphere - rise)
+    top[-1] = 0.0
+    if np.shape(struts) not in ((), (rings + 1,)):
+        raise ValueError(
+            f"struts: expected a length or [{rings + 1}], hub and rings, got {np.shape(struts)}"
+        )
+    bottom = top[:-1] - struts
+    low = bottom < top[1:]
+    if not low.all():
+        k = int(np.flatnonzero(~low)[0])
+        raise ValueError(
+            f"struts[{k}]: its foot, at {bottom[k]:.3g} m, must be below the top of the next ring, "
+            f"at {top[k + 1]:.3g} m"
+        )
+
+    n = sectors
+    nodes = [np.array([[0.0, 0.0, top[0]], [0.0, 0.0, bottom[0]]])]
+    for ring in range(1, rings + 2):
+        angle = 2 * np.pi * (np.arange(n) + (0.5 * (ring % 2) if staggered else 0.0)) / n
+        plan = radius[ring] * np.column_stack([np.cos(angle), np.sin(angle)])
+        for z in (top[ring], *bottom[ring : ring + 1]):  # anchors have no bottom
+            nodes.append(np.column_stack([plan, np.full(n, z)]))
+    nodes = np.concatenate(nodes)
+
+    def at(ring, foot):
+        """Numbers of a ring's tops or feet, [n]."""
+        return np.full(n, foot) if ring == 0 else 2 + (2 * (ring - 1) + foot) * n + np.arange(n)
+
+    def outward(foot):
+        """Links from every ring's tops or feet to the tops of the next one."""
+        rows = []
+        for ring in range(rings + 1):
+            inside, outside = at(ring, foot), at(ring + 1, 0)
+            pairs = [np.column_stack([inside, outside])]
+            if staggered and ring > 0:  # turned by half a sector, forth or back
+                other = np.roll(outside, 1 if ring % 2 == 0 else -1)
+                pairs.append(np.column_stack([inside, other]))
+            rows.append(np.concatenate(pairs))
+        return rows
+
+    kinds = {
+        "ridges": outward(0),
+        "diagonals": outward(1),
+        "hoops": [np.column_stack([at(r, 1), np.roll(at(r, 1), -1)]) for r in range(1, rings + 1)],
+        "struts": [np.array([[0, 1]])]
+        + [np.column_stack([at(r, 0), at(r, 1)]) for r in range(1, rings + 1)],
+    }
+    groups, count = {}, 0
+    for kind, rows in kinds.items():
+        groups[kind] = np.repeat(count + np.arange(len(rows)), [len(row) for row in rows])
+        count += len(rows)
+    border = np.concatenate([[0.0], 0.5 * (radius[1:-1] + radius[:-2]), [radius[-2:].mean()]])
+    share = np.pi * np.diff(border**2)
+    return DomeParts(
+        nodes,
+        {kind: np.concatenate(rows) for kind, rows in kinds.items()},
+        groups,
+        np.concatenate([[0], *(at(r, 0) for r in range(1, rings + 1))]),
+        np.concatenate([share[:1], np.repeat(share[1:] / n, n)]),
+    )
+
+
+def _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments):
+    """Stiffness, prestress and load on the parts of a dome."""
+    if not pretension > 0:
+        raise ValueError(f"pretension = {pretension}: must be positive")
+    cables = ("ridges", "diagonals", "hoops")
+    if not isinstance(cable_stiffness, dict):
+        cable_stiffness = dict.fromkeys(cables, cable_stiffness)
+    if set(cable_stiffness) != set(cables):
+        raise ValueError(f"cable_stiffness: expected the keys {', '.join(cables)}")
+    elements = {k: Cables(parts.links[k], axial_stiffness=cable_stiffness[k]) for k in cables}
+    elements["struts"] = Bars(parts.links["struts"], axial_stiffness=strut_stiffness)
+    sectors = int((parts.groups["hoops"] == parts.groups["hoops"][0]).sum())
+    first_anchor = len(parts.nodes) - sectors
+    structure = Structure(
+        parts.nodes, elements, supports=pinned(np.arange(first_anchor, len(parts.nodes)))
+    )
+    outermost = int(parts.groups["hoops"].max())
+    prestress = feasible_prestress(structure, parts.groups, group=outermost, tension=pretension)
+    force = np.zeros((len(parts.tops), 3))
+    force[:, 2] = -load * parts.areas
+    return Scene(
+        structure,
+        [
+            Phase(pretension=prestress.tension, increments=increments[0]),
+            Phase(loads=NodalLoads(parts.tops, force), increments=increments[1]),
+        ],
+    )

@@ -1,0 +1,97 @@
+"""The simplest tensegrity: three struts that do not touch, held apart by nine cables."""
+
+import numpy as np
+
+from ..elements import Bars, Cables
+from ..loads import NodalLoads
+from ..phases import Phase
+from ..structure import Structure, Supports
+from .nets import Scene
+
+TWIST = np.pi / 6
+"""Turn of the upper triangle against the lower one, from end to end of a vertical cable, rad."""
+
+
+def simplex(
+    radius=1.0,
+    height=1.5,
+    twist=TWIST,
+    pretension=1e3,
+    load=20.0,
+    cable_stiffness=1e6,
+    strut_stiffness=20e6,
+    increments=(1, 4),
+):
+    """Simplex (triplex, three-strut prism): two equal triangles, one above the other and turned.
+
+    A vertical cable joins lower node k to upper node k, ahead by the twist, a strut lower node k to
+    upper node k + 1, ahead by the twist and 120 degrees. The plane components at a lower node, with
+    force densities q_t of the triangles, q_v of the verticals and -q_v of the struts, are
+
+        across   sin(twist) - sin(twist + 120) = 0      ->  twist = 30 degrees
+        inward   3 q_t = q_v (cos(twist) - cos(twist + 120)) = sqrt(3) q_v,
+
+    so that triangle : vertical : strut = 1/sqrt(3) : 1 : -1 for any radius and height. There is one
+    infinitesimal mechanism, a screw of one triangle against the other, stiffened by the prestress.
+
+    Lower nodes are 0 to 2, upper ones 3 to 5. The supports hold six freedoms of the lower triangle,
+    statically determinate: prestress does not load them. Phase 1 prestresses, phase 2 puts a load
+    on the upper nodes.
+
+    Args:
+        radius: of the circles of both triangles, m.
+        height: m.
+        twist: rad; any other than 30 degrees has no self-stress, and phase 1 leads elsewhere.
+        pretension: of a vertical cable, N.
+        load: downward force on every upper node, N.
+        cable_stiffness, strut_stiffness: EA, N.
+        increments: of the two phases.
+
+    Raises:
+        ValueError: a radius, height or pretension that is not positive.
+
+    A scene of our own; form and force densities are classic (Connelly and Terrell 1995; Tibert and
+    Pellegrino 2003).
+    """
+    for name, value in (("radius", radius), ("height", height), ("pretension", pretension)):
+        if not value > 0:
+            raise ValueError(f"{name} = {value}: must be positive")
+    around = 2 * np.pi * np.arange(3) / 3
+
+    def ring(start, z):
+        angle = start + around
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(3, z)])
+
+    nodes = np.concatenate([ring(0.0, 0.0), ring(twist, height)])
+    lower = np.arange(3)
+    ahead = (lower + 1) % 3
+    sides = np.column_stack([lower, ahead])
+    held = np.zeros((6, 3), bool)
+    held[0] = held[1, 0] = held[:3, 2] = True  # node 1 cannot turn about node 0
+    structure = Structure(
+        nodes,
+        {
+            "triangles": Cables(
+                np.concatenate([sides, sides + 3]), axial_stiffness=cable_stiffness
+            ),
+            "verticals": Cables(
+                np.column_stack([lower, lower + 3]), axial_stiffness=cable_stiffness
+            ),
+            "struts": Bars(np.column_stack([lower, ahead + 3]), axial_stiffness=strut_stiffness),
+        },
+        supports=Supports(held),
+    )
+    q = pretension / np.linalg.norm(nodes[3] - nodes[0])
+    return Scene(
+        structure,
+        [
+            Phase(
+                force_density={"triangles": q / np.sqrt(3.0), "verticals": q, "struts": -q},
+                increments=increments[0],
+            ),
+            Phase(
+                loads=NodalLoads([3, 4, 5], (0.0, 0.0, -load)),
+                increments=increments[1],
+            ),
+        ],
+    )
