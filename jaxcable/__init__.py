@@ -16,6 +16,7 @@ from .batches import batched
 from .design import fit, influence, minimize
 from .elements import Bars, Beams, Cables, Catenaries, SlidingCables
 from .equilibrium import Newton
+from .forms import find_form, force_density
 from .incremental import Incremental
 from .loads import (
     AreaLoads,
@@ -73,7 +74,9 @@ __all__ = [
     "describe",
     "design",
     "fibre_stress",
+    "find_form",
     "fit",
+    "force_density",
     "forms",
     "influence",
     "materials",

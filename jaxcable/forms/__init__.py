@@ -3,10 +3,12 @@
 from .feasible import Prestress, feasible_prestress
 from .force_density import force_density
 from .form import Form
+from .hanging import catenary_curves, end_tensions, hanging_chain
 from .imperfections import Modes, imperfect, modes
 from .prescribed import find_form
 from .relaxation import dynamic_relaxation
 from .self_stress import SelfStress, self_stress
+from .statements import Statements, statements
 from .symmetry import symmetric_groups
 from .tangent import tangent_of
 
@@ -15,13 +17,18 @@ __all__ = [
     "Modes",
     "Prestress",
     "SelfStress",
+    "Statements",
+    "catenary_curves",
     "dynamic_relaxation",
+    "end_tensions",
     "feasible_prestress",
     "find_form",
     "force_density",
+    "hanging_chain",
     "imperfect",
     "modes",
     "self_stress",
+    "statements",
     "symmetric_groups",
     "tangent_of",
 ]

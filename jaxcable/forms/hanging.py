@@ -1,0 +1,156 @@
+"""Cables that hang by a stated sag: shapes of catenaries, and chains of straight elements."""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import _check
+from .._tree import fill
+from ..assembly import motion_of
+from ..elements import hanging
+from ..elements.prestress import element
+from ..ramp import make_system
+from .tangent import prepared
+
+
+def catenary_curves(structure, solution, n=21):
+    """Places along the catenaries of a solution, for pictures.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        solution: `Solution` (its last converged state is meant) or `State`.
+        n: places an element, evenly along its unstressed length.
+
+    Returns:
+        In the shape of `elements`, each [n_elem, n, 3], m; None for other groups.
+    """
+    return _of_catenaries(structure, solution, "curve", jnp.linspace(0.0, 1.0, n))
+
+
+def end_tensions(structure, solution):
+    """Tensions at both ends of the catenaries of a solution, in whose `tension` is their mean.
+
+    Returns:
+        In the shape of `elements`, each [n_elem, 2], N; None for other groups.
+    """
+    return _of_catenaries(structure, solution, "end_tensions")
+
+
+def _of_catenaries(structure, solution, method, *arguments):
+    able = [hasattr(group, method) for group in structure.groups]
+    if not any(able):
+        raise ValueError("structure: has no catenaries")
+    thawed, arrays, _ = prepared(structure, solution)
+    nodes, groups, carry = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
+    results = []
+    for group, state, one in zip(groups, states, able, strict=True):
+        if not one:
+            results.append(None)
+            continue
+        call = jax.vmap(
+            lambda p, state, ends, motion, group=group: getattr(element(group, p), method)(
+                state, ends, motion, *arguments
+            )
+        )
+        ends, motion = nodes[group.links], motion_of(group, carry.motion)
+        results.append(call(group.properties(), state, ends, motion))
+    return structure.arrange(results)
+
+
+def hanging_chain(first, second, n, sag, weight, axial_stiffness):
+    """A cable as a chain of `n` equal straight elements that hangs by a stated sag.
+
+    Under its weight, -z, half of each element's at each of its ends, it is in equilibrium as it is
+    returned. As n grows it becomes the catenary with that sag.
+
+    Args:
+        first, second: ends, [3], m, not above each other.
+        n: number of elements, at least 2.
+        sag: how far the middle of the chain (a node, or the middle of an element) hangs below the
+            middle of its chord, m, positive.
+        weight: per unstressed length, N/m.
+        axial_stiffness: EA, N.
+
+    Returns:
+        Places of its nodes, [n + 1, 3], m, and the unstressed length of every element, [n], m.
+        NaN if there is no such chain; differentiable in all but `n`.
+
+    Raises:
+        ValueError: wrong shapes, or values that are not positive.
+    """
+    if n < 2:
+        raise ValueError(f"n = {n}: a chain that sags has at least 2 elements")
+    first, second = _check.floats(first, "first"), _check.floats(second, "second")
+    for name, value in (("first", first), ("second", second)):
+        if value.shape != (3,):
+            raise ValueError(f"{name}: expected shape (3,), got {value.shape}")
+    numbers = {"sag": sag, "weight": weight, "axial_stiffness": axial_stiffness}
+    for name, value in numbers.items():
+        if _check.floats(value, name).shape != ():
+            raise ValueError(f"{name}: expected a number, got shape {jnp.shape(value)}")
+        _check.require(value, lambda v: v > 0, name, "must be positive")
+    dtype = jnp.result_type(float, first, second)
+    chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
+    place, rest_length = _chain(chord, *(jnp.asarray(v, dtype) for v in numbers.values()), n)
+    return jnp.asarray(first)[None] + place, jnp.full(n, rest_length / n)
+
+
+def _chain(chord, sag, weight, stiffness, n):
+    """Places from the first node [n + 1, 3] and the length of the whole chain.
+
+    Unknowns: the horizontal and vertical force in the middle, and the length; all elements are
+    ``(L/n) (F/|F| + F/EA)``. Newton's method from the catenary with the same sag.
+    """
+    level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
+    step = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
+    half = jnp.sign(step)
+
+    def pieces(unknowns):
+        h, v, length = unknowns
+        up = v + weight * length / n * step
+        force = jnp.stack([jnp.broadcast_to(h, (n,)), up], 1)
+        size = jnp.sqrt(jnp.sum(force**2, axis=1, keepdims=True))
+        return length / n * (force / size + force / stiffness)
+
+    def mismatch(scaled):
+        piece = pieces(scaled * scale)
+        wanted = jnp.stack([level, chord[2], sag])
+        found = jnp.stack([jnp.sum(piece[:, 0]), jnp.sum(piece[:, 1]), 0.5 * half @ piece[:, 1]])
+        return (found - wanted) / jnp.stack([level, level, sag])
+
+    down = weight * jnp.array([0.0, 0.0, -1.0], chord.dtype)
+    strain = hanging.strain_at_depth(chord, down, stiffness, sag)
+    length = jnp.sqrt(chord @ chord) / (1 + strain)
+    excess = chord @ chord - length**2
+    force, _, _ = hanging.hang(chord, excess, down, length, stiffness)
+    start = jnp.stack([force[:2] @ chord[:2] / level, force[2], length])
+    scale = lax.stop_gradient(jnp.stack([start[0], jnp.abs(start[2] * weight), start[2]]))
+
+    def newton(f, u):
+        def unfinished(s):
+            _, moved, before, count = s
+            rounding = (moved < 1e-6) & (moved > 0.5 * before)
+            return (moved > 4 * jnp.finfo(u.dtype).eps) & ~rounding & (count < 50)
+
+        def one(s):
+            u, before, _, count = s
+            change = jnp.linalg.solve(jax.jacfwd(f)(u), f(u))
+            return u - change, jnp.max(jnp.abs(change)), before, count + 1
+
+        far = jnp.full((), jnp.inf, u.dtype)
+        end, moved, _, _ = lax.while_loop(unfinished, one, (u, far, far, 0))
+        found = (moved < 1e-6) & (end[0] > 0) & (end[2] > 0)
+        return jnp.where(found, end, jnp.nan)
+
+    scaled = lax.custom_root(
+        mismatch,
+        lax.stop_gradient(start / scale),
+        newton,
+        lambda g, y: jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
+    )
+    piece = pieces(scaled * scale)
+    along = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)])
+    unit = jnp.stack([chord[0], chord[1]]) / level
+    place = jnp.column_stack([jnp.outer(along[:, 0], unit), along[:, 1]])
+    return place, (scaled * scale)[2]

@@ -1,0 +1,98 @@
+"""The prestress of a state in every way in which a phase can state it."""
+
+import jax
+import jax.numpy as jnp
+
+from .._tree import fill, pytree
+from ..assembly import each
+from ..elements.prestress import element
+from ..ramp import make_system
+from .tangent import prepared
+
+
+@pytree
+class Statements:
+    """What holds a state together, in the geometry of that state.
+
+    Each of the absolute ones, given to a `Phase` of the same structure with its nodes moved to the
+    positions of the state, leads to this state again. All in the shape of `elements`, each
+    [n_elem], NaN where a group (of beams) or an element has none.
+
+    Attributes:
+        pretension: axial force, N; of a catenary that of the straight element without load.
+        force_density: of that force, over the length between the ends, N/m.
+        prestrain: strain, on the unstressed length.
+        rest_length: unstressed length, m.
+        shortening: length between the ends less the unstressed length: what a turnbuckle would have
+            to take in if it were laid in unstressed, m.
+        temperature: change that would do the same by contraction, K.
+        sag: of catenaries, how far the middle hangs below that of the chord, along the load, m.
+        length: between the ends, m.
+    """
+
+    pretension: object
+    force_density: object
+    prestrain: object
+    rest_length: object
+    shortening: object
+    temperature: object
+    sag: object
+    length: object
+
+
+def statements(structure, solution):
+    """Say the prestress of a solution in every way that a `Phase` knows: the inverse of stating it.
+
+    A state with slack cables is said by their `rest_length`, `prestrain` or `shortening`, not by
+    their tension, which is zero whatever their length.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        solution: `Solution` (its last converged state is meant) or `State`.
+
+    Returns:
+        `Statements`; differentiable like the solution.
+    """
+    thawed, arrays, _ = prepared(structure, solution)
+    per_group = _say(thawed, arrays)
+    names = per_group[0].keys()
+    return Statements(**{n: structure.arrange([own[n] for own in per_group]) for n in names})
+
+
+@jax.jit
+def _say(thawed, arrays):
+    nodes, groups, carry = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    system = make_system(nodes, groups, carry, None, None, carry.nodal_load)
+    return [
+        _group(group, state, nodes, carry.motion)
+        for group, state in zip(groups, system.states, strict=True)
+    ]
+
+
+def _group(group, state, nodes, motion):
+    """The statements of one group, dict of [n_elem]."""
+    nothing = jnp.full_like(state.rest_length, jnp.nan)
+    said = dict.fromkeys(Statements.__dataclass_fields__, nothing)
+    said["rest_length"] = state.rest_length
+    if group.n_freedom == 6:
+        return said
+    strain = each("strain", group, state, nodes, motion)
+    length = state.rest_length * (1 + strain)
+
+    def force(properties, strain, plastic):
+        return element(group, properties).force(strain, plastic)
+
+    pretension = jax.vmap(force)(group.properties(), strain, state.plastic)
+    said |= {
+        "pretension": pretension,
+        "force_density": pretension / length,
+        "prestrain": strain,
+        "shortening": state.rest_length * strain,
+        "length": length,
+    }
+    if group.expansion is not None:
+        # from a rest length as long as the distance: L0 (1 + strain) (1 + expansion dt) = L0
+        said["temperature"] = -strain / (1 + strain) / group.expansion
+    if hasattr(group, "depth") and state.line_load is not None:
+        said["sag"] = each("depth", group, state, nodes, motion)
+    return said
