@@ -9,16 +9,17 @@ Reference  jax_fdm (Pastrana et al., https://github.com/arpastrana/jax_fdm), its
 Error      Largest difference of positions and of gradients between the two programs, over the
            largest entry, -; asserted below 1e-12 and 1e-11 (rounding times condition).
 Command    JAX_FDM_PYTHON=.../bin/python python experiments/force_density.py
-           (writes experiments/results/force_density.txt; four minutes). JAX_FDM_PYTHON is an
+           (writes experiments/results/force_density.txt; three minutes). JAX_FDM_PYTHON is an
            interpreter that has jax_fdm, and pypardiso for the last row.
 
 Nets: `jaxcable.scenes.saddle` of n x n free nodes, every node loaded, force densities random
 between 500 and 2 000 N/m. All sides are fed the same file and work by turns in changing order on
-the same machine, warm, each call blocked on completion and on numbers that this program has not
-seen (factors are kept by value), after a pause in which the threads of the program before go to
-sleep (OpenMP's spin for 0.2 s). Times are wall milliseconds, median and
-quartiles; ratios are medians, with their quartiles, of the ratios of calls on the same numbers:
-the other program's time over that of jaxcable with PARDISO.
+the same machine, five calls each turn, of which the first is not counted: it finds the caches full
+of the other programs. Each call is blocked on completion and has numbers that this program has not
+seen (factors are kept by value). Threads of OpenMP that have nothing to do sleep at once
+(KMP_BLOCKTIME=0): else they would spin for 0.2 s and slow down whoever is next. Times are wall
+milliseconds, median and quartiles; ratios are medians, with their quartiles, of the ratios of calls
+on the same numbers: the other program's time over that of jaxcable with PARDISO.
 """
 
 import json
@@ -29,7 +30,7 @@ import tempfile
 import time
 from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ |= {"OPENBLAS_NUM_THREADS": "1", "KMP_BLOCKTIME": "0"}
 
 import jax
 import jax.numpy as jnp
@@ -43,8 +44,7 @@ from jaxcable.linear import host
 jax.config.update("jax_enable_x64", True)
 
 CHILD = Path(__file__).parent / "peers" / "jax_fdm_child.py"
-SIZES, CALLS = (30, 100, 200), 21
-PAUSE = 0.25  # s
+SIZES, TURNS, CALLS = (30, 100, 200), 9, 5
 THEIRS = (("scipy", 1), ("scipy", 2), ("pardiso", 1))  # solver, threads of BLAS
 
 
@@ -80,7 +80,7 @@ def net(n):
     load = np.zeros((structure.n_node, 3))
     free = ~np.asarray(structure.fixed(structure.supports))[:, 0]
     load[free] = rng.normal(size=(free.sum(), 3)) * 10 + [0, 0, -50]
-    q = rng.uniform(500, 2000, (2 * CALLS + 2, len(structure.elements.links)))
+    q = rng.uniform(500, 2000, (2 * TURNS * CALLS, len(structure.elements.links)))
     return structure, load, q
 
 
@@ -127,14 +127,15 @@ def compare(n, record):
 
         everyone = [("jaxcable", s) for s in mine] + [("jax_fdm", s, t) for s, t in THEIRS]
         times = {(who, what): [] for who in everyone for what in ("value", "gradient")}
-        for call in range(CALLS + 1):
-            for who in everyone if call % 2 else everyone[::-1]:
+        for turn in range(TURNS):
+            for who in everyone if turn % 2 else everyone[::-1]:
                 for k, what in enumerate(("value", "gradient")):
-                    time.sleep(PAUSE)
-                    times[who, what].append(clock(who, what, 2 * call + k))
+                    first = (2 * turn + k) * CALLS
+                    own = [clock(who, what, first + call) for call in range(CALLS)]
+                    times[who, what] += own[1:]
         for peer in peers.values():
             peer.close()
-    times = {key: np.array(ms[1:]) for key, ms in times.items()}  # the first is a warm-up
+    times = {key: np.array(ms) for key, ms in times.items()}
     base = {what: times[("jaxcable", mine[-1]), what] for what in ("value", "gradient")}
     for who in everyone:
         name = " ".join((who[0], *map(str, who[1:2]))) + (

@@ -113,6 +113,25 @@ class System:
         scale = jnp.max(size + jnp.sqrt(jnp.sum(load**2, axis=-1)))
         return (force - load).reshape(-1)[self.freedoms.free], scale
 
+    @property
+    def rounds(self):
+        """Whether any element may be without force and yet have the rounding of its stiffness."""
+        return any(group.rounding is not None for group in self.groups)
+
+    def rounding(self, x):
+        """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
+        motion = self.motion(x)
+        left = jnp.zeros_like(self.load)
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.rounding is not None:
+                ends = each("rounding", group, state, self.nodes, motion)
+                left = left.at[group.links, : ends.shape[-1]].add(ends)
+        return self.collected(left)
+
+    def collected(self, force):
+        """Forces on the nodes [n_node, 3] at the free freedoms, [n_free], N."""
+        return self.unknowns(force)
+
     def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N."""
         return jnp.linalg.norm(self.unknowns(self.all_load(self.motion(x))))

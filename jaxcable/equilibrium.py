@@ -60,8 +60,8 @@ class Newton:
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
             absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. At
-            beams a residual is also allowed that the rounding of their displacements leaves,
-            ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move a long way without force.
+            bars and beams a residual is also allowed that the rounding of their displacements
+            leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move far without force.
         max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
@@ -151,11 +151,11 @@ def newton(system, x, method, active, memory=None):
     tol = limit(method, x.dtype)
     length, extent = system.length_scale(), system.extent()
 
-    came_from = system.rounding(system.place(x)) if system.turning else None
+    came_from = system.rounding(system.place(x)) if system.rounds else None
 
     def converged(it):
         rigid = it.softness == 0
-        if system.turning:
+        if system.rounds:
             # also of where the iteration came from: released, a beam ends at rounding of that
             rounding = jnp.maximum(system.rounding(it.x), came_from)
             allowed = jnp.maximum(tol * it.scale, rounding)

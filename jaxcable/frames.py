@@ -84,7 +84,7 @@ class FrameSystem(System):
         arm = self.arm
         return jnp.concatenate([jnp.ones((1, 3), arm.dtype), jnp.full((1, 3), 1 / arm)], axis=1)
 
-    def _collect(self, force):
+    def collected(self, force):
         """Sum at every unknown, [n_free], N, of forces and moments [n_node, 6]."""
         n = self.freedoms.free.shape[0]
         scaled = force * self._scaling()
@@ -142,33 +142,25 @@ class FrameSystem(System):
         if self.followers is not None:
             force = force + self.following(self.nodes + x[:, :3] + spread[:, :3])
         load = jnp.concatenate([force, moment], axis=1)
-        return self._collect(self._internal_about(x, spread)[0] - load)
+        return self.collected(self._internal_about(x, spread)[0] - load)
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N (moments over the arm)."""
-        return self._collect(self.unbalanced(x))
+        return self.collected(self.unbalanced(x))
 
     def residual_and_scale(self, x):
         """Residual [n_free], and the force it is judged by, N."""
         (force, size), load = self.internal_force(x), self.all_load(x)
         amount = _norm(load[:, :3]) + _norm(load[:, 3:]) / self.arm
-        return self._collect(force - load), jnp.max(size + amount)
+        return self.collected(force - load), jnp.max(size + amount)
 
     def unsymmetric(self):
         """Whether nodal moments or following loads act, which make the tangent unsymmetric."""
         return jnp.any(self.load[:, 3:] != 0) | (self.followers is not None)
 
-    def rounding(self, x):
-        """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
-        left = jnp.zeros_like(x[:, :6])
-        for group, state in zip(self.groups, self.states, strict=True):
-            if group.n_freedom == 6:
-                left = left.at[group.links].add(each("rounding", group, state, self.nodes, x))
-        return self._collect(left)
-
     def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""
-        return jnp.linalg.norm(self._collect(self.all_load(x)))
+        return jnp.linalg.norm(self.collected(self.all_load(x)))
 
     def tangent(self, x):
         """Derivative of the residual by a step, a matrix of `linear`, N/m."""

@@ -352,3 +352,27 @@ def test_describe_knows_every_code_and_no_other():
     assert len({jc.describe(c) for c in codes}) == len(codes) == 12
     with pytest.raises(ValueError, match="code = 99"):
         jc.describe(99)
+
+
+def test_bars_without_force_are_in_balance():
+    """A tripod has no self-stress: shortened, warmed or moved it stands in its new place, unloaded.
+
+    What the rounding of EA leaves of its forces is then all that there is; it counts as balanced.
+    """
+    angle = 2 * np.pi * np.arange(3) / 3
+    feet = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    nodes = np.concatenate([feet, [[0.0, 0, 1.0]]])
+    legs = jc.Bars([[k, 3] for k in range(3)], axial_stiffness=2e7, expansion=1e-5)
+    structure = jc.Structure(nodes, legs, jc.pinned([0, 1, 2]))
+    cases = {"shortening": [0.01, 0.0, 0.0], "temperature": [40.0, 10.0, 0.0], "prestrain": -0.02}
+    for name, value in cases.items():
+        solution = jc.solve(structure, [jc.Phase(**{name: value})])
+        assert int(solution.status) == 0, name
+        ways = np.asarray(solution.positions[3]) - feet
+        length = np.linalg.norm(ways, axis=1)
+        assert length == pytest.approx(np.asarray(solution.rest_length), rel=1e-14)
+        assert np.abs(solution.tension).max() < 1e-6  # eps EA, some times
+        gradient = jax.grad(
+            lambda v, n=name: jc.solve(structure, [jc.Phase(**{n: v})]).positions[3, 2]
+        )(jnp.asarray(value))
+        assert bool(jnp.isfinite(gradient).all())

@@ -28,7 +28,8 @@ ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (u
 - ``section_strain``: strains of its fibres; ``beyond``: whether they have left their curve;
 - ``settle``: plastic strains after an increment that ended here; ``size``: sum of the forces in it
   that can balance each other, N;
-- ``rounding``, with rotations: what the rounding of displacements leaves of the end forces;
+- ``rounding``: what the rounding of displacements leaves of the end forces, as these; None if the
+  residual need not be allowed it;
 - ``fibre_stress(strain, plastic)``, ``settle_at(strain, plastic)``: of recorded section strains;
 - ``secant(state, ends, before, motion)``: symmetric matrix with ``K (u - u0) = f(u) - f(u0)``, if
   the secant scheme is offered, else None.

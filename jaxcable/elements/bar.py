@@ -228,6 +228,16 @@ class Bars(Prestressed):
         _, law, area = self._section()
         return area * law.size_at(self.section_strain(state, ends, motion), state.plastic)
 
+    def rounding(self, state, ends, motion):
+        """What the rounding of its displacements leaves of its end forces, [2, 3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        strain = self.strain(state, ends, motion)
+        one = jnp.ones_like(strain)
+        stiffness = jax.jvp(lambda e: self.force(e, state.plastic), (strain,), (one,))[1]
+        moved = jnp.max(jnp.abs(motion)) / length
+        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
+        return jnp.stack([force, force])
+
     def settle(self, state, ends, motion):
         """Plastic strains after an increment that ended here, [n_plastic]."""
         return self.settle_at(self.section_strain(state, ends, motion), state.plastic)

@@ -17,6 +17,7 @@ class Cables(Bars):
     """A group of straight two-node cables: tension only; arguments as `Bars`."""
 
     tension_only = True
+    rounding = None  # without tension it is slack; its residual is judged by its tension alone
 
     def force(self, strain, plastic=None):
         """Axial force, N: zero in a slack cable."""

@@ -21,11 +21,13 @@ elongation. (The closed forms are those of Irvine, Cable Structures, 1981; this 
 equations to one is ours.)
 """
 
+import jax
 import jax.numpy as jnp
 
 from ..roots import rising_root
 
 
+@jax.jit  # traced once, not at each of its many places in a program
 def hang(chord, excess, load, rest_length, stiffness):
     """Tension vector in the middle of a hanging cable, and what it is made of.
 
@@ -109,18 +111,23 @@ def _first_guess(omega, across2, excess):
     strain = jnp.where(straight > 0, straight, 0.0) + jnp.cbrt(k)
     strain = jnp.where(straight < 0, jnp.minimum(strain, slack), strain)
     strain = jnp.maximum(strain, tiny**0.3)  # whose cube is still a number
-    for _ in range(4):
+
+    def cubic(_, strain):
         slope = 3 * strain**2 - 2 * straight * strain
         step = (strain**3 - straight * strain**2 - k) / jnp.where(slope > 0, slope, 1.0)
-        strain = jnp.where(slope > 0, jnp.maximum(strain - step, 0.1 * strain), strain)
+        return jnp.where(slope > 0, jnp.maximum(strain - step, 0.1 * strain), strain)
+
+    strain = jax.lax.fori_loop(0, 4, cubic, strain)
     theta = jnp.minimum(0.5 * omega / strain, 1e6)
     # inextensible: log(sinh(t)/t) = log(sqrt(L0^2 - d_along^2)/d_across), convex, from the right
     ratio = 0.5 * jnp.log1p(jnp.maximum(-excess, 0.0) / across2)
-    deep = theta
-    for _ in range(3):
+
+    def inextensible(_, deep):
         t = jnp.maximum(deep, 1e-2)
         log_sinhc = t + jnp.log(-jnp.expm1(-2 * t) / (2 * t))
-        deep = jnp.clip(t - (log_sinhc - ratio) / (1 / jnp.tanh(t) - 1 / t), 1e-2, t)
+        return jnp.clip(t - (log_sinhc - ratio) / (1 / jnp.tanh(t) - 1 / t), 1e-2, t)
+
+    deep = jax.lax.fori_loop(0, 3, inextensible, theta)
     limit = 0.45 * jnp.abs(jnp.log(tiny))
     theta = jnp.minimum(jnp.where(theta > 0.5, deep, theta), limit)
     return theta, strain, k / strain / strain

@@ -41,6 +41,7 @@ class Strings:
     n_freedom = 3
     rising = True
     breaks = remembers = shaped_by_load = False
+    rounding = None
 
     def properties(self):
         """Nothing: all of it is state."""

@@ -1,12 +1,14 @@
 """Ready scenes: a structure and its phases, `jc.solve(*scene)`."""
 
 from .accuracy import accuracy_cable
+from .cables import isolated_cable, suspended_cable
 from .domes import geiger_dome, levy_dome
 from .hypar import hypar_net
 from .masts import guyed_mast, strung_arch
 from .nets import Scene, flat_net, saddle
 from .saddle_net import saddle_net
 from .tensegrity import simplex
+from .tents import tent_edge
 from .trusses import cable_truss
 
 __all__ = [
@@ -17,9 +19,12 @@ __all__ = [
     "geiger_dome",
     "guyed_mast",
     "hypar_net",
+    "isolated_cable",
     "levy_dome",
     "saddle",
     "saddle_net",
     "simplex",
     "strung_arch",
+    "suspended_cable",
+    "tent_edge",
 ]

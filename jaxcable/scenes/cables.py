@@ -1,0 +1,92 @@
+"""Single cables: the isolated cable of the literature, a cable hung by a stated sag."""
+
+import numpy as np
+
+from ..elements import Cables, Catenaries
+from ..forms.hanging import hanging_chain
+from ..loads import LineLoads, NodalLoads, SelfWeight
+from ..phases import Phase
+from ..structure import Structure, pinned
+from .nets import Scene
+
+FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254
+
+
+def isolated_cable(n=0, load=8000 * POUND, increments=(1, 1)):
+    """Cable between supports 1000 ft apart with a point load at 400 ft; EA/N up to 800.
+
+    Area 0.85 in2, 19 000 ksi, 3.16 lb/ft, unstressed lengths 412.8837 ft and 613.0422 ft on both
+    sides of the load. Phase 1 is self-weight; phase 2 puts 8 kip on, which moves the point by
+    18.456746888 ft down and 2.819439381 ft along (computed with exact catenaries).
+
+    Args:
+        n: straight elements a span, or 0 for one catenary a span.
+        load: downward, N.
+        increments: of the two phases.
+
+    Returns:
+        `Scene`; the loaded node is number n, or 1 of the catenaries.
+
+    Source: Michalos and Birnstiel (1962); Jayaraman and Knudson (1981).
+    """
+    lengths = np.array([412.8837, 613.0422]) * FOOT
+    corners = np.array([[0.0, 0, 0], [400.0, 0, -30.0], [1000.0, 0, 0]]) * FOOT
+    shared = {"axial_stiffness": 0.85 * 19e6 * POUND, "weight": 3.16 * POUND / FOOT}
+    if n < 0:
+        raise ValueError(f"n = {n}: a number of elements, or 0 for catenaries")
+    if n == 0:
+        nodes, group = corners, Catenaries([[0, 1], [1, 2]], rest_length=lengths, **shared)
+    else:
+        place = np.arange(2 * n + 1) / n
+        nodes = np.column_stack([np.interp(place, [0, 1, 2], x) for x in corners.T])
+        group = Cables(_chain(2 * n), rest_length=np.repeat(lengths / n, n), **shared)
+    structure = Structure(nodes, group, pinned([0, len(nodes) - 1]))
+    return Scene(
+        structure,
+        [
+            Phase(loads=SelfWeight(), increments=increments[0]),
+            Phase(loads=NodalLoads([max(n, 1)], (0.0, 0.0, -load)), increments=increments[1]),
+        ],
+    )
+
+
+def suspended_cable(
+    span=120.0,
+    rise=12.0,
+    sag=9.0,
+    n=0,
+    axial_stiffness=60e6,
+    weight=30.0,
+    ice=20.0,
+    increments=(1, 2),
+):
+    """Cable between two points at different heights that hangs by a stated sag, then iced.
+
+    Phase 1 is self-weight with the unstressed length that gives the sag; phase 2 adds ice as a line
+    load per unstressed length.
+
+    Args:
+        span, rise: of the second support from the first, m.
+        sag: of the middle of the cable below the middle of its chord under self-weight, m.
+        n: straight elements (a chain, in equilibrium as it starts), or 0 for one catenary.
+        axial_stiffness: EA, N.
+        weight, ice: N/m.
+        increments: of the two phases.
+
+    A scene of our own.
+    """
+    ends = np.array([[0.0, 0.0, 0.0], [span, 0.0, rise]])
+    shared = {"axial_stiffness": axial_stiffness, "weight": weight}
+    if n == 0:
+        nodes, group = ends, Catenaries([[0, 1]], **shared)
+        first = Phase(sag=sag, loads=SelfWeight(), increments=increments[0])
+    else:
+        nodes, rest_length = hanging_chain(*ends, n, sag, weight, axial_stiffness)
+        group = Cables(_chain(n), rest_length=rest_length, **shared)
+        first = Phase(loads=SelfWeight(), increments=increments[0])
+    structure = Structure(nodes, group, pinned([0, len(nodes) - 1]))
+    return Scene(structure, [first, Phase(loads=LineLoads((0, 0, -ice)), increments=increments[1])])
+
+
+def _chain(n):
+    return np.column_stack([np.arange(n), np.arange(1, n + 1)])

@@ -1,0 +1,113 @@
+"""The edge of a tent: a cable between two guyed pylons, pulled by the membrane."""
+
+import numpy as np
+
+from ..elements import Bars, Cables
+from ..loads import CablePressure, LineLoads
+from ..phases import Phase
+from ..structure import Structure, pinned
+from .nets import Scene
+
+
+def tent_edge(
+    span=20.0,
+    sag=2.0,
+    n=16,
+    height=8.0,
+    lean=2.0,
+    reach=6.0,
+    pressure=3e3,
+    uplift=1.5e3,
+    edge_stiffness=60e6,
+    guy_stiffness=40e6,
+    pylon_stiffness=400e6,
+    increments=(1, 4),
+):
+    """Edge cable of a tent between the tops of two pylons, each held by two guys.
+
+    The membrane (not part of it) lies behind the edge, towards +y, and pulls it: a pressure in its
+    plane, across the cable and always at right angles to it, under which the edge is a circular
+    arc. The pylons are struts on hinges that lean out, towards -y, and the guys run from their tops
+    to the ground outside. Phase 1 tensions all of it; the given geometry is in equilibrium then:
+    with chords c of the arc that turn by phi, and half of the pressure on each at its ends, the
+    edge has ``T = p c / (2 tan(phi/2))``, and a pylon and its guys balance its end in one point.
+    Phase 2 is gusts: more pressure and, along the edge, uplift per initial length.
+
+    Args:
+        span, sag: of the edge between the tops and in the level plane at `height`, m.
+        n: elements of the edge.
+        height: of the tops, m.
+        lean: of a pylon's top over its foot, towards -y, m.
+        reach: of the guys' anchors from the feet, outwards and towards -y, m.
+        pressure: of the membrane on the edge, N/m; half of it is added in phase 2.
+        uplift: in phase 2, N/m.
+        edge_stiffness, guy_stiffness, pylon_stiffness: EA, N.
+        increments: of the two phases.
+
+    Returns:
+        `Scene` with the groups "edge", "guys", "pylons"; nodes 0 and n are the tops.
+
+    A scene of our own.
+    """
+    if n < 2:
+        raise ValueError(f"n = {n}: an edge that sags has at least 2 elements")
+    radius = (span**2 / 4 + sag**2) / (2 * sag)
+    half = np.arcsin(span / (2 * radius))
+    angle = np.linspace(-half, half, n + 1)
+    edge = np.column_stack(
+        [radius * np.sin(angle), radius * (np.cos(angle) - np.cos(half)), np.full(n + 1, height)]
+    )
+    turn = 2 * half / n
+    tension = pressure * radius * np.cos(turn / 2)
+    out = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
+    tops = edge[[0, n]]
+    feet = tops + np.array([0, lean, -height])
+    anchors = np.stack(
+        [
+            feet + reach * (0.4 * out + np.array([0, -1.2, 0])),
+            feet + reach * (1.2 * out + np.array([0, -0.4, 0])),
+        ],
+        axis=1,
+    )
+    nodes = np.concatenate([edge, feet, anchors.reshape(4, 3)])
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    guys = [(0, n + 3), (0, n + 4), (n, n + 5), (n, n + 6)]
+    pylons = [(0, n + 1), (n, n + 2)]
+    elements = {
+        "edge": Cables(links, axial_stiffness=edge_stiffness),
+        "guys": Cables(guys, axial_stiffness=guy_stiffness),
+        "pylons": Bars(pylons, axial_stiffness=pylon_stiffness),
+    }
+    held, strut = np.empty(4), np.empty(2)
+    for k, (top, inner) in enumerate(((0, 1), (n, n - 1))):
+        ends = [n + 3 + 2 * k, n + 4 + 2 * k, n + 1 + k]
+        ways = nodes[ends] - nodes[top]
+        ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        last = nodes[inner] - nodes[top]
+        across = np.cross([0, 0, 1.0], np.sign(last[0]) * last)
+        pull = tension * last / np.linalg.norm(last) + pressure / 2 * across
+        held[2 * k], held[2 * k + 1], strut[k] = np.linalg.solve(ways.T, -pull)
+    if held.min() <= 0 or strut.max() >= 0:
+        raise ValueError("lean, reach: guys would push or pylons pull; let the anchors reach out")
+    structure = Structure(nodes, elements, pinned(np.arange(n + 1, n + 7)))
+
+    def membrane(amount):
+        return CablePressure(amount, axis=(0, 0, 1), on="edge")
+
+    return Scene(
+        structure,
+        [
+            Phase(
+                pretension={"edge": tension, "guys": held, "pylons": strut},
+                loads=membrane(pressure),
+                increments=increments[0],
+            ),
+            Phase(
+                loads=[
+                    membrane(0.5 * pressure),
+                    LineLoads((0, 0, uplift), on="edge", per="initial"),
+                ],
+                increments=increments[1],
+            ),
+        ],
+    )
