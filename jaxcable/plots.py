@@ -12,7 +12,8 @@ def net(solution, path=None, magnify=1.0):
     """Draw a cable net in plan before and in space after loading, coloured by tension.
 
     Args:
-        solution: `Solution` with status OK; "before" is the end of its first phase.
+        solution: `Solution` with status OK; "before" is the end of its first phase. Catenaries are
+            drawn as their chords (`forms.catenary_curves` has their places).
         path: where to save a PNG, or None.
         magnify: factor on the displacement after the first phase, in the right picture.
 
@@ -24,10 +25,12 @@ def net(solution, path=None, magnify=1.0):
     """
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; draw solution.last or call raise_if_failed")
-    first, links = solution.phases[0], np.concatenate([group.array for group in solution.links])
-    before = np.asarray(first.positions)
+    first, before = solution.phases[0], np.asarray(solution.phases[0].positions)
     moved = np.asarray(solution.positions) - before
-    tensions = [np.concatenate(jax.tree.leaves(part.tension)) for part in (first, solution)]
+    links, element = _pieces(solution.links)
+    tensions = [
+        np.concatenate(jax.tree.leaves(part.tension))[element] for part in (first, solution)
+    ]
     low, high = min(t.min() for t in tensions), max(t.max() for t in tensions)
     if high - low <= 1e-9 * max(abs(high), 1.0):
         low, high = low - 1.0, high + 1.0
@@ -50,7 +53,7 @@ def net(solution, path=None, magnify=1.0):
     plan.set_aspect("equal")
     plan.margins(0.05)
     plan.set(title="Before loading: plan after prestress", xlabel="x (m)", ylabel="y (m)")
-    plan.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), ncols=2, frameon=False)
+    figure.legend(loc="outside lower left", ncols=2, frameon=False)
 
     after = before + magnify * moved
     grey = Line3DCollection(before[links], colors="0.75", linewidths=1.0, linestyles="dashed")
@@ -74,11 +77,25 @@ def net(solution, path=None, magnify=1.0):
     for axis, bins, pad in (("x", 4, 8), ("y", 4, 8), ("z", 2, 10)):
         space.locator_params(axis=axis, nbins=bins)
         getattr(space, f"{axis}axis").labelpad = pad
-    figure.colorbar(lines, ax=space, label="tension (N)", shrink=0.75, pad=0.12)
+    figure.colorbar(lines, ax=space, label="tension (N)", shrink=0.75, pad=0.15)
     if path is not None:
         figure.savefig(path, dpi=130)
         plt.close(figure)
     return figure
+
+
+def _pieces(groups):
+    """Straight pieces of all elements, node numbers [n, 2], and the number of their element [n]."""
+    links, element, count = [], [], 0
+    for group in groups:
+        chain = group.array
+        pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
+        own = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
+        real = pairs[..., 0] != pairs[..., 1]
+        links.append(pairs[real])
+        element.append(own[real])
+        count += len(chain)
+    return np.concatenate(links), np.concatenate(element)
 
 
 def section(section, stress=None, path=None, scale=1e-6, unit="N/mm2"):
