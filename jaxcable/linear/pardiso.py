@@ -12,9 +12,10 @@ import numpy as np
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
 _SLOTS = 8  # factors of a pattern that can live side by side
-# Unknowns, or entries of a matrix with one unknown a node, up to which one thread is as fast as
-# several; on a machine with other work it is faster by far.
-_SMALL, _THIN = 3000, 40_000
+_SMALL = 3000  # unknowns up to which one thread is as fast as several, see experiments/scaling.py
+# Entries a row, of the upper triangle, up to which minimum degree gives the better ordering: of nets
+# with one unknown a node (a third less time at 5 000 to 40 000 unknowns).
+_THIN = 4
 _FEW = 16  # right sides up to which it is faster to solve one after the other (3 sides: 4 times)
 _INT = ctypes.POINTER(ctypes.c_int32)
 _FLOAT = ctypes.POINTER(ctypes.c_double)
@@ -78,13 +79,14 @@ class _Handle:
         self.memory = np.zeros(64, np.int64)
         self.iparm = np.zeros(64, np.int32)  # counted from zero here, from one in its manual
         self.iparm[0] = 1  # no defaults
-        self.iparm[1] = 2  # nested dissection
+        thin = len(self.indices) <= _THIN * n
+        self.iparm[1] = 0 if thin else 2  # minimum degree, or nested dissection
         self.iparm[9] = 13  # pivots below 1e-13 of the matrix are perturbed, and counted
         self.iparm[17] = -1  # count the entries of the factor
         self.iparm[34] = 1  # indices from zero
         self.iparm[55] = 1  # the diagonal of the factor may be asked for
         self.free = list(range(_SLOTS, 0, -1))
-        self.alone = n <= _SMALL or len(self.indices) <= _THIN
+        self.alone = n <= _SMALL
         self.call(11, 1, np.ones(len(self.indices)))
 
     def factorize(self, values):
