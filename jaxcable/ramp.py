@@ -123,6 +123,9 @@ class Ramp:
             moved = sum(movement.steps(shape, nodes.dtype) for movement in data.movements)
             if data.freedoms.rows is not None:
                 moved = moved[data.freedoms.rows]
+            # a traced movement may turn out to be one of a free node: there is no such state
+            loose = ~data.freedoms.fixed[:, :3] & (moved[:, :3] != 0)
+            moved = jnp.where(jnp.any(loose), jnp.nan, moved)
         return cls(
             nodes,
             groups,

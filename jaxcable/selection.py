@@ -7,17 +7,19 @@ from . import _check
 from ._tree import Indices, pytree
 
 
-@pytree(indices=("elements",))
+@pytree(static=("count",), indices=("elements",))
 class Only:
     """Values for some elements of one group; `only` makes it.
 
     Args:
         elements: numbers of the elements in their group, [n].
         values: one value for all of them, or [n].
+        count: number of elements of the group, if it is known.
     """
 
     elements: object
     values: object
+    count: object = None
 
     def __post_init__(self):
         if not isinstance(self.elements, Indices):
@@ -32,6 +34,10 @@ class Only:
 
     def chosen(self, n_elem, name):
         """Which elements are meant, [n_elem] bool, NumPy; ValueError if there is no such one."""
+        if self.count not in (None, n_elem):
+            raise ValueError(
+                f"{name}: {self.count} booleans say which elements, the group has {n_elem}"
+            )
         unknown = self.elements.array >= n_elem
         if unknown.any():
             k = int(unknown.argmax())
@@ -56,8 +62,9 @@ def only(elements, values):
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
         values: one value for all of them, or [n].
     """
+    count = None
     if not isinstance(elements, Indices):
         elements = np.asarray(elements)
         if elements.dtype == bool:
-            elements = np.flatnonzero(elements)
-    return Only(elements, values)
+            elements, count = np.flatnonzero(elements), len(elements)
+    return Only(elements, values, count)

@@ -7,7 +7,7 @@ import pytest
 import jaxcable as jc
 
 
-@pytest.mark.parametrize("n", [0, 12])
+@pytest.mark.parametrize("n", [pytest.param(0, marks=pytest.mark.slow), 12])
 def test_suspended_cable_hangs_by_its_sag(n):
     scene = jc.scenes.suspended_cable(n=n)
     solution = jc.solve(*scene)
@@ -27,6 +27,7 @@ def test_suspended_cable_hangs_by_its_sag(n):
     assert 6.0 - middle > 9.0  # ice stretches it
 
 
+@pytest.mark.slow
 def test_isolated_cable_of_straight_elements():
     """The work-precision study has the convergence; here that both variants are one scene."""
     moved = []

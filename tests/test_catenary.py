@@ -12,6 +12,7 @@ from test_gradients import slope
 import jaxcable as jc
 from jaxcable._tree import copy
 from jaxcable.assembly import each
+from jaxcable.elements.hanging import hang
 
 mp.mp.dps = 60
 N_DRAW = 10_000
@@ -277,6 +278,7 @@ def test_isolated_cable():
     assert error < 1e-8 / 20  # half of the last digit is 3e-11
 
 
+@pytest.mark.slow
 def test_straight_elements_converge_to_the_catenary_at_second_order():
     errors = [np.linalg.norm(moved(n) - moved(0)) for n in (4, 8, 16)]
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
@@ -350,6 +352,7 @@ def test_curve_and_end_tensions():
     assert float(solution.tension[0]) == pytest.approx(float(ends.mean()), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_line_load_across_and_temperature():
     """Wind across adds to the weight: the plane of the cable turns, nothing else changes."""
     wind, weight = 30.0, 40.0
@@ -381,3 +384,42 @@ def test_a_catenary_refuses_laws_and_jacks():
         jc.solve(hanging(weight=None), [jc.Phase(sag=1.0)])
     with pytest.raises(ValueError, match=r"sag\[0\] = 0.0: a sag must be positive"):
         jc.solve(hanging(), [jc.Phase(sag=0.0)])
+
+
+def test_plumb_and_collapsed_cables_have_derivatives():
+    """A chord along the load, and none at all: the force of one equation, the stiffness finite."""
+
+    def force(p):
+        return hang(p[:3], p[:3] @ p[:3] - p[3] ** 2, p[4:7], p[3], p[7])[0]
+
+    down = [0.0, 0.0, -5.0, 1e5]
+    for chord, length in (([0.0, 0, -10], 9.9), ([0.0, 0, -10], 10.0), ([0.0, 0, 0], 15.0)):
+        p = jnp.array([*chord, length, *down])
+        assert bool(jnp.isfinite(jax.jacfwd(force)(p)).all())
+    # taut: EA (l/L0 - 1); across it, T/l less what the spread of tension along it takes (1e-5)
+    p = jnp.array([0.0, 0, -10, 9.9, *down])
+    exact = 1e5 * (10 / 9.9 - 1)
+    assert np.asarray(force(p)) == pytest.approx([0, 0, -exact], rel=1e-12)
+    assert float(jax.jacfwd(force)(p)[0, 0]) == pytest.approx(exact / 10, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_plumb_hanger():
+    """It holds P and its weight: T = P + w L0 / 2 in the middle, l = L0 (1 + T/EA)."""
+    structure = jc.Structure(
+        [[0.0, 0, 10], [0, 0, 0]],
+        jc.Catenaries([[0, 1]], axial_stiffness=1e5, weight=5.0),
+        jc.pinned([0]),
+    )
+
+    def analyse(load):
+        loads = [jc.SelfWeight(), jc.NodalLoads([1], jnp.array([0.0, 0, -1]) * load)]
+        return jc.solve(structure, [jc.Phase(loads=loads)])
+
+    solution = analyse(50.0)
+    assert int(solution.status) == 0
+    assert float(solution.tension[0]) == pytest.approx(75.0, rel=1e-12)
+    assert float(solution.positions[1, 2]) == pytest.approx(-10 * 75 / 1e5, rel=1e-9)
+    assert float(jax.grad(lambda p: analyse(p).positions[1, 2])(50.0)) == pytest.approx(
+        -10 / 1e5, rel=1e-9
+    )

@@ -152,11 +152,41 @@ def test_every_load_can_be_scaled():
     for load in loads:
         (tripled,) = jc.combine([load], [3.0])
         before, after = jax.tree.leaves(load), jax.tree.leaves(tripled)
-        kept = isinstance(load, jc.CablePressure)  # its axis
+        # an axis, and forces that keep their direction beside their factor
+        kept = isinstance(load, jc.CablePressure | jc.LineLoads | jc.AreaLoads)
         changed = [not np.allclose(a, b) for a, b in zip(before, after, strict=True)]
         assert sum(changed) == len(changed) - kept
     nothing, double = (jc.combine([loads[0]], [f])[0] for f in (0.0, 2.0))
     assert nothing.direction.tolist() == [0, 0, 0] and double.direction[2] == -2.0
+
+
+def test_a_factor_of_zero_has_the_derivative_of_the_load():
+    """Loads are linear in their factor; the direction to look along does not vanish with it."""
+    structure = sloped()
+
+    def loads(factor):
+        cases = [
+            jc.LineLoads((0, 10.0, -50.0), per="projected"),
+            jc.AreaLoads([[0, 1, 2]], (0, 5.0, -500.0)),
+        ]
+        solution = jc.solve(
+            structure, [jc.Phase(prestrain=0.02), jc.Phase(loads=jc.combine(cases, factor))]
+        )
+        return solution.load
+
+    zero, one = jnp.zeros(2), jnp.ones(2)
+    rate = jax.jvp(loads, (zero,), (one,))[1]
+    assert np.asarray(rate) == pytest.approx(np.asarray(loads(one)), rel=1e-12)
+    assert float(jnp.abs(loads(zero)).max()) == 0.0
+
+
+def test_projected_loads_on_a_running_rope_go_to_the_pieces_that_have_a_projection():
+    nodes = [[0.0, 0, 0], [0.0, 0, 3.0], [4.0, 0, 3.0]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, rope, jc.pinned([0, 1, 2]))
+    load = jc.LineLoads((0, 0, -10.0), per="projected")
+    solution = jc.solve(structure, [jc.Phase(loads=load)])
+    assert np.asarray(solution.load[:, 2]) == pytest.approx([0, -20, -20], abs=1e-14)
 
 
 REFUSED = {
@@ -216,7 +246,12 @@ PARAMETERS = {
 }
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+# the rest, alike, in `make slow`
+QUICK = ("per area", "factors")
+NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     p, solve = PARAMETERS[name]
 

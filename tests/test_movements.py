@@ -8,6 +8,7 @@ import pytest
 from test_gradients import slope
 
 import jaxcable as jc
+from jaxcable import status
 
 EA, REST = 1e5, 0.99
 
@@ -99,3 +100,30 @@ def test_a_batch_of_movements():
     assert (np.asarray(batch.status) == 0).all()
     single = spread(MOVE)
     assert np.abs(np.asarray(batch.tension[1] - single.tension)).max() < 1e-9 * EA
+
+
+def test_traced_movements_of_partly_held_nodes():
+    """Which components are zero is not known while tracing; a free one that moves has no state."""
+    mask = np.zeros((3, 3), bool)
+    mask[[0, 2]] = True
+    mask[1] = [True, True, False]
+    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4)
+    structure = jc.Structure(nodes, cables, jc.Supports(mask))
+
+    def tension(d):
+        movement = jc.SupportMovement([1], jnp.array([0.0, 1.0, 0.0]) * d)
+        phases = [jc.Phase(pretension=100.0), jc.Phase(loads=movement)]
+        return jc.solve(structure, phases).tension[0]
+
+    d, rest = 0.1, 1 / (1 + 100 / 1e4)
+    exact = 1e4 / rest * d / np.hypot(1, d)
+    assert float(jax.grad(tension)(d)) == pytest.approx(exact, rel=1e-10)
+
+    def lifted(d):
+        movement = jc.SupportMovement([1], jnp.array([0.0, 0.0, 1.0]) * d)
+        return jc.solve(structure, [jc.Phase(pretension=100.0), jc.Phase(loads=movement)]).status
+
+    with pytest.raises(ValueError, match="node 1 is free along z"):
+        lifted(0.1)
+    assert int(jax.jit(lifted)(0.1)) == status.NONFINITE

@@ -226,6 +226,7 @@ def test_pressure_goes_on_following_in_later_phases():
     assert jnp.abs(batch - together.positions[None]).max() < 1e-11
 
 
+@pytest.mark.slow
 def test_large_nets_solve_sparse_unsymmetric_systems():
     """The same through SuperLU, with a pattern that the faces have their share in."""
     structure, _ = jc.scenes.saddle(4, 4, spacing=1.0, rise=0.1)
@@ -243,6 +244,7 @@ def test_large_nets_solve_sparse_unsymmetric_systems():
     assert jnp.abs(dense.displacement - sparse.displacement).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_beside_beams():
     """A pressed cable from a clamped mast to the ground: all forces balance."""
     n = 6
@@ -290,7 +292,12 @@ PARAMETERS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", PARAMETERS)
+# the rest, alike, in `make slow`
+QUICK = ("per unstressed length", "face pressure")
+NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     """Unsymmetric tangents too: the adjoint solves with the transposed matrix."""
     p, solve = PARAMETERS[name]

@@ -70,3 +70,47 @@ def test_stiff_swing_needs_the_soft_detour():
     jc.raise_if_failed(solution)
     assert (np.asarray(solution.positions)[1:, 2] < 0).all()
     assert np.allclose(solution.tension[2], 9.0, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_nets_of_catenaries_ropes_and_cables_converge_from_random_starts():
+    """Their energies are convex, too: one equilibrium whatever the start.
+
+    A rope runs between three anchors over two free nodes, which it cannot draw onto each other
+    (there its energy has a kink and the equilibrium no tangent).
+    """
+    for seed in range(10):
+        nodes, links, stiffness, rest, forces, anchors, free = random_net(seed)
+        rng = np.random.default_rng(2000 + seed)
+        half = len(links) // 2
+        over = rng.choice(free, 2, replace=False)
+        chain = [anchors[0], over[0], anchors[1], over[1], anchors[2]]
+        length = np.linalg.norm(np.diff(nodes[chain], axis=0), axis=1).sum()
+        elements = {
+            "hanging": jc.Catenaries(
+                links[:half],
+                axial_stiffness=stiffness[:half],
+                rest_length=rest[:half],
+                weight=10 ** rng.uniform(-1, 2, half),
+            ),
+            "straight": jc.Cables(
+                links[half:], axial_stiffness=stiffness[half:], rest_length=rest[half:]
+            ),
+            "rope": jc.SlidingCables(
+                [chain], axial_stiffness=1e4, rest_length=length * rng.uniform(0.8, 1.2)
+            ),
+        }
+        phase = jc.Phase(loads=[jc.SelfWeight(), jc.NodalLoads(free, forces)])
+        tensions = []
+        for start in range(3):
+            begin = nodes.copy()
+            if start:
+                begin[free] += SPREAD * rng.normal(size=(len(free), 3))
+            # weight of ropes and straight cables is left out: it would depend on initial places
+            solution = jc.solve(jc.Structure(begin, elements, jc.pinned(anchors)), [phase])
+            assert int(solution.status) == 0, (seed, start, jc.describe(solution.status))
+            parts = [solution.tension[name] for name in elements]
+            tensions.append(np.concatenate(parts))
+        size = np.abs(tensions[0]).max()
+        # the residual, 1e-10 of the forces, over the softest way to move (weights of 0.1 N/m)
+        assert np.ptp(tensions, axis=0).max() < 1e-6 * size, seed

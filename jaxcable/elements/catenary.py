@@ -24,7 +24,9 @@ class Catenaries(Cables):
     factor of the moment: a slack one without any load has no force. `tension` in results is the
     mean of the tensions at the two ends, which is at least half of the load on the element;
     `end_tensions` has both. Prestress is stated as for cables: a tension is that in the straight
-    element without load; a `sag` that under its whole weight, hanging down along -z.
+    element without load; a `sag` that under its whole weight, hanging down along -z. A taut one
+    without load takes its first load stiffly, not in proportion: `Incremental` needs small first
+    increments or corrections there.
 
     Args:
         links: node numbers, [n_elem, 2].

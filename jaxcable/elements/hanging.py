@@ -45,9 +45,10 @@ def hang(chord, excess, load, rest_length, stiffness):
     weight2 = load @ load
     heavy = weight2 > 0
     weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
-    along = chord @ load / jnp.where(heavy, weight2, 1.0)  # times the load: the part along it
-    across = chord - along * load
-    tiny = jnp.finfo(chord.dtype).tiny ** 0.6  # a chord along the load: nothing differs by it
+    unit = load / jnp.where(heavy, weight, 1.0)
+    across = chord - (chord @ unit) * unit
+    # of a chord along the load; small enough to change nothing, with a square that is a number
+    tiny = jnp.finfo(chord.dtype).tiny ** 0.45
     across2 = across @ across / rest_length**2 + tiny
     excess = excess / rest_length**2
     omega = weight * rest_length / stiffness
@@ -60,8 +61,7 @@ def hang(chord, excess, load, rest_length, stiffness):
     # the two springs between chord and force, across the load and along it
     across_spring = stiffness * strain / rest_length / (strain + 1 + bend)
     further = across_spring * bend / (strain + 1)
-    pull = across_spring * chord
-    pull = pull + further / jnp.where(heavy, weight2, 1.0) * (chord @ load) * load
+    pull = across_spring * chord + further * (chord @ unit) * unit
     none = jnp.where(empty, 0.0, 1.0)
     return none * pull, none * stiffness * strain, theta
 
@@ -91,7 +91,7 @@ def _least_tension(omega, across2, excess):
         left = jnp.where(
             excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
         )
-        return jnp.log(left / across2) - jnp.log(more * (2 + more) + floor)
+        return jnp.log(left) - jnp.log(across2) - jnp.log(more * (2 + more) + floor)
 
     theta, strain, added = _first_guess(omega, across2, excess)
     added = jnp.where(taut, added, jnp.where(omega > 0, omega / jnp.expm1(2 * theta), strain))

@@ -21,7 +21,9 @@ class SlidingCables(Cables):
 
     Everything per element is per cable: one tension, one unstressed length, one weight. `tension`
     and `rest_length` of results have one value for a cable. Weight and line loads go to its nodes
-    by the share of the initial lengths of its pieces, and do not slide along.
+    by the initial (or projected) lengths of its pieces, and do not slide along. Two free nodes that
+    the cable draws onto each other leave a piece without length and an equilibrium without a
+    tangent: the status then is NOT_CONVERGED (join the nodes).
 
     Args:
         links: the nodes of each cable in turn, a list of lists, or [n_elem, n_end]. A closed loop

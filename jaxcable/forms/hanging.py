@@ -5,12 +5,11 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import _check
-from .._tree import fill
 from ..assembly import motion_of
 from ..elements import hanging
 from ..elements.prestress import element
 from ..ramp import make_system
-from .tangent import prepared
+from .tangent import filled, prepared
 
 
 def catenary_curves(structure, solution, n=21):
@@ -41,7 +40,7 @@ def _of_catenaries(structure, solution, method, *arguments):
     if not any(able):
         raise ValueError("structure: has no catenaries")
     thawed, arrays, _ = prepared(structure, solution)
-    nodes, groups, carry = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    nodes, groups, carry = filled(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
     results = []
     for group, state, one in zip(groups, states, able, strict=True):

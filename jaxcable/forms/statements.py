@@ -3,11 +3,11 @@
 import jax
 import jax.numpy as jnp
 
-from .._tree import fill, pytree
+from .._tree import pytree
 from ..assembly import each
 from ..elements.prestress import element
 from ..ramp import make_system
-from .tangent import prepared
+from .tangent import filled, prepared
 
 
 @pytree
@@ -61,7 +61,7 @@ def statements(structure, solution):
 
 @jax.jit
 def _say(thawed, arrays):
-    nodes, groups, carry = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None, carry.nodal_load)
     return [
         _group(group, state, nodes, carry.motion)

@@ -34,7 +34,7 @@ def tangent_of(structure, state, fixed=None):
 
 @jax.jit
 def _tangent(thawed, arrays, freedoms):
-    nodes, groups, carry = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.tangent(system.unknowns(carry.motion))
 
@@ -52,6 +52,15 @@ def prepared(structure, state, fixed=None):
         )
     nodes = structure.nodes if rows is None else structure.nodes[rows.array]
     return *thaw((nodes, groups, state.carry)), number_freedoms(fixed, rows)
+
+
+def filled(thawed, arrays):
+    """Nodes, groups and carry of `prepared`, all floats as exact as the nodes."""
+    frame = jax.tree.map(jnp.asarray, fill(thawed, arrays))
+    dtype = frame[0].dtype
+    return jax.tree.map(
+        lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x, frame
+    )
 
 
 def _held(state):

@@ -13,8 +13,8 @@ import numpy as np
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
 _SLOTS = 8  # factors of a pattern that can live side by side
 _SMALL = 3000  # unknowns up to which one thread is as fast as several, see experiments/scaling.py
-# Entries a row, of the upper triangle, up to which minimum degree gives the better ordering: of nets
-# with one unknown a node (a third less time at 5 000 to 40 000 unknowns).
+# Entries a row, of the upper triangle, up to which minimum degree gives the better ordering: of
+# nets with one unknown a node (a third less time at 5 000 to 40 000 unknowns).
 _THIN = 4
 _FEW = 16  # right sides up to which it is faster to solve one after the other (3 sides: 4 times)
 _INT = ctypes.POINTER(ctypes.c_int32)

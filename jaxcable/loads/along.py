@@ -70,18 +70,23 @@ class LineLoads:
             None loads all groups.
         per: which length: "unstressed" (of the moment; of a jacked element that with which the jack
             began, until it is anchored), "initial" (chord of the initial nodes), or "projected"
-            (the same as seen along the force: snow on a sloping cable, wind on a mast).
+            (the same as seen along the force: snow on a sloping cable, wind on a mast). A zero
+            force has no direction to look along, and no sensible derivative by itself: scale a
+            load with `factor`.
+        factor: of the forces.
     """
 
     forces: object
     on: object = None
     per: str = "unstressed"
+    factor: object = 1.0
 
     def __post_init__(self):
         forces = _check.floats(self.forces, "forces")
         if forces.shape != (3,):
             raise ValueError(f"forces: expected shape (3,), got {forces.shape}")
         object.__setattr__(self, "forces", forces)
+        object.__setattr__(self, "factor", _check.floats(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
 
@@ -95,7 +100,7 @@ class LineLoads:
 
     def scaled(self, factor):
         """The load times `factor`."""
-        return copy(self, forces=factor * self.forces)
+        return copy(self, factor=factor * self.factor)
 
     def element_forces(self, groups, states, nodes, shape, dtype):
         """Force on every node, as `shape`, N, for the given element states."""
@@ -103,19 +108,25 @@ class LineLoads:
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
             if number in self.on:
                 ends = nodes[group.links]
-                total = total.at[group.links].add(group.at_ends(self._length(state, ends), ends))
-        return padded(jnp.outer(total, self.forces.astype(dtype)), shape)
+                if self.per == "unstressed":
+                    share = group.at_ends(state.rest_length, ends)
+                else:  # half of each piece to each of its ends
+                    half = 0.5 * self._pieces(ends)
+                    share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
+                total = total.at[group.links].add(share)
+        return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
     def per_length(self, number, group, state, ends):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
         if number not in self.on:
             return None
-        return jnp.outer(self._length(state, ends) / state.rest_length, self.forces)
+        share = jnp.ones_like(state.rest_length)
+        if self.per != "unstressed":
+            share = jnp.sum(self._pieces(ends), axis=-1) / state.rest_length
+        return jnp.outer(share, self.factor * self.forces)
 
-    def _length(self, state, ends):
-        """The length that the load is per, [n_elem], m; `ends` [n_elem, n_end, 3]."""
-        if self.per == "unstressed":
-            return state.rest_length
+    def _pieces(self, ends):
+        """Initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
         pieces = ends[:, 1:] - ends[:, :-1]
         if self.per == "projected":
             square = self.forces @ self.forces
@@ -123,8 +134,7 @@ class LineLoads:
             pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
         square = jnp.sum(pieces**2, axis=-1)
         # a piece along the force has no projected length, and no derivative of it
-        length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-        return jnp.sum(length, axis=-1)
+        return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
 def padded(forces, shape):

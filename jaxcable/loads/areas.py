@@ -25,12 +25,14 @@ class AreaLoads:
             `net_faces` finds those of a net.
         forces: force per area, [3] or [n_face, 3], N/m2: snow is ``(0, 0, -s)``.
         per: which area: "projected", as seen along the force (plan area, for snow), or "initial",
-            the surface itself.
+            the surface itself. A zero force has no direction to look along: see `LineLoads`.
+        factor: of the forces.
     """
 
     faces: object
     forces: object
     per: str = "projected"
+    factor: object = 1.0
 
     def __post_init__(self):
         object.__setattr__(self, "faces", _faces.checked(self.faces))
@@ -40,6 +42,7 @@ class AreaLoads:
                 f"forces: expected shape (3,) or ({len(self.faces)}, 3), got {forces.shape}"
             )
         object.__setattr__(self, "forces", forces)
+        object.__setattr__(self, "factor", _check.floats(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
 
@@ -49,7 +52,7 @@ class AreaLoads:
 
     def scaled(self, factor):
         """The load times `factor`."""
-        return copy(self, forces=factor * self.forces)
+        return copy(self, factor=factor * self.factor)
 
     def element_forces(self, groups, states, nodes, shape, dtype):
         """Force on every node, as `shape`, N."""
@@ -68,7 +71,7 @@ class AreaLoads:
             force = (area / 3)[:, None] * per_area
             for k in numbers:
                 total = total.at[self.faces[:, k]].add(force)
-        return padded(total, shape)
+        return padded(self.factor.astype(dtype) * total, shape)
 
     def per_length(self, number, group, state, ends):
         """It acts on nodes and shapes no element."""

@@ -51,12 +51,18 @@ class SupportMovement:
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
 
     def check_supported(self, fixed):
-        """Raise ValueError if a moved freedom is not held; `fixed`, [n_node, 3 or 6]."""
+        """Raise ValueError if a moved freedom is not held; `fixed`, [n_node, 3 or 6].
+
+        Of a traced movement it is not known which components are zero: a node without any support
+        is refused here, and a free component that moves ends as NONFINITE (see `ramp`).
+        """
         own = fixed[self.nodes.array]
+        moves = _check.concrete(self.displacements)
         for k, node in enumerate(self.nodes.array):
-            moves = _check.concrete(self.displacements)
-            moves = np.ones((len(own), 3)) if moves is None else moves  # traced: could be any
-            loose = (np.broadcast_to(moves, (len(own), 3))[k] != 0) & ~own[k, :3]
+            if moves is None:
+                loose = ~own[k, :3] & ~own[k, :3].any()
+            else:
+                loose = (np.broadcast_to(moves, (len(own), 3))[k] != 0) & ~own[k, :3]
             if loose.any():
                 raise ValueError(
                     f"displacements[{k}]: node {node} is free along "
