@@ -26,7 +26,9 @@ def tension(force, pretension=200.0):
     return solution.tension, solution.status
 
 
-@pytest.mark.parametrize("chunk", [1, 3, 7, 100, None])
+@pytest.mark.parametrize(
+    "chunk", [*(pytest.param(k, marks=pytest.mark.slow) for k in (1, 7, 100)), 3, None]
+)
 def test_chunks(chunk):
     expected, _ = jax.vmap(tension)(FORCES)
     found, status = jc.batched(tension, chunk)(FORCES)
@@ -34,6 +36,7 @@ def test_chunks(chunk):
     assert jnp.abs(found - expected).max() < 1e-12 * expected.max()
 
 
+@pytest.mark.slow
 def test_gradients_of_shared_and_own_parameters():
     def loss(map_, pretension, forces):
         return jnp.sum(map_(lambda F: tension(F, pretension)[0])(forces) ** 2)

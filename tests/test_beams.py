@@ -305,6 +305,7 @@ def test_axial_force_of_a_column_under_its_own_weight():
 # --- loads, hinges, mixed structures
 
 
+@pytest.mark.slow
 def test_distributed_load_on_a_clamped_beam():
     q, length = 1e-3, 2.0
     structure = straight(2, length, supports=jc.clamped([0, 2]), weight=3.0)
@@ -318,6 +319,7 @@ def test_distributed_load_on_a_clamped_beam():
     problems.assert_balanced(solution)
 
 
+@pytest.mark.slow
 def test_three_hinged_arch():
     n, radius, load = 4, 5.0, 50.0
     angle = np.linspace(np.pi, 0, 2 * n + 1)
@@ -409,6 +411,7 @@ def test_a_nodal_moment_makes_the_tangent_unsymmetric():
     assert 0 < skew < 1e-2 * jnp.abs(tangent).max()
 
 
+@pytest.mark.slow
 def test_moved_and_turned_support():
     """A clamp that is turned by 90 degrees takes the whole cantilever along."""
     turn = jc.SupportMovement([0], (0.1, 0.2, 0.3), rotations=(0.0, 0.0, np.pi / 2))

@@ -175,6 +175,7 @@ def test_taylor_everywhere(name):
     assert slope(shifted, start, 1.05 * gradient, size) < 1.5
 
 
+@pytest.mark.slow
 def test_higher_derivatives():
     """The Hessian is symmetric, and the derivative of the gradient."""
     p = jnp.array(REGIMES["shallow"])

@@ -49,6 +49,7 @@ def test_influence_of_an_earlier_phase():
     assert jnp.abs(before - matrix()).max() < 1e-9 * jnp.abs(matrix()).max()
 
 
+@pytest.mark.slow
 def test_influence_of_load_is_reciprocal():
     """Maxwell: displacement at a by a force at b is that at b by a force at a; both modes agree."""
     phases = [PRESTRESS, LOADING]
@@ -75,6 +76,7 @@ IN_GROUPS = jc.replace(FLAT, elements=GROUPS)
 STATED = jc.Phase(pretension={"x": 200.0, "y": None}, prestrain={"x": None, "y": 2e-3})
 
 
+@pytest.mark.slow
 def test_influence_of_several_groups():
     matrix = jc.influence(IN_GROUPS, [STATED, LOADING])
     assert matrix["x"]["y"].shape == (6, 6)
@@ -313,6 +315,7 @@ def test_constraints_closed_form():
         design.minimize_subject_to(lambda p: (p[0], p[0]), jnp.array([1.0]))
 
 
+@pytest.mark.slow
 def test_gradient_of_a_loss_in_a_batch_of_optimizations():
     """Taylor test of the gradients that `minimize` reports, in a batch, with slack cables.
 

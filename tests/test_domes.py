@@ -21,7 +21,8 @@ SCENES = {
 COUNTS = {"simplex": (1, 1), "geiger": (1, 18), "levy": (7, 0), "biconcave": (1, 4)}
 COUNTS["biconvex"] = COUNTS["biconcave"]
 # a program of its own, of which little is new beside the biconcave truss
-SOLVED = [pytest.param(n, marks=[pytest.mark.slow] if n == "biconvex" else []) for n in SCENES]
+LONG = ("biconvex", "biconcave", "levy")
+SOLVED = [pytest.param(n, marks=[pytest.mark.slow] if n in LONG else []) for n in SCENES]
 
 
 @functools.cache

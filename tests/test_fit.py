@@ -137,6 +137,7 @@ def test_failures_are_avoided_and_said():
     assert int(jc.fit(rosenbrock, jnp.array([-1.2, 1.0]), steps=3).status) == status.OUT_OF_STEPS
 
 
+@pytest.mark.slow
 def test_a_net_within_bounds():
     """Tensions that no net has, pretensions that all want to leave their bounds: as SciPy."""
     structure, (_, loading) = jc.scenes.flat_net(load=15.0, increments=(1, 1))

@@ -42,6 +42,7 @@ def test_gradient_through_a_batch():
     assert float(shared) == pytest.approx(-1500 * 8 / 3 / EI, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_a_small_load_in_single_precision_moves_the_beam():
     """Not taken for rounding: that goes with the displacements, and these are zero at first."""
     as_single = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), SECTION)
@@ -68,6 +69,7 @@ def test_a_released_beam_comes_to_rest():
     assert np.abs(np.asarray(solution.displacement)).max() < 1e-11 * abs(loaded)
 
 
+@pytest.mark.slow
 def test_a_stiff_beam_does_not_hide_a_small_load():
     rigid = jc.Section.rectangle(0.02, 0.05, jc.Elastic(1e18))
     structure = jc.Structure(
@@ -100,6 +102,7 @@ def test_loads_of_hinged_ends_are_those_of_their_node():
     assert np.abs(np.asarray(solution.reactions + solution.load).sum(0)).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_strains_that_nobody_asked_for_have_no_derivative():
     law = jc.Polygonal([-0.01, 0.0, 0.01], [-1e9, 0.0, 1e9])
     bars = jc.Bars([[0, 1], [1, 2]], area=1e-4, law=law)

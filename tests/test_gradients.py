@@ -131,6 +131,7 @@ def test_taylor(name):
     assert slope(value, p, wrong) < 1.5
 
 
+@pytest.mark.slow
 def test_taylor_with_slack_cables():
     """A cable net of which some cables are slack at the end."""
     structure, _ = jc.scenes.saddle(3, 3, axial_stiffness=1e6, pretension=50.0)

@@ -71,6 +71,7 @@ def amplified(amplitudes, load=0.6 * CRITICAL):
     return pushed(amplitudes, load).displacement[1, :2]
 
 
+@pytest.mark.slow
 def test_an_imperfection_grows_as_the_buckling_load_says():
     """Over the amplitude (P - BACK P_cr) / (P_cr - P), to first order; so is the derivative."""
     for part in (0.3, 0.6):

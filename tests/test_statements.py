@@ -139,6 +139,7 @@ def test_jacks_on_some_cables_in_the_scheme_of_the_paper():
     assert errors[1] / errors[2] == pytest.approx(2, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_sag_is_what_a_catenary_says():
     structure = jc.Structure(
         [[0.0, 0, 0], [50.0, 0, 4.0]],

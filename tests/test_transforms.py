@@ -63,6 +63,7 @@ def test_jvp(name):
     assert jnp.abs(tangent - expected).max() < 1e-6 * jnp.abs(expected).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_batches(name):
     end = make(METHODS[name])
@@ -93,6 +94,7 @@ def test_second_derivatives(name):
     assert jnp.abs(product - hessian @ vector).max() < 1e-10 * jnp.abs(hessian).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NEWTONS)
 def test_solve_inside_scan_and_of_a_whole_structure_pytree(name):
     end = make(METHODS[name])

@@ -70,6 +70,7 @@ def vee(law):
     return jc.Structure(nodes, cables, jc.Supports(mask))
 
 
+@pytest.mark.slow
 def test_a_net_pulled_past_yield_and_released():
     """A vee of cables that slackens when it is released: longer by the plastic strain."""
     law = jc.materials.strand(1860e6, 195e9)
@@ -111,6 +112,7 @@ def test_a_link_loaded_beyond_its_curve_fails(method):
         jc.raise_if_failed(solution)
 
 
+@pytest.mark.slow
 def test_plastic_strains_freeze_at_a_failure():
     force = FY * AREA
     solution = jc.solve(one_bar(), [*pulled(1.1 * force), *pulled(9.0 * force, increments=3)])
@@ -161,6 +163,7 @@ def cantilever(section, n=4, length=2.0):
     return jc.Structure(nodes, jc.Beams(links, section=section), jc.clamped([0]))
 
 
+@pytest.mark.slow
 def test_an_elastic_plastic_cantilever_loaded_and_released():
     """Moment-curvature of the bilinear rectangle integrated along the undeformed axis."""
     b, h, length, n = 0.1, 0.2, 2.0, 6
