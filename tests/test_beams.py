@@ -203,6 +203,7 @@ def rod_reaction(half_span, rise, ea, ei, pushes):
     return np.array(out)
 
 
+@pytest.mark.slow
 def test_a_toggle_is_pushed_through_its_limit_point():
     half_span, rise, n, steps = 12.943, 0.386, 8, 14  # Williams (1964), inches and pounds
     x = np.linspace(-half_span, half_span, 2 * n + 1)
@@ -363,6 +364,7 @@ def mixed():
     return jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)])
 
 
+@pytest.mark.slow
 def test_cables_and_beams_share_nodes():
     solution = mixed()
     assert int(solution.status) == 0

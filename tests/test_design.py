@@ -229,6 +229,7 @@ def test_objectives():
     assert jnp.abs(mean - np.asarray(batch.tension).mean(0)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_distance_to_slackening():
     """From lengths alone, on a net with slack cables; the step to the next kink by bisection."""
     structure, _ = jc.scenes.saddle(3, 3, axial_stiffness=1e6, pretension=50.0)

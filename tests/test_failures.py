@@ -184,6 +184,7 @@ def test_a_loose_node_is_counted_and_no_failure():
     assert np.asarray(solution.displacement)[3].tolist() == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_derivatives_beside_a_loose_node():
     """Exact where they do not depend on it, NaN where they do; in both modes."""
     load = jnp.array([0.1, 0.0, -1.0])

@@ -164,6 +164,7 @@ def test_taylor_with_slack_cables():
     assert abs(np.polyfit(np.log(steps), np.log(rest), 1)[0] - 2) < 0.1
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_path():
     """NaN unless asked for; exact when asked for."""
 

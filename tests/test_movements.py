@@ -46,6 +46,7 @@ def test_moved_supports_stretch_the_links():
     problems.assert_balanced(solution)
 
 
+@pytest.mark.slow
 def test_movements_keep_what_was_moved_before():
     move = jc.SupportMovement([2], (0.01, 0.0, 0.0))
     once = two_links([jc.Phase(rest_length=REST), jc.Phase(loads=move)])

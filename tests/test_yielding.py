@@ -123,6 +123,7 @@ def test_plastic_strains_freeze_at_a_failure():
     assert float(again.positions[1, 0]) / 2 - 1 == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_section_collapses_to_one_area_and_law_in_a_cable():
     core = jc.materials.tension_only(50e9)
     wire = jc.Polygonal([-0.03, 0.0, 0.008, 0.03], [-6e9, 0.0, 1.6e9, 2e9])
