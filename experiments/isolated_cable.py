@@ -139,7 +139,7 @@ def draw(cases, errors, middle, straight):
         for k in np.flatnonzero(chosen):
             _, n, tol = cases[k]
             text = f"tol {tol:.0e}" if n == 0 else f"{n} a span"
-            place = (4, 5) if n else (-10, (7, -13)[k % 2])
+            place = (4, 5) if n else (-10, (-13, 7)[k % 2])
             left.annotate(text, (errors[k], middle[k]), place, textcoords="offset points", size=7)
     left.set(
         xlabel="error of the displacement (m)",
