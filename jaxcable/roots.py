@@ -16,10 +16,11 @@ def rising_root(function, guess, low, high):
     Args:
         function: of a scalar, rising; not a number, or minus infinity, only below its zero.
         guess: scalar.
-        low, high: a bracket, scalars; the zero is taken to lie in it.
+        low, high: a bracket, scalars.
 
     Returns:
-        The zero, to the rounding of `function`; NaN if its parameters are.
+        The zero, to the rounding of `function`; NaN if its parameters are, or if the bracket has
+        none.
     """
 
     def solve(f, guess):
@@ -44,8 +45,12 @@ def rising_root(function, guess, low, high):
 
         far = jnp.full_like(guess, jnp.inf)
         start = (guess, low, high, far, far, jnp.zeros_like(guess, jnp.int32))
-        return lax.while_loop(unfinished, step, start)[0]
+        end, *_, count = lax.while_loop(unfinished, step, start)
+        # at an end of the bracket there is no zero in it: no number is better than a wrong one
+        room = 4 * eps * jnp.maximum(1, jnp.abs(end))
+        found = (end > low + room) & (end < high - room) & (count < _MAX_STEPS)
+        return jnp.where(found, end, jnp.nan)
 
-    guess = jnp.clip(guess, low, high)
+    guess = jnp.clip(guess, low, high)  # of a guess only: where to begin, no part of the result
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
     return lax.custom_root(function, guess, solve, lambda g, y: y / g(jnp.ones_like(y)))

@@ -13,6 +13,7 @@ import jaxcable as jc
 from jaxcable._tree import copy
 from jaxcable.assembly import each
 from jaxcable.elements.hanging import hang
+from jaxcable.roots import rising_root
 
 mp.mp.dps = 60
 N_DRAW = 10_000
@@ -170,7 +171,10 @@ def test_taylor_everywhere(name):
     # (by more where EA/N = 1e8 leaves it eight digits)
     start = jnp.ones(5)
     size = (100 if "stiff" in name else 20) / float(jnp.abs(gradient).max())
-    shifted = lambda q: value(q - start)  # noqa: E731
+
+    def shifted(q):
+        return value(q - start)
+
     assert slope(shifted, start, gradient, size) == pytest.approx(2, abs=0.1)
     assert slope(shifted, start, 1.05 * gradient, size) < 1.5
 
@@ -424,3 +428,9 @@ def test_a_plumb_hanger():
     assert float(jax.grad(lambda p: analyse(p).positions[1, 2])(50.0)) == pytest.approx(
         -10 / 1e5, rel=1e-9
     )
+
+
+def test_a_root_outside_of_its_bracket_is_no_number():
+    for low, high, expected in ((0.0, 3.0, 2.0), (0.0, 1.0, np.nan), (3.0, 5.0, np.nan)):
+        root = rising_root(lambda u: u**3 - 8.0, jnp.array(1.5), jnp.array(low), jnp.array(high))
+        assert float(root) == pytest.approx(expected, rel=1e-15, nan_ok=True)

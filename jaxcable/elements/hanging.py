@@ -125,6 +125,7 @@ def _first_guess(omega, across2, excess):
     def inextensible(_, deep):
         t = jnp.maximum(deep, 1e-2)
         log_sinhc = t + jnp.log(-jnp.expm1(-2 * t) / (2 * t))
+        # within what the formula can be evaluated at; a guess, corrected by the iteration
         return jnp.clip(t - (log_sinhc - ratio) / (1 / jnp.tanh(t) - 1 / t), 1e-2, t)
 
     deep = jax.lax.fori_loop(0, 3, inextensible, theta)
