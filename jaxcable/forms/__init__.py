@@ -1,5 +1,6 @@
 """Form finding: shapes, tensions and unstressed lengths that an analysis can begin with."""
 
+from ..tangent import tangent_of
 from .feasible import Prestress, feasible_prestress
 from .force_density import force_density
 from .form import Form
@@ -10,7 +11,6 @@ from .relaxation import dynamic_relaxation
 from .self_stress import SelfStress, self_stress
 from .statements import Statements, statements
 from .symmetry import symmetric_groups
-from .tangent import tangent_of
 
 __all__ = [
     "Form",

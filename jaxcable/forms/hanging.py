@@ -9,7 +9,7 @@ from ..assembly import motion_of
 from ..elements import hanging
 from ..elements.prestress import element
 from ..ramp import make_system
-from .tangent import filled, prepared
+from ..tangent import filled, prepared
 
 
 def catenary_curves(structure, solution, n=21):

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _check
 from .._tree import pytree, replace
-from .tangent import prepared, tangent_of
+from ..tangent import prepared, tangent_of
 
 
 @pytree

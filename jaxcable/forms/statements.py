@@ -7,7 +7,7 @@ from .._tree import pytree
 from ..assembly import each
 from ..elements.prestress import element
 from ..ramp import make_system
-from .tangent import filled, prepared
+from ..tangent import filled, prepared
 
 
 @pytree

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import Indices, fill, thaw
-from ..ramp import make_system
-from ..solution import Solution, State
-from ..structure import number_freedoms
+from ._tree import Indices, fill, thaw
+from .ramp import make_system
+from .solution import Solution, State
+from .structure import number_freedoms
 
 
 def tangent_of(structure, state, fixed=None):

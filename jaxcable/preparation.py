@@ -1,0 +1,151 @@
+"""What the compiled core is given: phases checked, numbered and taken apart on the host."""
+
+import jax
+import jax.numpy as jnp
+
+from . import status
+from ._tree import Indices, thaw
+from .equilibrium import Newton
+from .incremental import Incremental
+from .loads import NodalLoads, SupportMovement, as_list
+from .phases import Phase
+from .ramp import PhaseData, follows, unloaded
+from .solution import Solution, State
+from .structure import Structure, number_freedoms
+
+
+def prepare(structure, phases, method, start):
+    """Check the arguments of an analysis and take topology apart from numbers.
+
+    Args:
+        structure, phases, method, start: those of `solve`.
+
+    Returns:
+        thawed, arrays: nodes, groups, carry and data of the phases, as `thaw` splits them.
+        method: `Newton` or `Incremental`.
+        code: status that `start` ended with.
+        fixed: freedoms held before the first phase and in each phase, a tuple of `Indices`.
+
+    Raises:
+        ValueError: wrong input, naming argument, index and rule.
+    """
+    if not isinstance(structure, Structure):
+        raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    for k, phase in enumerate(phases):
+        if not isinstance(phase, Phase):
+            raise ValueError(f"phases[{k}]: expected a Phase, got {type(phase).__name__}")
+    if not phases:
+        raise ValueError("phases: an analysis needs at least one phase")
+    method = Newton() if method is None else method
+    if not isinstance(method, Newton | Incremental):
+        raise ValueError(f"method: expected Newton or Incremental, got {type(method).__name__}")
+    if isinstance(method, Incremental) and method.stiffness == "secant":
+        for k, group in enumerate(structure.groups):
+            if getattr(group, "secant", None) is None:
+                raise ValueError(
+                    f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
+                    'stiffness; use "tangent"'
+                )
+    carry, code, fixed = _begin(structure, start)
+    rows, groups = structure.rows()
+    links = tuple((group.links, group.n_freedom) for group in groups)
+    followers = [] if carry is None else [load for load, _ in carry.element_loads if follows(load)]
+
+    def numbered(fixed):
+        pressed = [(own, 3) for load in followers for own in load.touches(groups)]
+        return number_freedoms(fixed, rows, (*links, *pressed), method.linear_solver, not followers)
+
+    nodes = structure.nodes if rows is None else structure.nodes[rows.array]
+
+    sets, data = [fixed], []
+    for phase in phases:
+        if phase.supports is not None:
+            fixed = Indices(structure.fixed(phase.supports))
+        loads = as_list(phase.loads)
+        for load in loads:
+            load.check(structure)
+        movements = [load for load in loads if isinstance(load, SupportMovement)]
+        for movement in movements:
+            movement.check_supported(fixed.array)
+        kinds = NodalLoads | SupportMovement
+        own = [
+            load.among(structure) if hasattr(load, "among") else load
+            for load in loads
+            if not isinstance(load, kinds)
+        ]
+        followers += [load for load in own if follows(load)]
+        if followers and getattr(method, "stiffness", None) == "secant":
+            raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
+        freedoms = numbered(fixed)
+        data.append(
+            PhaseData(
+                inputs=phase.inputs(structure),
+                nodal_loads=[load for load in loads if isinstance(load, NodalLoads)],
+                element_loads=own,
+                movements=movements,
+                freedoms=freedoms,
+                freedoms_before=None if fixed == sets[-1] else number_freedoms(sets[-1], rows),
+                increments=int(phase.increments),
+                other_pattern=bool(data) and freedoms is not data[-1].freedoms,
+            )
+        )
+        sets.append(fixed)
+    thawed, arrays = thaw((nodes, groups, carry, data))
+    return thawed, arrays, method, code, tuple(sets)
+
+
+def ready(parameters):
+    """Nodes, groups, carry and data to compute with, from those that were handed over.
+
+    Floats are as exact as the nodes. The iteration may pass through where the curve of a law has
+    ended (the answer may not): laws go on there.
+    """
+    nodes, groups, carry, data = parameters
+    dtype = jnp.asarray(nodes).dtype
+    nodes, groups, carry, data = jax.tree.map(
+        lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
+        jax.tree.map(jnp.asarray, parameters),
+    )
+    if carry is None:
+        carry = unloaded(nodes, groups)
+    groups = [group.continued() if group.breaks else group for group in groups]
+    return nodes, groups, carry, data
+
+
+def _begin(structure, start):
+    """Carry, status and supported freedoms that the analysis starts from."""
+    if start is None:
+        return None, jnp.int32(status.OK), Indices(structure.fixed(structure.supports))
+    if isinstance(start, Solution):
+        code, last = start.status, start.last
+    elif isinstance(start, State):
+        code, last = jnp.int32(status.OK), start
+    else:
+        raise ValueError(f"start: expected a Solution, got {type(start).__name__}")
+    if last.displacement.shape != structure.nodes.shape:
+        raise ValueError(
+            f"start: belongs to a structure of {last.displacement.shape[0]} nodes, "
+            f"this one has {structure.n_node}"
+        )
+    if len(last.carry.states) != len(structure.groups):
+        raise ValueError("start: belongs to a structure with other element groups")
+    rows = structure.rows()[0]
+    motion = (
+        structure.n_node if rows is None else len(rows),
+        7 if structure.turns().any() else 3,
+    )
+    if last.carry.motion.shape != motion:
+        raise ValueError("start: belongs to a structure with other beams or hinges")
+    for k, (group, state) in enumerate(zip(structure.groups, last.carry.states, strict=True)):
+        shapes = [jax.tree.map(jnp.shape, plastic) for plastic in (group.virgin(), state.plastic)]
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"start: the law of group {k} remembers other plastic strains")
+    fixed = last.fixed[-1]
+    if isinstance(start, State) and any(f != fixed for f in last.fixed):
+        if isinstance(last.phase, jax.core.Tracer):
+            raise ValueError(
+                "start: which supports a traced .last had is not known; use the solution itself"
+            )
+        fixed = last.fixed[int(last.phase) + 1]
+    return last.carry, code, fixed

@@ -1,0 +1,86 @@
+"""What is read off a point of equilibrium, and the shape in which users get it."""
+
+import jax.numpy as jnp
+
+from ._tree import copy
+from .ramp import make_system
+from .solution import State
+from .structure import Freedoms
+
+
+def state_of(frame, carry, load, number, factor, fixed):
+    """The `State` that a carry stands for."""
+    nodes, groups = frame
+    motion = carry.motion
+    freedoms = Freedoms(free=None, source=None, number=None, fixed=fixed)
+    system = make_system(nodes, groups, carry, None, freedoms, load)
+    turns = motion.shape[1] > 3
+    displacement = motion[:, :3] if turns else motion
+    state = State(
+        displacement=displacement,
+        positions=nodes + displacement,
+        tension=system.tensions(motion),
+        rest_length=[state.rest_length for state in carry.states],
+        reactions=system.reactions(motion),
+        load=system.all_load(motion),
+        phase=number,
+        load_factor=factor,
+        carry=None,
+        fixed=None,
+    )
+    if not turns:
+        return state
+    return copy(
+        state,
+        reactions=state.reactions[:, :3],
+        load=state.load[:, :3],
+        rotation=motion[:, 3:],
+        reaction_moments=state.reactions[:, 3:],
+        section_forces=system.section_forces(motion),
+    )
+
+
+def row_of(ramp, system, x):
+    """One increment of a path."""
+    motion = system.motion(x)
+    n_slack = sum(jnp.sum(slack) for slack in system.slack(motion))
+    n_loose = jnp.sum(system.loose_nodes(motion))
+    moved = motion - ramp.begin.motion
+    if motion.shape[1] > 3:
+        moved = moved[:, :3]
+    strain = system.strains(motion)
+    if all(own is None for own in strain):
+        strain = None
+    return moved, system.tensions(motion), n_slack, n_loose, strain
+
+
+def arranged(structure, solution, fixed):
+    """Put lists with an item per group into the shape of the elements, rows onto their nodes."""
+    rows = structure.rows()[0]
+    n_node = structure.n_node
+
+    def arrange(part, *names):
+        present = [name for name in names if getattr(part, name) is not None]
+        return copy(part, **{name: structure.arrange(getattr(part, name)) for name in present})
+
+    def fold(part):
+        part = arrange(part, "tension", "rest_length", "section_forces")
+        if rows is None:
+            return part
+        one = ("displacement", "positions", "rotation")
+        cut = {name: getattr(part, name)[:n_node] for name in one}
+        summed = ("reactions", "reaction_moments", "load")  # a hinge passes its force to the node
+        for name in (name for name in summed if hasattr(part, name)):
+            value = getattr(part, name)
+            cut[name] = jnp.zeros_like(value[:n_node]).at[rows.array].add(value)
+        return copy(part, **cut)
+
+    phases = []
+    for phase in solution.phases:
+        path = arrange(phase.path, "tension", "strain")
+        if rows is not None:
+            path = copy(path, displacement=path.displacement[:, :n_node])
+        phases.append(copy(arrange(fold(phase), "began"), path=path))
+    last = copy(fold(solution.last), fixed=fixed)
+    links = tuple(group.links for group in structure.groups)
+    return copy(fold(solution), phases=tuple(phases), last=last, links=links)
