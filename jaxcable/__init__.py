@@ -10,7 +10,7 @@
 -0.012838093 m
 """
 
-from . import design, forms, materials, plots, scenes
+from . import design, forms, materials, paths, plots, scenes
 from ._tree import replace
 from .batches import batched
 from .design import fit, influence, minimize
@@ -30,6 +30,7 @@ from .loads import (
     net_faces,
 )
 from .materials import Elastic, Polygonal
+from .paths import trace_path
 from .phases import Phase
 from .sections import Section, SectionState
 from .selection import only
@@ -83,10 +84,12 @@ __all__ = [
     "minimize",
     "net_faces",
     "only",
+    "paths",
     "pinned",
     "plots",
     "raise_if_failed",
     "replace",
     "scenes",
     "solve",
+    "trace_path",
 ]

@@ -252,14 +252,17 @@ class System:
 
     def beyond(self, motion):
         """Whether any element is strained beyond its curve."""
-        return jnp.any(
-            jnp.concatenate(
-                [
-                    each("beyond", group, state, self.nodes, motion)
-                    for group, state in zip(self.groups, self.states, strict=True)
-                    if group.breaks
-                ]
-            )
+        return jnp.any(self.broken(motion))
+
+    def broken(self, motion):
+        """Elements strained beyond their curve, all groups one after the other, bool."""
+        return jnp.concatenate(
+            [
+                each("beyond", group, state, self.nodes, motion)
+                if group.breaks
+                else jnp.zeros(len(group.links), bool)
+                for group, state in zip(self.groups, self.states, strict=True)
+            ]
         )
 
     def settle(self, motion):

@@ -57,7 +57,25 @@ def undifferentiated(tree, parameters):
     For results whose derivative was not asked for: an honest NaN instead of a silent zero.
     """
     touched = touch(parameters)
-    return jax.tree.map(lambda x: _constant(lax.stop_gradient(x), touched), tree)
+
+    def one(x):
+        x = jnp.asarray(x)
+        floating = jnp.issubdtype(x.dtype, jnp.floating)
+        return _constant(lax.stop_gradient(x), touched) if floating else x
+
+    return jax.tree.map(one, tree)
+
+
+def first_order(tree):
+    """Return `tree`; its first derivative passes, every higher one is NaN.
+
+    For what is exact at first order only: an honest NaN instead of a silently wrong number.
+    """
+
+    def one(x):
+        return _first_order(x) if jnp.issubdtype(jnp.asarray(x).dtype, jnp.floating) else x
+
+    return jax.tree.map(one, tree)
 
 
 def nan_unless(ok, tree, parameters):
@@ -105,3 +123,14 @@ def _constant(x, touched):
 def _constant_jvp(primals, tangents):
     x = primals[0]
     return x, _poison(False, jnp.zeros_like(x), tangents[1])
+
+
+@jax.custom_jvp
+def _first_order(x):
+    return x
+
+
+@_first_order.defjvp
+def _first_order_jvp(primals, tangents):
+    (x,), (change,) = primals, tangents
+    return x, change * _constant(jnp.ones((), x.dtype), jnp.sum(x))

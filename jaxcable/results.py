@@ -54,6 +54,22 @@ def row_of(ramp, system, x):
     return moved, system.tensions(motion), n_slack, n_loose, strain
 
 
+def on_nodes(structure, part, per_element, per_node=("displacement",)):
+    """Lists with an item per group put into the shape of the elements, rows onto their nodes.
+
+    Args:
+        structure: `Structure`.
+        part: result of the compiled core.
+        per_element: names of what has an item per group.
+        per_node: names of what has an entry for each row of motion, on its second axis.
+    """
+    present = [name for name in per_element if getattr(part, name) is not None]
+    changes = {name: structure.arrange(getattr(part, name)) for name in present}
+    if structure.rows()[0] is not None:
+        changes |= {name: getattr(part, name)[:, : structure.n_node] for name in per_node}
+    return copy(part, **changes)
+
+
 def arranged(structure, solution, fixed):
     """Put lists with an item per group into the shape of the elements, rows onto their nodes."""
     rows = structure.rows()[0]
@@ -77,9 +93,7 @@ def arranged(structure, solution, fixed):
 
     phases = []
     for phase in solution.phases:
-        path = arrange(phase.path, "tension", "strain")
-        if rows is not None:
-            path = copy(path, displacement=path.displacement[:, :n_node])
+        path = on_nodes(structure, phase.path, ("tension", "strain"))
         phases.append(copy(arrange(fold(phase), "began"), path=path))
     last = copy(fold(solution.last), fixed=fixed)
     links = tuple(group.links for group in structure.groups)

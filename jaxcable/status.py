@@ -16,6 +16,8 @@ OUT_OF_STEPS = 8
 STALLED = 9
 BAD_START = 10
 OUTSIDE = 11
+LIMIT_POINT = 12
+BIFURCATION = 13
 
 _TEXTS = {
     OK: "converged",
@@ -50,8 +52,10 @@ _TEXTS = {
         "stress-strain curve; reduce the forces or look at Section.interaction"
     ),
     OUT_OF_STEPS: (
-        "the optimization used up its steps before the gradient inside the bounds fell to tol; "
-        "allow more steps, another learning rate, or go on from the parameters reached"
+        "the allowed steps are used up: of an optimization, before the gradient inside the bounds "
+        "fell to tol (allow more, another learning rate, or go on from the parameters reached); of "
+        "a path, before it reached its last load factor (allow more steps or events, or larger "
+        "steps)"
     ),
     STALLED: (
         "no step, however short, leads on: the loss has reached its rounding level (then raise "
@@ -63,6 +67,14 @@ _TEXTS = {
         "history.status[0] has its code"
     ),
     OUTSIDE: "the start is outside its bounds, or a lower bound is above the upper one",
+    LIMIT_POINT: (
+        "the load has reached a maximum: beyond it there is no equilibrium nearby; the structure "
+        "would snap through; trace_path(..., through=True) follows it"
+    ),
+    BIFURCATION: (
+        "the tangent stiffness is no longer positive definite: the structure can leave this path "
+        "for another; the event has the mode, an imperfection in its shape shows where it goes"
+    ),
 }
 
 

@@ -6,10 +6,12 @@ A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the sam
 import jax.numpy as jnp
 
 from . import dense, sparse
+from .bordered import solve_bordered
 from .choice import check, is_dense
 from .dense import Factor, solve_definite
 from .pattern import Pattern, Sparse, assemble, make_pattern
 from .sparse import SparseFactor, no_memory
+from .spectrum import spectrum
 
 __all__ = [
     "Factor",
@@ -25,10 +27,12 @@ __all__ = [
     "no_memory",
     "or_identity",
     "plus_diagonal",
+    "solve_bordered",
     "solve_built",
     "solve_definite",
     "solve_general",
     "solve_next",
+    "spectrum",
 ]
 
 

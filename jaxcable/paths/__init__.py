@@ -1,0 +1,27 @@
+"""To failure: paths followed by arc length, stability, vibration, flexibility."""
+
+from .events import (
+    BIFURCATION,
+    FAILURES,
+    LIMIT_POINT,
+    MATERIAL_FAILURE,
+    NAMES,
+    SLACKENING,
+    TIGHTENING,
+    Events,
+)
+from .result import TracedPath
+from .trace import trace_path
+
+__all__ = [
+    "BIFURCATION",
+    "FAILURES",
+    "LIMIT_POINT",
+    "MATERIAL_FAILURE",
+    "NAMES",
+    "SLACKENING",
+    "TIGHTENING",
+    "Events",
+    "TracedPath",
+    "trace_path",
+]

@@ -1,0 +1,402 @@
+"""Along the path: arc-length steps, and events caught between two of them.
+
+Every turn of one loop tries a step from the last point, the `anchor`, along the tangent there. What
+a point is told by is its state: the sign of the tangent's load factor, the number of negative
+eigenvalues, which elements are slack, whether any has failed. A step that ends in another state is
+not taken but hunted: it is shortened by secants of what is smooth and by halves, while steps that
+end in the old state are taken, until the event lies in a step as short as the tolerance. Then it
+is noted, and the path goes on beyond it.
+
+Where the tangent does not exist (slack cables at the start, a mechanism before its first load), and
+where corrections fail in a structure whose equilibrium is unique (`System.convex`), a step of the
+load factor is made by Newton's method.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import equilibrium, linear, status
+from .._tree import copy, pytree
+from ..results import row_of
+from . import events
+from .correction import Condition, by_load, correct, loose_unknowns
+
+ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
+_BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
+_SHORT = 1e-3  # steps of this part of the first one are taken round any corner
+_EASY = 3  # iterations of a step that may be followed by one as long
+_ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
+_FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
+_SINGULAR = 1e-6  # eigenvalue over largest stiffness: an eigenvector of this is a null vector
+_FAR = 100.0  # displacement, in structure sizes, of a structure that nothing holds
+_TURNS = 60  # tries for each row of the path, on average, before giving up
+
+
+@pytree
+class Settings:
+    """Numbers that steer the continuation; see `trace_path`."""
+
+    until: object
+    down_to: object
+    step: object
+    largest: object
+    tol: object
+
+
+@pytree
+class Point:
+    """A point of the path and its state.
+
+    Attributes:
+        x, factor: point of the system and load factor.
+        turn, rise: unit tangent: unknowns over `Run.weight`, and load factor.
+        plastic: plastic strains that an increment from here begins with, or None.
+        negative, stiffness, phi: see `linear.spectrum`.
+        pull: derivative of the residual by the load factor, [n_free], N.
+        slack: slack elements, all groups one after the other, bool.
+        null: whether `phi` is a null vector.
+    """
+
+    x: object
+    factor: object
+    turn: object
+    rise: object
+    plastic: object
+    negative: object
+    stiffness: object
+    phi: object
+    pull: object
+    slack: object
+    null: object
+
+
+@pytree
+class Noted:
+    """Events as they are noted; x, plastic, phi and pull are kept for derivatives."""
+
+    kind: object
+    lower: object
+    upper: object
+    row: object
+    point: Point
+    changed: object
+
+
+@pytree
+class Run:
+    """Where the continuation stands.
+
+    Attributes:
+        anchor: last point, `Point`.
+        mode: how the next step is tried.
+        ds, nominal: length of this step, and of an ordinary one.
+        weight: displacement that counts as much as a unit of the load factor, m; 0 before it is
+            known.
+        hunting, bracket: whether an event is being closed in on, and the step that contains it.
+        beyond: (rise, stiffness, whether what changed is smooth) at the far end of it.
+        turns: tries so far.
+        rows, n_row: points recorded, and their number.
+        noted, n_event: events recorded.
+        code: status; done: whether the end is reached.
+    """
+
+    anchor: Point
+    mode: object
+    ds: object
+    nominal: object
+    weight: object
+    hunting: object
+    bracket: object
+    beyond: object
+    turns: object
+    rows: object
+    n_row: object
+    noted: Noted
+    n_event: object
+    code: object
+    done: object
+
+
+def march(ramp, method, settings, code, capacity, through):
+    """Follow the path of a phase; returns the last `Run`.
+
+    Args:
+        ramp: the phase; not differentiated.
+        method: `Newton`.
+        settings: `Settings`.
+        code: status so far; nothing is done if it is a failure.
+        capacity: (rows, events) that there is room for.
+        through: whether to go on beyond limit points and bifurcations.
+    """
+    dtype = ramp.begin.motion.dtype
+    tol = equilibrium.limit(method, dtype)
+    n_row, n_event = capacity
+    begin = ramp.at(jnp.zeros((), dtype))
+    x = begin.place(begin.unknowns(ramp.begin.motion))
+    extent = begin.extent()
+
+    def attempt(run):
+        """Try a step: (corrected point, `Point`, whether it is usable, status of a load step)."""
+        a, ds = run.anchor, run.ds
+        fresh = run.n_row == 0
+        by_newton = run.mode == LOAD
+        factor = a.factor + ds * jnp.where(by_newton, 1.0, a.rise)
+        factor = jnp.where(by_newton, jnp.minimum(factor, settings.until), factor)
+        end = jnp.where(a.rise > 0, settings.until, settings.down_to)
+        factor = jnp.where(run.mode == FINISH, end, factor)
+        along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
+        guess, newton_code = by_load(ramp, a.plastic, a.x, factor, method, by_newton)
+        guess = jnp.where(by_newton, guess, ramp.at(factor, a.plastic).move(a.x, along))
+        free = run.mode == ARC
+        condition = Condition(
+            jnp.where(free, a.turn / jnp.where(free, run.weight, 1.0), 0.0),
+            jnp.where(free, a.rise, 1.0),
+            jnp.where(free, ds, factor - a.factor),
+        )
+        active = ~by_newton | (newton_code == status.OK)
+        found = correct(ramp, a.plastic, guess, along, factor, a.factor, condition, tol, active)
+        weight = jnp.where(run.weight > 0, run.weight, _weight(found, begin))
+        turn, rise = found.turn / weight, found.rise
+        size = jnp.sqrt(turn @ turn + rise**2)
+        size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
+        point = state_of_point(ramp, a.plastic, found, turn / size, rise / size)
+        bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
+        bent = bent & (ds > _SHORT * settings.step) & ~fresh
+        far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
+        usable = found.converged & (found.regular | by_newton) & ~bent & ~far
+        return found, point, usable, newton_code, jnp.where(found.regular, weight, run.weight), far
+
+    def turn(run):
+        a, ds = run.anchor, run.ds
+        found, p, usable, newton_code, weight, far = attempt(run)
+        fresh, by_newton = run.n_row == 0, run.mode == LOAD
+        system = ramp.at(p.factor, a.plastic)
+        broken = system.beyond(system.motion(p.x)) if system.breaks else jnp.zeros((), bool)
+
+        # --- what has changed since the anchor
+        known = usable & ~fresh
+        limit = known & ~by_newton & ((p.rise > 0) != (a.rise > 0))
+        # the inertia changes at a limit point too, a hair before or after the load factor turns
+        alignment = _alignment(p)
+        of_limit = (jnp.abs(p.rise) < _FLAT) & (alignment > _ALIGNED)
+        branch = known & found.regular & (p.negative != a.negative) & ~of_limit
+        slackened = known & jnp.any(p.slack & ~a.slack)
+        tightened = known & jnp.any(a.slack & ~p.slack)
+        failed = usable & broken
+        smooth = (limit | branch) & ~(slackened | tightened | failed)
+        crossing = limit | branch | slackened | tightened | failed
+        wide = crossing & (ds > settings.tol) & ~fresh
+        hit = crossing & ~wide
+
+        # --- what to do with the step
+        outside = usable & ~crossing & (run.mode == ARC) & ~fresh
+        outside = outside & ((p.factor >= settings.until) | (p.factor <= settings.down_to))
+        fatal = hit & failed
+        accept = usable & ~outside & ~wide & ~fatal
+        last = (run.mode == FINISH) | (by_newton & (p.factor >= settings.until))
+        record = (accept & (~run.hunting | hit | last)) | (fatal & run.hunting)
+
+        # --- events
+        kinds = (
+            (limit, events.LIMIT_POINT),
+            (branch & ~limit, events.BIFURCATION),
+            (slackened, events.SLACKENING),
+            (tightened, events.TIGHTENING),
+            (failed, events.MATERIAL_FAILURE),
+        )
+        noted, count = run.noted, run.n_event
+        for happened, kind in kinds:
+            own = jnp.where(kind == events.SLACKENING, p.slack & ~a.slack, a.slack & ~p.slack)
+            if kind == events.MATERIAL_FAILURE:
+                own = system.broken(system.motion(p.x)) if system.breaks else own & False
+            elif kind not in (events.SLACKENING, events.TIGHTENING):
+                own = own & False
+            note = hit & happened & (count < n_event)
+            entry = Noted(jnp.int32(kind), a.factor, p.factor, run.n_row, p, own)
+            noted = _put(noted, count, entry, note)
+            count = count + (hit & happened)
+        stopping = hit & (limit | branch) & (not through)
+
+        # --- the row
+        shown = jax.tree.map(lambda new, old: jnp.where(fatal, old, new), p, a)
+        row = _row(ramp, shown, a.plastic, found)
+        n_rows = run.n_row + record
+        rows = _put(run.rows, run.n_row, row, record)
+
+        # --- the next step
+        anchor = jax.tree.map(lambda new, old: jnp.where(accept, new, old), settled(p, a), a)
+        ease = jnp.sqrt(_EASY / jnp.maximum(found.steps, 1).astype(dtype))
+        plain = accept & ~run.hunting & ~hit & (run.mode == ARC)
+        nominal = run.nominal * jnp.where(plain, jnp.clip(ease, 0.5, 2.0), 1.0)
+        first = fresh | (run.weight == 0)
+        nominal = jnp.where(accept & first, jnp.sqrt(2.0) * settings.step, nominal)
+        nominal = jnp.minimum(nominal, jnp.sqrt(2.0) * settings.largest)
+        bracket = jnp.where(wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket))
+        over = accept & run.hunting & (bracket <= settings.tol)
+        hunting = (run.hunting | wide) & ~hit & ~over & ~last
+        now = p.rise, p.stiffness, smooth
+        far_end = jax.tree.map(lambda new, old: jnp.where(wide, new, old), now, run.beyond)
+        ahead = _guess(anchor, far_end, bracket, run.turns, settings.tol)
+        ds_next = jnp.where(hunting, ahead, nominal)
+
+        # a step that fails is tried again, shorter; where equilibrium is unique, by load at last
+        again = ~usable & ~far
+        shorter = 0.25 * ds
+        exhausted = again & (shorter < 0.1 * settings.tol)
+        rescue = exhausted & (run.mode != LOAD) & begin.convex
+        ds_next = jnp.where(again, shorter, ds_next)
+        mode = jnp.where(outside, FINISH, ARC)
+        mode = jnp.where(accept & ~found.regular, LOAD, mode)
+        mode = jnp.where((again | wide) & by_newton, LOAD, mode)
+        mode = jnp.where(rescue, LOAD, mode)
+        reach = jnp.where(p.factor >= settings.until, settings.until, settings.down_to)
+        span = (reach - a.factor) / jnp.where(a.rise == 0, 1.0, a.rise)
+        ds_next = jnp.where(outside, jnp.abs(span), ds_next)
+        ds_next = jnp.where(rescue | ((mode == LOAD) & accept & ~hunting), settings.step, ds_next)
+        hunting = hunting & ~rescue
+
+        # --- the outcome
+        done = (accept & last) | stopping | fatal
+        code = jnp.int32(status.OK)
+        full = ~done & ((n_rows >= n_row) | (count > n_event) | (run.turns >= _TURNS * n_row))
+        stopped = jnp.where(limit, status.LIMIT_POINT, status.BIFURCATION)
+        outcomes = (
+            (stopping, stopped),
+            (fatal, status.MATERIAL_FAILURE),
+            (usable & ~accept & fresh & failed, status.MATERIAL_FAILURE),
+            (~usable & far, status.MECHANISM),
+            (exhausted & ~rescue & by_newton & (newton_code != status.OK), newton_code),
+            (exhausted & ~rescue, status.NOT_CONVERGED),
+            (by_newton & fresh & (newton_code != status.OK), newton_code),
+            (full, status.OUT_OF_STEPS),
+        )
+        for happened, own in reversed(outcomes):
+            code = jnp.where(happened, own, code)
+        return Run(
+            anchor=anchor,
+            mode=mode.astype(jnp.int32),
+            ds=ds_next,
+            nominal=nominal,
+            weight=weight,
+            hunting=hunting,
+            bracket=bracket,
+            beyond=far_end,
+            turns=run.turns + 1,
+            rows=rows,
+            n_row=n_rows,
+            noted=noted,
+            n_event=jnp.minimum(count, n_event),
+            code=code.astype(jnp.int32),
+            done=done,
+        )
+
+    def settled(p, a):
+        system = ramp.at(p.factor, a.plastic)
+        return copy(p, plastic=ramp.settle(system, p.x, status.OK, a.plastic))
+
+    zero = jnp.zeros((), dtype)
+    nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
+    still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
+    nowhere = Point(
+        *(x, zero, still, zero + 1, ramp.plastic, jnp.int32(0), zero, still, still, nobody),
+        jnp.zeros((), bool),
+    )
+    entry = Noted(jnp.int32(0), zero, zero, jnp.int32(0), nowhere, nobody)
+    unknown = jax.eval_shape(lambda p: _row(ramp, p, ramp.plastic, _nothing(p)), nowhere)
+    start = Run(
+        anchor=nowhere,
+        mode=jnp.int32(LOAD),
+        ds=zero,
+        nominal=jnp.sqrt(2.0).astype(dtype) * settings.step,
+        weight=zero,
+        hunting=jnp.zeros((), bool),
+        bracket=zero,
+        beyond=(zero, zero, jnp.zeros((), bool)),
+        turns=jnp.int32(0),
+        rows=jax.tree.map(lambda a: jnp.zeros((n_row, *a.shape), a.dtype), unknown),
+        n_row=jnp.int32(0),
+        noted=jax.tree.map(lambda a: jnp.zeros((n_event, *jnp.shape(a)), a.dtype), entry),
+        n_event=jnp.int32(0),
+        code=code,
+        done=jnp.zeros((), bool),
+    )
+    return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, turn, start)
+
+
+def state_of_point(ramp, plastic, found, turn, rise):
+    """The `Point` that an iteration ended in."""
+    system = ramp.at(found.factor, plastic)
+    matrix = system.tangent(found.x)
+    loose = loose_unknowns(system, found.x)
+    negative, stiffness, phi = linear.spectrum(matrix, loose)
+    largest = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
+    slack = jnp.concatenate(system.slack(system.motion(found.x)))
+    null = jnp.abs(stiffness) <= _SINGULAR * largest
+    return Point(
+        *(found.x, found.factor, turn, rise, plastic, negative, stiffness, phi, found.pull),
+        slack,
+        null,
+    )
+
+
+def _weight(found, system):
+    """Displacement per unit of the load factor where the path begins, m."""
+    own = jnp.linalg.norm(found.turn) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
+    usable = (own > 0) & jnp.isfinite(own)
+    return jnp.where(usable, own, system.length_scale())
+
+
+def _alignment(p):
+    """``|phi.F| / (|phi| |F|)``; 1 if nothing pulls."""
+    size = jnp.linalg.norm(p.pull)
+    return jnp.where(size > 0, jnp.abs(p.phi @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)
+
+
+def _guess(anchor, far_end, bracket, turns, tol):
+    """Length of the next step of a hunt."""
+    rise, stiffness, smooth = far_end
+    turning = (rise > 0) != (anchor.rise > 0)
+    by_rise = anchor.rise / jnp.where(turning, anchor.rise - rise, 1.0)
+    softening = (stiffness > 0) != (anchor.stiffness > 0)
+    by_stiffness = anchor.stiffness / jnp.where(softening, anchor.stiffness - stiffness, 1.0)
+    part = jnp.where(turning, by_rise, jnp.where(softening, by_stiffness, 0.5))
+    part = jnp.where(smooth & jnp.isfinite(part) & (turns % 3 != 2), part, 0.5)
+    # no nearer to an end than half the tolerance, so that the bracket closes from both sides
+    length = jnp.clip(part * bracket, 0.5 * tol, jnp.maximum(bracket - 0.5 * tol, 0.5 * tol))
+    return jnp.where(bracket <= tol, bracket, length)
+
+
+def _row(ramp, p, plastic, found):
+    """What is recorded of a point."""
+    system = ramp.at(p.factor, plastic)
+    return (
+        p.factor,
+        row_of(ramp, system, p.x),
+        p.negative,
+        p.stiffness,
+        p.rise,
+        found.steps,
+        found.residual,
+        found.scale,
+    )
+
+
+def _nothing(p):
+    """Stands for `Corrected` where only shapes are asked for."""
+    zero = jnp.zeros((), p.rise.dtype)
+
+    class Shapes:
+        steps, residual, scale = jnp.int32(0), zero, zero
+
+    return Shapes
+
+
+def _put(rows, number, row, wanted):
+    """Write `row` at `number` where `wanted`."""
+
+    def one(column, value):
+        at = jnp.minimum(number, len(column) - 1)
+        return column.at[at].set(jnp.where(wanted, value, column[at]))
+
+    return jax.tree.map(one, rows, row)

@@ -1,0 +1,148 @@
+"""Onto the path: Newton's method for equilibrium and one linear condition on the way there.
+
+Unknowns are the freedoms u and the load factor. With the residual R(u, f) and a condition
+``row . (u - u0) + rise (f - f0) = target`` each iteration solves
+
+    [ K    R_f  ] [du]   [ -R                     ]
+    [ row  rise ] [df] = [ what the condition lacks ]
+
+A condition along the tangent of the path is the arc-length method (Riks 1979, Wempner 1971, in the
+form of Keller 1977), one on f alone load control. The last iteration, at the solution, gives the
+tangent there with the same matrix.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import equilibrium, linear
+from .._tree import pytree
+
+_STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 to 6
+
+
+@pytree
+class Condition:
+    """One linear condition on a step ``(du, df)``: ``row . du + rise df = target``."""
+
+    row: object
+    rise: object
+    target: object
+
+
+@pytree
+class Corrected:
+    """Where the iteration ended.
+
+    Attributes:
+        x: point of the system, [n_free] or a motion.
+        moved: sum of the steps since the condition's origin, [n_free].
+        factor: load factor.
+        turn, rise: tangent of the path, du [n_free] and df, with ``row . turn + rise rise = 1``.
+        pull: derivative of the residual by the load factor, [n_free], N.
+        converged: whether it is in equilibrium.
+        regular: whether there is a tangent.
+        failed: whether the iteration broke down.
+        steps: iterations, the last one, which gives the tangent, not counted.
+        residual, scale: largest unbalanced force and the force that it is judged by, N.
+    """
+
+    x: object
+    moved: object
+    factor: object
+    turn: object
+    rise: object
+    pull: object
+    converged: object
+    regular: object
+    failed: object
+    steps: object
+    residual: object
+    scale: object
+
+
+def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
+    """Iterate from a guess to the path.
+
+    Args:
+        ramp: the phase; not differentiated.
+        plastic: plastic strains to start from, or None.
+        x, moved, factor: the guess: point, step from the condition's origin, load factor.
+        origin: load factor of the condition's origin.
+        condition: `Condition`.
+        tol: relative residual that counts as equilibrium.
+        active: False to return at once.
+
+    Returns:
+        `Corrected`.
+    """
+    zero = jnp.zeros((), x.dtype)
+
+    def unfinished(it):
+        return active & ~it.converged & ~it.failed & (it.steps <= _STEPS)
+
+    def iterate(it):
+        system = ramp.at(it.factor, plastic)
+        x = system.place(it.x)
+        residual, pull = jax.jvp(
+            lambda f: _residual(ramp.at(f, plastic), x), (it.factor,), (zero + 1,)
+        )
+        scale = system.residual_and_scale(x)[1]
+        allowed = tol * scale
+        if system.rounds:
+            allowed = jnp.maximum(allowed, system.rounding(x))
+        small = jnp.all(jnp.abs(residual) <= allowed)
+        # one correction at least: a short step from a good point is as good as that without any
+        settled = small & (it.steps > 0)
+        lacks = condition.target - condition.row @ it.moved - condition.rise * (it.factor - origin)
+        du, df, regular = linear.solve_bordered(
+            system.tangent(x),
+            pull,
+            condition.row,
+            condition.rise,
+            jnp.where(settled, 0.0, -residual),
+            jnp.where(settled, 1.0, lacks),
+            loose_unknowns(system, x),
+        )
+        usable = regular & jnp.all(jnp.isfinite(du)) & jnp.isfinite(df)
+        converged = settled | (small & ~usable)
+        onward = usable & ~converged
+        step = jnp.where(onward, du, 0.0)
+        return Corrected(
+            x=jnp.where(onward, system.move(x, step), x),
+            moved=it.moved + step,
+            factor=it.factor + jnp.where(onward, df, 0.0),
+            turn=jnp.where(settled, du, it.turn),
+            rise=jnp.where(settled, df, it.rise),
+            pull=pull,
+            converged=converged,
+            regular=usable,
+            failed=~converged & ~(usable & jnp.isfinite(scale)),
+            steps=it.steps + ~converged,
+            residual=jnp.max(jnp.abs(residual), initial=0.0),
+            scale=scale,
+        )
+
+    no, count = jnp.zeros((), bool), jnp.int32(0)
+    still = jnp.zeros_like(moved)
+    start = Corrected(x, moved, factor, still, zero, still, no, no, no, count, zero, zero)
+    return lax.while_loop(unfinished, iterate, start)
+
+
+def _residual(system, x):
+    """Unbalanced forces at `x` under the loads and on the supports of `system`, [n_free], N."""
+    function, numbers, _ = system.chart(x)
+    return function(numbers)
+
+
+def loose_unknowns(system, x):
+    """Unknowns of nodes that touch only slack elements, [n_free] bool."""
+    freedoms = system.freedoms
+    node = freedoms.free // freedoms.number.shape[1]
+    return system.loose_nodes(system.motion(x))[node]
+
+
+def by_load(ramp, plastic, x, factor, method, active):
+    """A guess by Newton's method at a given load factor: the point, and its status."""
+    outcome, _ = equilibrium.newton(ramp.at(factor, plastic), x, method, active)
+    return outcome.x, outcome.code

@@ -1,0 +1,73 @@
+"""What happens on a path: limit points, branch points, cables that slacken, material that fails."""
+
+import numpy as np
+
+from .._tree import pytree
+
+NONE = 0
+LIMIT_POINT = 1
+BIFURCATION = 2
+SLACKENING = 3
+TIGHTENING = 4
+MATERIAL_FAILURE = 5
+
+NAMES = {
+    LIMIT_POINT: "limit point",
+    BIFURCATION: "bifurcation",
+    SLACKENING: "slackening",
+    TIGHTENING: "tightening",
+    MATERIAL_FAILURE: "material failure",
+}
+"""Kinds of events, in words."""
+
+FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
+"""Kinds at which a structure under growing dead load fails."""
+
+
+@pytree
+class Events:
+    """Events in the order in which the path meets them; ``len(events)``, ``events[k]``.
+
+    Between the last point before and the first one after it the load factor lies within `lower` and
+    `upper`; both are within the tolerance of `trace_path` along the path.
+
+    Attributes:
+        kind: `LIMIT_POINT`, `BIFURCATION`, `SLACKENING`, `TIGHTENING` or `MATERIAL_FAILURE` of
+            `jc.paths`, [n] int; 0 in places that are not used (under a transformation).
+        load_factor: [n]. Differentiable at smooth limit points: ``-phi.R_p / (phi.R_f)``.
+        lower, upper: the same before and after the event, in this order, [n].
+        row: number of the row of the path that follows it, [n] int.
+        displacement: from the geometry in which the phase began, [n, n_node, 3], m.
+        mode: null vector phi of the tangent at limit points and bifurcations, displacements, the
+            largest of a node 1, [n, n_node, 3]; else NaN.
+        alignment: ``|phi.F| / (|phi| |F|)`` there, F the load that the phase adds: zero at a branch
+            point, not zero at a limit point, [n].
+        elements: which elements slackened, tightened or failed, in the shape of `elements`, each
+            [n, n_elem] bool.
+    """
+
+    kind: object
+    load_factor: object
+    lower: object
+    upper: object
+    row: object
+    displacement: object
+    mode: object
+    alignment: object
+    elements: object
+
+    @property
+    def names(self):
+        """The kinds in words, a list."""
+        return [NAMES.get(int(kind), "none") for kind in np.atleast_1d(np.asarray(self.kind))]
+
+    def __len__(self):
+        return len(self.kind)
+
+    def __getitem__(self, key):
+        import jax
+
+        return jax.tree.map(lambda a: a[key], self)
+
+    def __iter__(self):
+        return (self[k] for k in range(len(self)))

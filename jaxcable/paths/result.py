@@ -1,0 +1,46 @@
+"""What `trace_path` returns."""
+
+import jax.numpy as jnp
+
+from .._tree import pytree
+from ..solution import Path
+from .events import FAILURES
+
+
+@pytree
+class TracedPath(Path):
+    """A `Path` in the order in which it is met; the load factor may fall as well as rise.
+
+    The rows and events reached; inside a transformation all that there is room for, NaN in floats
+    and -1 in counts where nothing was reached.
+
+    Attributes:
+        status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
+            BIFURCATION if it was to end there; MATERIAL_FAILURE, MECHANISM, NOT_CONVERGED,
+            OUT_OF_STEPS, or the status of the phases before.
+        iterations: of the correction onto the path, [n].
+        factorizations: None.
+        equilibrated: None.
+        n_negative: negative eigenvalues of the tangent stiffness, [n]: 0 is stable.
+        stiffness: its eigenvalue nearest to zero, [n], N/m (of a unit vector of all freedoms).
+        rise: the tangent's part of load factor, 1 to -1; changes its sign at limit points, [n].
+        events: `Events`.
+    """
+
+    n_negative: object = None
+    stiffness: object = None
+    rise: object = None
+    events: object = None
+
+    @property
+    def failure_load(self):
+        """Load factor of the first limit point, bifurcation or material failure; NaN if none.
+
+        Differentiable where the event's load factor is, see `Events.load_factor`.
+        """
+        kind = jnp.asarray(self.events.kind)
+        fails = jnp.isin(kind, jnp.asarray(FAILURES))
+        if kind.shape[0] == 0:
+            return jnp.asarray(jnp.nan, self.load_factor.dtype)
+        first = self.events.load_factor[jnp.argmax(fails)]
+        return jnp.where(jnp.any(fails), first, jnp.nan)

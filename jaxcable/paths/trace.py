@@ -1,0 +1,222 @@
+"""`trace_path`: a phase followed by arc length, through limit points, with what happens on it."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .. import _check, implicit, status
+from .._tree import copy, fill
+from ..equilibrium import Newton
+from ..phases import Phase
+from ..preparation import prepare, ready
+from ..ramp import Ramp
+from ..results import on_nodes
+from ..solver import solve
+from .continuation import Settings, march
+from .events import LIMIT_POINT, Events
+from .result import TracedPath
+
+
+def trace_path(
+    structure,
+    phases,
+    method=None,
+    start=None,
+    *,
+    until=1.0,
+    down_to=-1.0,
+    step=0.02,
+    largest=0.1,
+    steps=200,
+    events=32,
+    tol=None,
+    through=True,
+):
+    """Follow the equilibrium path of the last phase by arc length; solve those before it first.
+
+    The load factor scales what the last phase adds (loads, changes of unstressed length, movements
+    of supports); its number of increments is not used. It starts at 0 and the path ends where it
+    reaches `until` or falls to `down_to`, or at a failure. On the way limit points, bifurcations,
+    slackening and tightening of cables and the failure of material are located along the path to
+    `tol`. Limit points are told from bifurcations by ``phi.F``: the null vector phi of the tangent
+    does work with the load at the one and none at the other.
+
+    The path is the one that begins at the start: at a bifurcation it goes straight on. Where it
+    bends sharply steps are shortened, but a path that passes close by can be mistaken for it, as by
+    any continuation: look at `TracedPath.rise`, or repeat with smaller steps.
+
+    A pure function. Derivatives: of the load factor at smooth limit points, with respect to all
+    parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN.
+
+    Args:
+        structure: `Structure`.
+        phases: list of `Phase`, or one.
+        method: `Newton`: its `tol` is that of every point.
+        start: `Solution` or its `.last` to start from.
+        until, down_to: load factors at which the path ends, ``down_to < 0 < until``.
+        step, largest: steps of the load factor at first, and at most, where the path is straight;
+            arc length counts the load factor and displacement alike as they change at the start.
+        steps: rows of the path that there is room for.
+        events: events that there is room for.
+        tol: length of path within which events are caught, in units of `step`; 1e-9, or 1e-5 in
+            float32. At a smooth limit point the error of the load factor is of its square.
+        through: go on beyond limit points and bifurcations, or end at the first with its status.
+
+    Returns:
+        `TracedPath`; `path.failure_load` is the load factor of the first failure.
+
+    Raises:
+        ValueError: wrong input, naming argument and rule.
+
+    Source: Riks, Int. J. Solids Structures 15 (1979); Keller, in Applications of Bifurcation Theory
+    (1977); Crisfield, Non-linear Finite Element Analysis of Solids and Structures 1 (1991), ch. 9.
+    """
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    method = Newton() if method is None else method
+    if not isinstance(method, Newton):
+        raise ValueError(f"method: expected Newton, got {type(method).__name__}")
+    settings = _settings(until, down_to, step, largest, tol, structure)
+    for name, count in (("steps", steps), ("events", events)):
+        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
+        if not whole or count < 2:
+            raise ValueError(f"{name} = {count!r}: expected a whole number of at least 2")
+    if len(phases) > 1:
+        start = solve(structure, phases[:-1], method, start)
+    thawed, arrays, method, code, _ = prepare(structure, phases[-1:], method, start)
+    room = int(steps), int(events)
+    path, n_row, n_event = _trace(thawed, arrays, method, settings, code, room, bool(through))
+    path = on_nodes(structure, path, ("tension", "strain"))
+    happened = on_nodes(structure, path.events, ("elements",), ("displacement", "mode"))
+    if not isinstance(n_row, jax.core.Tracer):
+        happened = jax.tree.map(lambda a: a[: int(n_event)], happened)
+        cut = jax.tree.map(lambda a: a[: int(n_row)], copy(path, status=None, events=None))
+        path = copy(cut, status=path.status)
+    return copy(path, events=happened)
+
+
+def _settings(until, down_to, step, largest, tol, structure):
+    """`Settings`, checked."""
+    dtype = jnp.asarray(structure.nodes).dtype
+    if tol is None:
+        tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
+    _check.require(until, lambda v: v > 0, "until", "must be positive; the path starts at 0")
+    _check.require(down_to, lambda v: v < 0, "down_to", "must be negative; the path starts at 0")
+    for name, value in (("step", step), ("largest", largest), ("tol", tol)):
+        _check.require(value, lambda v: v > 0, name, "must be positive")
+    numbers = [jnp.asarray(v, dtype) for v in (until, down_to, step, largest)]
+    # a bracket cannot be closer than neighbouring numbers allow
+    tol = jnp.maximum(jnp.asarray(tol, dtype) * numbers[2], 64 * jnp.finfo(dtype).eps * numbers[2])
+    return Settings(*numbers, tol)
+
+
+@functools.partial(jax.jit, static_argnames=("room", "through"))
+def _trace(thawed, arrays, method, settings, code, room, through):
+    """The compiled core: path and events with room to spare, and the numbers of both."""
+    parameters = fill(thawed, arrays)
+    nodes, groups, carry, (data,) = ready(parameters)
+    problem = nodes, groups, carry, data
+    ramp = Ramp.build(*lax.stop_gradient(problem))
+    method, settings = lax.stop_gradient((method, settings))
+    run = lax.stop_gradient(march(ramp, method, settings, code, room, through))
+    code = run.code
+    factor, own, negative, stiffness, rise, steps, residual, scale = run.rows
+    moved, tension, n_slack, n_loose, strain = own
+    reached = jnp.arange(room[0]) < run.n_row
+    happened = jnp.arange(room[1]) < run.n_event
+
+    def known(values, there):
+        def one(a):
+            mask = there.reshape(-1, *(1,) * (a.ndim - 1))
+            missing = jnp.nan if jnp.issubdtype(a.dtype, jnp.floating) else -1
+            return jnp.where(mask, a, jnp.asarray(missing, a.dtype))
+
+        return jax.tree.map(one, values)
+
+    noted = run.noted
+    free = ramp.freedoms.number[:, :3]
+    events = Events(
+        kind=jnp.where(happened, noted.kind, 0),
+        load_factor=None,
+        lower=known(noted.lower, happened),
+        upper=known(noted.upper, happened),
+        row=known(noted.row, happened),
+        displacement=known(jax.vmap(lambda p: _moved(ramp, p))(noted.point), happened),
+        mode=jax.vmap(lambda p: _shape(p, free))(noted.point),
+        alignment=jax.vmap(_alignment)(noted.point),
+        elements=None,
+    )
+    critical = (events.kind == LIMIT_POINT) | (events.kind == LIMIT_POINT + 1)
+    events = copy(
+        events, mode=known(events.mode, critical), alignment=known(events.alignment, critical)
+    )
+    path = TracedPath(
+        load_factor=known(factor, reached),
+        displacement=known(moved, reached),
+        tension=known(tension, reached),
+        status=code,
+        iterations=known(steps, reached),
+        factorizations=None,
+        residual=known(residual, reached),
+        relative_residual=known(residual / jnp.where(scale > 0, scale, 1.0), reached),
+        n_slack=known(jnp.asarray(n_slack, jnp.int32), reached),
+        n_loose=known(jnp.asarray(n_loose, jnp.int32), reached),
+        equilibrated=None,
+        strain=None if strain is None else known(strain, reached),
+        n_negative=known(negative, reached),
+        stiffness=known(stiffness, reached),
+        rise=known(rise, reached),
+        events=events,
+    )
+    path = implicit.undifferentiated(path, parameters)
+    located = jax.vmap(lambda kind, p: _load_factor(kind, p, ramp, problem, parameters))
+    counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
+    parts = [noted.changed[:, a:b] for a, b in zip(counts[:-1], counts[1:], strict=True)]
+    events = copy(
+        path.events,
+        load_factor=known(located(events.kind, noted.point), happened),
+        elements=[part & happened[:, None] for part in parts],
+    )
+    return copy(path, events=events), run.n_row, run.n_event
+
+
+def _moved(ramp, point):
+    """Displacement since the phase began, [n_node, 3]."""
+    motion = ramp.at(point.factor, point.plastic).motion(point.x)
+    return (motion - ramp.begin.motion)[:, :3]
+
+
+def _shape(point, number):
+    """Null vector as displacements, the largest of a node 1, [n_node, 3]."""
+    shape = jnp.append(point.phi, 0.0)[number]
+    size = jnp.linalg.norm(shape, axis=-1)
+    largest = jnp.max(size)
+    flat = shape.reshape(-1)
+    sign = jnp.sign(flat[jnp.argmax(jnp.abs(flat))])
+    return shape * jnp.where(largest > 1e-12, sign / jnp.maximum(largest, 1e-12), 0.0)
+
+
+def _alignment(point):
+    size = jnp.linalg.norm(point.pull)
+    return jnp.abs(point.phi @ point.pull) / jnp.where(size > 0, size, 1.0)
+
+
+def _load_factor(kind, point, ramp, problem, parameters):
+    """Load factor of an event, with the derivative of a smooth limit point, else with NaN.
+
+    At a limit point the null vector phi of the (symmetric) tangent takes the unknowns out of the
+    derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
+    """
+    factor = implicit.undifferentiated(point.factor, parameters)
+    if ramp.plastic is not None:  # plastic strains depend on the whole way
+        return factor
+    system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.plastic)
+    function, numbers, _ = system.chart(system.carried(point.x))
+    work = point.phi @ function(lax.stop_gradient(numbers))
+    along = point.phi @ point.pull
+    smooth = (kind == LIMIT_POINT) & point.null & (along != 0) & ~system.unsymmetric()
+    change = work / jnp.where(smooth, along, 1.0)
+    exact = point.factor - (change - lax.stop_gradient(change))
+    return jnp.where(smooth, exact, factor)
