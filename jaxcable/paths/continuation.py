@@ -7,9 +7,10 @@ not taken but hunted: it is shortened by secants of what is smooth and by halves
 end in the old state are taken, until the event lies in a step as short as the tolerance. Then it
 is noted, and the path goes on beyond it.
 
-Where the tangent does not exist (slack cables at the start, a mechanism before its first load), and
-where corrections fail in a structure whose equilibrium is unique (`System.convex`), a step of the
-load factor is made by Newton's method.
+In a structure whose equilibrium is unique (`System.convex`), a step of the load factor is made by
+Newton's method where the tangent does not exist (slack cables at the start, a mechanism before its
+first load) and where corrections fail. In others such a step could end anywhere: there a start
+without a tangent is refused (SINGULAR).
 """
 
 import jax
@@ -146,8 +147,10 @@ def march(ramp, method, settings, code, capacity, through):
         end = jnp.where(a.rise > 0, settings.until, settings.down_to)
         factor = jnp.where(run.mode == FINISH, end, factor)
         along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
-        guess, newton_code = by_load(ramp, a.plastic, a.x, factor, method, by_newton)
-        guess = jnp.where(by_newton, guess, ramp.at(factor, a.plastic).move(a.x, along))
+        guess, newton_code = ramp.at(factor, a.plastic).move(a.x, along), jnp.int32(status.OK)
+        if begin.convex:  # else equilibrium is not unique, and it might go anywhere
+            found, newton_code = by_load(ramp, a.plastic, a.x, factor, method, by_newton)
+            guess = jnp.where(by_newton, found, guess)
         free = run.mode == ARC
         condition = Condition(
             jnp.where(free, a.turn / jnp.where(free, run.weight, 1.0), 0.0),
@@ -160,11 +163,12 @@ def march(ramp, method, settings, code, capacity, through):
         turn, rise = found.turn / weight, found.rise
         size = jnp.sqrt(turn @ turn + rise**2)
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
-        point = state_of_point(ramp, a.plastic, found, turn / size, rise / size)
+        point = _point(ramp, a.plastic, found, turn / size, rise / size)
         bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
         bent = bent & (ds > _SHORT * settings.step) & ~fresh
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
-        usable = found.converged & (found.regular | by_newton) & ~bent & ~far
+        regular = found.regular | (by_newton & begin.convex)
+        usable = found.converged & regular & ~bent & ~far
         return found, point, usable, newton_code, jnp.where(found.regular, weight, run.weight), far
 
     def turn(run):
@@ -267,6 +271,7 @@ def march(ramp, method, settings, code, capacity, through):
             (usable & ~accept & fresh & failed, status.MATERIAL_FAILURE),
             (~usable & far, status.MECHANISM),
             (exhausted & ~rescue & by_newton & (newton_code != status.OK), newton_code),
+            (again & fresh & found.converged & ~found.regular, status.SINGULAR),
             (exhausted & ~rescue, status.NOT_CONVERGED),
             (by_newton & fresh & (newton_code != status.OK), newton_code),
             (full, status.OUT_OF_STEPS),
@@ -324,19 +329,16 @@ def march(ramp, method, settings, code, capacity, through):
     return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, turn, start)
 
 
-def state_of_point(ramp, plastic, found, turn, rise):
+def _point(ramp, plastic, found, turn, rise):
     """The `Point` that an iteration ended in."""
     system = ramp.at(found.factor, plastic)
-    matrix = system.tangent(found.x)
-    loose = loose_unknowns(system, found.x)
-    negative, stiffness, phi = linear.spectrum(matrix, loose)
-    largest = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
+    negative, stiffness, phi = linear.spectrum(found.matrix, loose_unknowns(system, found.x))
+    largest = jnp.max(jnp.abs(linear.diagonal(found.matrix)), initial=0.0)
     slack = jnp.concatenate(system.slack(system.motion(found.x)))
     null = jnp.abs(stiffness) <= _SINGULAR * largest
     return Point(
         *(found.x, found.factor, turn, rise, plastic, negative, stiffness, phi, found.pull),
-        slack,
-        null,
+        *(slack, null),
     )
 
 

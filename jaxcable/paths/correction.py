@@ -18,6 +18,8 @@ from jax import lax
 from .. import equilibrium, linear
 from .._tree import pytree
 
+_COMING = 1e-3  # part of the load of a unit load factor that counts as a force
+_EXACT = 1e-3  # of what is allowed: not to be improved
 _STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 to 6
 
 
@@ -40,6 +42,7 @@ class Corrected:
         factor: load factor.
         turn, rise: tangent of the path, du [n_free] and df, with ``row . turn + rise rise = 1``.
         pull: derivative of the residual by the load factor, [n_free], N.
+        matrix: tangent stiffness, a matrix of `linear`.
         converged: whether it is in equilibrium.
         regular: whether there is a tangent.
         failed: whether the iteration broke down.
@@ -53,6 +56,7 @@ class Corrected:
     turn: object
     rise: object
     pull: object
+    matrix: object
     converged: object
     regular: object
     failed: object
@@ -87,16 +91,19 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
         residual, pull = jax.jvp(
             lambda f: _residual(ramp.at(f, plastic), x), (it.factor,), (zero + 1,)
         )
-        scale = system.residual_and_scale(x)[1]
+        # an unloaded start has no forces to be judged by: those to come stand in for them
+        coming = _COMING * jnp.max(jnp.abs(pull), initial=0.0)
+        scale = jnp.maximum(system.residual_and_scale(x)[1], coming)
         allowed = tol * scale
         if system.rounds:
             allowed = jnp.maximum(allowed, system.rounding(x))
         small = jnp.all(jnp.abs(residual) <= allowed)
-        # one correction at least: a short step from a good point is as good as that without any
-        settled = small & (it.steps > 0)
+        # a short step from a good point is nearly as good: one correction makes it so
+        settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT * allowed))
+        matrix = system.tangent(x)
         lacks = condition.target - condition.row @ it.moved - condition.rise * (it.factor - origin)
         du, df, regular = linear.solve_bordered(
-            system.tangent(x),
+            matrix,
             pull,
             condition.row,
             condition.rise,
@@ -115,6 +122,7 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
             turn=jnp.where(settled, du, it.turn),
             rise=jnp.where(settled, df, it.rise),
             pull=pull,
+            matrix=matrix,
             converged=converged,
             regular=usable,
             failed=~converged & ~(usable & jnp.isfinite(scale)),
@@ -125,7 +133,9 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
 
     no, count = jnp.zeros((), bool), jnp.int32(0)
     still = jnp.zeros_like(moved)
-    start = Corrected(x, moved, factor, still, zero, still, no, no, no, count, zero, zero)
+    matrix = jax.eval_shape(lambda: ramp.at(factor, plastic).tangent(x))
+    matrix = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), matrix)
+    start = Corrected(x, moved, factor, still, zero, still, matrix, no, no, no, count, zero, zero)
     return lax.while_loop(unfinished, iterate, start)
 
 

@@ -7,6 +7,7 @@ from .hypar import hypar_net
 from .masts import guyed_mast, strung_arch
 from .nets import Scene, flat_net, saddle
 from .saddle_net import saddle_net
+from .snapping import lee_frame, toggle_frame, von_mises_truss
 from .tensegrity import simplex
 from .tents import tent_edge
 from .trusses import cable_truss
@@ -20,6 +21,7 @@ __all__ = [
     "guyed_mast",
     "hypar_net",
     "isolated_cable",
+    "lee_frame",
     "levy_dome",
     "saddle",
     "saddle_net",
@@ -27,4 +29,6 @@ __all__ = [
     "strung_arch",
     "suspended_cable",
     "tent_edge",
+    "toggle_frame",
+    "von_mises_truss",
 ]

@@ -1,0 +1,104 @@
+"""Structures that snap: the truss of von Mises, the toggle of Williams, the frame of Lee."""
+
+import numpy as np
+
+from ..elements import Bars, Beams
+from ..loads import NodalLoads
+from ..materials import Elastic
+from ..phases import Phase
+from ..sections import Section
+from ..structure import Structure, Supports
+from .nets import Scene
+
+
+def von_mises_truss(
+    rise=0.1, half_span=1.0, axial_stiffness=1e6, load=500.0, hanger=None, sway=False
+):
+    """Two bars that meet in a shallow apex under a vertical load, in the x-z plane.
+
+    Equilibrium at the height z of the apex over its feet: ``P = 2 EA (l0 - l)/l0 z/l``; a limit point
+    at ``l = (b^2 l0)^(1/3)``. With a `hanger` of stiffness k the load acts at its end, which moves
+    by ``P/k`` more: a soft one makes the path snap back. If the apex may sway, steep trusses
+    bifurcate first, where ``l^3 - l0 l^2 + l0 b^2 = 0``.
+
+    Args:
+        rise, half_span: m.
+        axial_stiffness: EA of the bars, N.
+        load: downward force, N.
+        hanger: stiffness of a bar of length 1 m from the apex to the load, N/m; None for no bar.
+        sway: let the apex move in x; it is held out of plane in any case.
+
+    Source: von Mises (1923).
+    """
+    nodes = np.array([[-half_span, 0, 0], [0, 0, rise], [half_span, 0, 0], [0, 0, rise - 1.0]])
+    held = np.ones((4, 3), bool)
+    held[1:4:2, 2] = False
+    held[1, 0] = not sway
+    bars = Bars([[0, 1], [1, 2]], axial_stiffness=axial_stiffness)
+    if hanger is None:
+        structure = Structure(nodes[:3], bars, supports=Supports(held[:3]))
+        return Scene(structure, [Phase(loads=NodalLoads([1], (0.0, 0.0, -load)))])
+    elements = {"bars": bars, "hanger": Bars([[1, 3]], axial_stiffness=hanger)}
+    structure = Structure(nodes, elements, supports=Supports(held))
+    return Scene(structure, [Phase(loads=NodalLoads([3], (0.0, 0.0, -load)))])
+
+
+def toggle_frame(n=8, load=80.0):
+    """Two beams, clamped at their feet and joined rigidly at the apex, pushed down there.
+
+    Half-span 12.943, rise 0.386, section 0.753 by 0.243, E 1.03e7: inches and pounds.
+
+    Args:
+        n: elements of each beam.
+        load: downward force on the apex.
+
+    Source: Williams, Quarterly J. of Mechanics and Applied Mathematics 17 (1964).
+    """
+    half_span, rise, width, height = 12.943, 0.386, 0.753, 0.243
+    x = np.linspace(-half_span, half_span, 2 * n + 1)
+    nodes = np.column_stack([x, 0 * x, rise * (1 - np.abs(x) / half_span)])
+    section = solid(width * height, width * height**3 / 12, 1.03e7)
+    links = np.column_stack([np.arange(2 * n), np.arange(1, 2 * n + 1)])
+    beams = Beams(links, section=section, torsional_stiffness=1.0)
+    structure = Structure(nodes, beams, supports=in_plane(2 * n + 1, clamped=[0, 2 * n]))
+    return Scene(structure, [Phase(loads=NodalLoads([n], (0.0, 0.0, -load)))])
+
+
+def lee_frame(n=5, load=30.0):
+    """Column and beam joined rigidly, both hinged at their far ends, loaded a fifth along the beam.
+
+    Lengths 120, A 6, I 2, E 720 (consistent units). The path has two limit points and snaps back in
+    between; the first is published at a load of 18.552.
+
+    Args:
+        n: elements for each fifth of the beam, and as many as 5 n for the column.
+        load: downward force.
+
+    Source: Lee, Manuel, Rossow, J. Eng. Mech. Div. ASCE 94 (1968); the value 18.552 is that of
+    Schweizerhof and Wriggers, Comp. Meth. Appl. Mech. Eng. 59 (1986).
+    """
+    along = np.linspace(0.0, 120.0, 5 * n + 1)
+    column = np.column_stack([0 * along, 0 * along, along])
+    beam = np.column_stack([along, 0 * along, 0 * along + 120.0])[1:]
+    nodes = np.concatenate([column, beam])
+    links = np.column_stack([np.arange(10 * n), np.arange(1, 10 * n + 1)])
+    section = solid(6.0, 2.0, 720.0)
+    beams = Beams(links, section=section, torsional_stiffness=1.0, up=(0.0, 1.0, 0.0))
+    structure = Structure(nodes, beams, supports=in_plane(10 * n + 1, pinned=[0, 10 * n]))
+    return Scene(structure, [Phase(loads=NodalLoads([6 * n], (0.0, 0.0, -load)))])
+
+
+def solid(area, inertia, modulus):
+    """Section with exactly this area and these second moments: four fibres, one a quadrant."""
+    arm = np.sqrt(inertia / area)
+    y, z = arm * np.array([-1.0, 1.0, 1.0, -1.0]), arm * np.array([-1.0, -1.0, 1.0, 1.0])
+    return Section(y, z, np.full(4, area / 4), Elastic(modulus))
+
+
+def in_plane(n_node, pinned=(), clamped=()):
+    """Supports that keep all nodes in the x-z plane, turning about y only."""
+    held = np.zeros((n_node, 6), bool)
+    held[:, [1, 3, 5]] = True
+    held[list(pinned), :3] = True
+    held[list(clamped)] = True
+    return Supports(held)
