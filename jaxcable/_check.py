@@ -25,6 +25,8 @@ def floats(value, name):
         raise ValueError(f"{name}: expected numbers, got {array.dtype}")
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise ValueError(f"{name}: expected real numbers, got {array.dtype}")
+    if array.dtype == np.longdouble and array.dtype != np.float64:
+        raise ValueError(f"{name}: expected float32 or float64, got {array.dtype}")
     if not jnp.issubdtype(array.dtype, jnp.floating):
         array = array.astype(float)
     return array
@@ -64,7 +66,10 @@ def integers(value, name, width=None):
     """Return `value` as a NumPy array of int32, [n] or [n, width]."""
     if isinstance(value, jax.core.Tracer):
         raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError as error:
+        raise ValueError(f"{name}: not a rectangular array of integers") from error
     if array.size == 0:
         array = array.astype(np.int32).reshape((0,) if width is None else (0, width))
     if not np.issubdtype(array.dtype, np.integer):
@@ -77,4 +82,8 @@ def integers(value, name, width=None):
     if (array < 0).any():
         index = int(np.argwhere(array < 0)[0][0])
         raise ValueError(f"{name}[{index}] = {array[index]}: node numbers start at 0")
+    large = array > np.iinfo(np.int32).max
+    if large.any():
+        index = int(np.argwhere(large)[0][0])
+        raise ValueError(f"{name}[{index}] = {array[index]}: a number of 32 bits is expected")
     return array.astype(np.int32)

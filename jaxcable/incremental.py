@@ -48,7 +48,12 @@ class Incremental:
             raise ValueError(f"corrections = {self.corrections!r}: expected an integer >= 0")
         if self.stiffness not in ("tangent", "secant"):
             raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
-        _check.require(self.tol, lambda v: v > 0, "tol", "must be positive")
+        tol = _check.floats(self.tol, "tol")
+        if tol.shape != ():
+            raise ValueError(f"tol: expected a scalar, got shape {tol.shape}")
+        value = _check.concrete(tol)
+        if value is not None and not value > 0:  # NaN too: no residual would ever exceed it
+            raise ValueError(f"tol = {value}: must be positive")
         linear.check(self.linear_solver)
 
 

@@ -200,5 +200,6 @@ def _checked(value, group, name):
     low, high = (_check.concrete(v) for v in group.capacity())
     if name in ("pretension", "jacking") and low is not None and high is not None:
         text = "above what its law can carry; a pretension must lie within the curve"
-        _check.require(value, lambda v: (v >= low) & (v <= high), name, text)
+        # written so that a curve with NaN in it passes: it becomes a status
+        _check.require(value, lambda v: ~((v < low) | (v > high)), name, text)
     return Stated(value, chosen)

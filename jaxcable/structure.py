@@ -126,6 +126,8 @@ class Structure:
         nodes = _check.floats(self.nodes, "nodes")
         if nodes.ndim != 2 or nodes.shape[1] != 3:
             raise ValueError(f"nodes: expected shape [n_node, 3], got {nodes.shape}")
+        if nodes.dtype not in (np.float32, np.float64):  # the dtype of the whole analysis
+            raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
         object.__setattr__(self, "nodes", nodes)
         if not isinstance(self.supports, Supports):
             raise ValueError(

@@ -82,7 +82,9 @@ class Bars(Prestressed):
             raise ValueError(
                 "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
             )
-        if self.law is not None and not hasattr(self.law, "stress_at"):
+        if self.law is not None and (
+            isinstance(self.law, type) or not hasattr(self.law, "stress_at")
+        ):
             raise ValueError(f"law: {type(self.law).__name__} is not a uniaxial law")
         if self.section is not None and not hasattr(self.section, "axial"):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")

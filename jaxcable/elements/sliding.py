@@ -113,6 +113,8 @@ def _change(ends, motion):
 
 
 def _checked_chains(chains):
+    if not isinstance(chains, list | tuple | np.ndarray):
+        raise ValueError(f"links: expected a list of chains, got {type(chains).__name__}")
     chains = [
         np.atleast_1d(_check.integers(chain, f"links[{k}]")) for k, chain in enumerate(chains)
     ]

@@ -44,6 +44,6 @@ def as_list(loads):
         return []
     items = list(loads) if isinstance(loads, list | tuple) else [loads]
     for k, load in enumerate(items):
-        if not any(hasattr(load, name) for name in _MEMBERS):
+        if isinstance(load, type) or not any(hasattr(load, name) for name in _MEMBERS):
             raise ValueError(f"loads[{k}]: {type(load).__name__} is not a load")
     return items

@@ -26,6 +26,8 @@ def combine(cases, factors):
     Raises:
         ValueError: no case, or another number of factors than of cases.
     """
+    if not isinstance(cases, dict | list | tuple):
+        raise ValueError(f"cases: expected a dict or a list of loads, got {type(cases).__name__}")
     cases = list(cases.values()) if isinstance(cases, dict) else list(cases)
     factors = _check.floats(factors, "factors")
     if not cases:
