@@ -17,6 +17,7 @@ from jax import lax
 from . import sparse
 from .pattern import Sparse
 
+_FEW = 40  # unknowns that are treated as a dense matrix on the host too
 _ROUNDING = 4  # times n eps of the largest eigenvalue: a negative one below that is none
 
 
@@ -43,7 +44,8 @@ def spectrum(matrix, loose):
     own = jnp.where(loose, largest, 0.0)
     apart = jnp.where(loose[:, None] | loose[None, :], 0.0, full) + jnp.diag(own)
     sound = jnp.all(jnp.isfinite(apart))
-    values, vectors = jnp.linalg.eigh(jnp.where(sound, apart, jnp.eye(len(apart))))
+    one = jnp.eye(len(apart), dtype=apart.dtype)
+    values, vectors = jnp.linalg.eigh(jnp.where(sound, apart, one))
     limit = _ROUNDING * len(values) * jnp.finfo(values.dtype).eps * jnp.max(jnp.abs(values))
     nearest = jnp.argmin(jnp.abs(values))
     nan = jnp.where(sound, 1.0, jnp.nan).astype(values.dtype)
@@ -85,18 +87,20 @@ def _analyse(symmetric, indptr, indices, values, loose):
     whole = stored + sp.triu(stored, 1).T if symmetric else 0.5 * (stored + stored.T)
     keep = np.flatnonzero(~loose)
     whole = whole.tocsc()[:, keep][keep]
-    if not np.isfinite(whole.data).all() or len(keep) < 3:
+    if not np.isfinite(whole.data).all() or len(keep) == 0:
         return nothing
-    try:  # no pivoting: rows stay with their columns, and pivots have the signs of eigenvalues
-        lu = sla.splu(
-            whole,
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    except RuntimeError as error:
-        if "singular" not in str(error):
-            raise
+    full = np.zeros(n)
+    if len(keep) <= _FEW:  # Lanczos needs room
+        values, vectors = np.linalg.eigh(whole.toarray())
+        limit = _ROUNDING * len(keep) * np.finfo(float).eps * np.abs(values).max()
+        nearest = np.abs(values).argmin()
+        full[keep] = vectors[:, nearest]
+        return np.int32((values < -limit).sum()), values[nearest], full
+    lu = _unpivoted(whole)
+    if lu is None:  # singular to the last digit: a nudge of its rounding
+        size = np.finfo(float).eps * np.abs(whole.diagonal()).max()
+        lu = _unpivoted(whole + sp.diags_array(np.full(len(keep), size), format="csc"))
+    if lu is None:
         return nothing
     number = int((lu.U.diagonal() < 0).sum())
     start = np.random.default_rng(0).standard_normal(len(keep))  # no symmetry of its own
@@ -105,6 +109,22 @@ def _analyse(symmetric, indptr, indices, values, loose):
         value, vector = sla.eigsh(whole, k=1, sigma=0.0, OPinv=inverse, v0=start)
     except sla.ArpackNoConvergence:
         return np.int32(number), np.nan, np.full(n, np.nan)
-    full = np.zeros(n)
     full[keep] = vector[:, 0]
     return np.int32(number), value[0], full
+
+
+def _unpivoted(matrix):
+    """LU factors without pivoting, so that pivots have the signs of eigenvalues; None if none."""
+    import scipy.sparse.linalg as sla
+
+    try:
+        return sla.splu(
+            matrix,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
+    except RuntimeError as error:
+        if "singular" not in str(error):
+            raise
+        return None

@@ -10,8 +10,10 @@ from .events import (
     TIGHTENING,
     Events,
 )
+from .flexibility import flexibility
 from .result import TracedPath
 from .trace import trace_path
+from .vibration import Vibration, natural_frequencies
 
 __all__ = [
     "BIFURCATION",
@@ -23,5 +25,8 @@ __all__ = [
     "TIGHTENING",
     "Events",
     "TracedPath",
+    "Vibration",
+    "flexibility",
+    "natural_frequencies",
     "trace_path",
 ]

@@ -18,10 +18,11 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import equilibrium, linear, status
-from .._tree import copy, pytree
+from .._tree import copy
 from ..results import row_of
 from . import events
 from .correction import Condition, by_load, correct, loose_unknowns
+from .run import Noted, Point, Run
 
 ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
 _BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
@@ -34,92 +35,7 @@ _FAR = 100.0  # displacement, in structure sizes, of a structure that nothing ho
 _TURNS = 60  # tries for each row of the path, on average, before giving up
 
 
-@pytree
-class Settings:
-    """Numbers that steer the continuation; see `trace_path`."""
-
-    until: object
-    down_to: object
-    step: object
-    largest: object
-    tol: object
-
-
-@pytree
-class Point:
-    """A point of the path and its state.
-
-    Attributes:
-        x, factor: point of the system and load factor.
-        turn, rise: unit tangent: unknowns over `Run.weight`, and load factor.
-        plastic: plastic strains that an increment from here begins with, or None.
-        negative, stiffness, phi: see `linear.spectrum`.
-        pull: derivative of the residual by the load factor, [n_free], N.
-        slack: slack elements, all groups one after the other, bool.
-        null: whether `phi` is a null vector.
-    """
-
-    x: object
-    factor: object
-    turn: object
-    rise: object
-    plastic: object
-    negative: object
-    stiffness: object
-    phi: object
-    pull: object
-    slack: object
-    null: object
-
-
-@pytree
-class Noted:
-    """Events as they are noted; x, plastic, phi and pull are kept for derivatives."""
-
-    kind: object
-    lower: object
-    upper: object
-    row: object
-    point: Point
-    changed: object
-
-
-@pytree
-class Run:
-    """Where the continuation stands.
-
-    Attributes:
-        anchor: last point, `Point`.
-        mode: how the next step is tried.
-        ds, nominal: length of this step, and of an ordinary one.
-        weight: displacement that counts as much as a unit of the load factor, m; 0 before it is
-            known.
-        hunting, bracket: whether an event is being closed in on, and the step that contains it.
-        beyond: (rise, stiffness, whether what changed is smooth) at the far end of it.
-        turns: tries so far.
-        rows, n_row: points recorded, and their number.
-        noted, n_event: events recorded.
-        code: status; done: whether the end is reached.
-    """
-
-    anchor: Point
-    mode: object
-    ds: object
-    nominal: object
-    weight: object
-    hunting: object
-    bracket: object
-    beyond: object
-    turns: object
-    rows: object
-    n_row: object
-    noted: Noted
-    n_event: object
-    code: object
-    done: object
-
-
-def march(ramp, method, settings, code, capacity, through):
+def march(ramp, method, settings, code, capacity):
     """Follow the path of a phase; returns the last `Run`.
 
     Args:
@@ -128,7 +44,6 @@ def march(ramp, method, settings, code, capacity, through):
         settings: `Settings`.
         code: status so far; nothing is done if it is a failure.
         capacity: (rows, events) that there is room for.
-        through: whether to go on beyond limit points and bifurcations.
     """
     dtype = ramp.begin.motion.dtype
     tol = equilibrium.limit(method, dtype)
@@ -138,7 +53,7 @@ def march(ramp, method, settings, code, capacity, through):
     extent = begin.extent()
 
     def attempt(run):
-        """Try a step: (corrected point, `Point`, whether it is usable, status of a load step)."""
+        """Try a step: what it led to, whether it is usable, and what it tells about scales."""
         a, ds = run.anchor, run.ds
         fresh = run.n_row == 0
         by_newton = run.mode == LOAD
@@ -163,17 +78,20 @@ def march(ramp, method, settings, code, capacity, through):
         turn, rise = found.turn / weight, found.rise
         size = jnp.sqrt(turn @ turn + rise**2)
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
-        point = _point(ramp, a.plastic, found, turn / size, rise / size)
+        largest = jnp.max(jnp.abs(linear.diagonal(found.matrix)), initial=0.0)
+        largest = jnp.maximum(run.size, jnp.where(found.converged, largest, 0.0))
+        point = _point(ramp, a.plastic, found, turn / size, rise / size, largest)
         bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
         bent = bent & (ds > _SHORT * settings.step) & ~fresh
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
         regular = found.regular | (by_newton & begin.convex)
         usable = found.converged & regular & ~bent & ~far
-        return found, point, usable, newton_code, jnp.where(found.regular, weight, run.weight), far
+        weight = jnp.where(found.regular, weight, run.weight)
+        return found, point, usable, newton_code, weight, largest, far
 
     def turn(run):
         a, ds = run.anchor, run.ds
-        found, p, usable, newton_code, weight, far = attempt(run)
+        found, p, usable, newton_code, weight, size, far = attempt(run)
         fresh, by_newton = run.n_row == 0, run.mode == LOAD
         system = ramp.at(p.factor, a.plastic)
         broken = system.beyond(system.motion(p.x)) if system.breaks else jnp.zeros((), bool)
@@ -190,7 +108,7 @@ def march(ramp, method, settings, code, capacity, through):
         failed = usable & broken
         smooth = (limit | branch) & ~(slackened | tightened | failed)
         crossing = limit | branch | slackened | tightened | failed
-        wide = crossing & (ds > settings.tol) & ~fresh
+        wide = crossing & (ds > run.tol) & ~fresh
         hit = crossing & ~wide
 
         # --- what to do with the step
@@ -203,8 +121,8 @@ def march(ramp, method, settings, code, capacity, through):
 
         # --- events
         kinds = (
-            (limit, events.LIMIT_POINT),
-            (branch & ~limit, events.BIFURCATION),
+            (limit & ~failed, events.LIMIT_POINT),
+            (branch & ~limit & ~failed, events.BIFURCATION),
             (slackened, events.SLACKENING),
             (tightened, events.TIGHTENING),
             (failed, events.MATERIAL_FAILURE),
@@ -220,7 +138,7 @@ def march(ramp, method, settings, code, capacity, through):
             entry = Noted(jnp.int32(kind), a.factor, p.factor, run.n_row, p, own)
             noted = _put(noted, count, entry, note)
             count = count + (hit & happened)
-        stopping = hit & (limit | branch) & (not through)
+        stopping = hit & (limit | branch) & ~failed & ~settings.through
 
         # --- the row
         shown = jax.tree.map(lambda new, old: jnp.where(fatal, old, new), p, a)
@@ -236,12 +154,14 @@ def march(ramp, method, settings, code, capacity, through):
         first = fresh | (run.weight == 0)
         nominal = jnp.where(accept & first, jnp.sqrt(2.0) * settings.step, nominal)
         nominal = jnp.minimum(nominal, jnp.sqrt(2.0) * settings.largest)
-        bracket = jnp.where(wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket))
-        over = accept & run.hunting & (bracket <= settings.tol)
+        bracket = jnp.where(
+            wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket)
+        )
+        over = accept & run.hunting & (bracket <= run.tol)
         hunting = (run.hunting | wide) & ~hit & ~over & ~last
         now = p.rise, p.stiffness, smooth
         far_end = jax.tree.map(lambda new, old: jnp.where(wide, new, old), now, run.beyond)
-        ahead = _guess(anchor, far_end, bracket, run.turns, settings.tol)
+        ahead = _guess(anchor, far_end, bracket, run.turns, run.tol)
         ds_next = jnp.where(hunting, ahead, nominal)
 
         # a step that fails is tried again, shorter; where equilibrium is unique, by load at last
@@ -271,6 +191,7 @@ def march(ramp, method, settings, code, capacity, through):
             (usable & ~accept & fresh & failed, status.MATERIAL_FAILURE),
             (~usable & far, status.MECHANISM),
             (exhausted & ~rescue & by_newton & (newton_code != status.OK), newton_code),
+            (again & fresh & ~jnp.isfinite(found.scale), status.NONFINITE),
             (again & fresh & found.converged & ~found.regular, status.SINGULAR),
             (exhausted & ~rescue, status.NOT_CONVERGED),
             (by_newton & fresh & (newton_code != status.OK), newton_code),
@@ -283,10 +204,13 @@ def march(ramp, method, settings, code, capacity, through):
             mode=mode.astype(jnp.int32),
             ds=ds_next,
             nominal=nominal,
+            size=size,
             weight=weight,
             hunting=hunting,
             bracket=bracket,
             beyond=far_end,
+            # rounding moves events by more than the tolerance: be content with a larger one
+            tol=jnp.where(hit, settings.tol, run.tol * jnp.where(over, 4.0, 1.0)),
             turns=run.turns + 1,
             rows=rows,
             n_row=n_rows,
@@ -314,10 +238,12 @@ def march(ramp, method, settings, code, capacity, through):
         mode=jnp.int32(LOAD),
         ds=zero,
         nominal=jnp.sqrt(2.0).astype(dtype) * settings.step,
+        size=zero,
         weight=zero,
         hunting=jnp.zeros((), bool),
         bracket=zero,
         beyond=(zero, zero, jnp.zeros((), bool)),
+        tol=settings.tol,
         turns=jnp.int32(0),
         rows=jax.tree.map(lambda a: jnp.zeros((n_row, *a.shape), a.dtype), unknown),
         n_row=jnp.int32(0),
@@ -329,11 +255,10 @@ def march(ramp, method, settings, code, capacity, through):
     return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, turn, start)
 
 
-def _point(ramp, plastic, found, turn, rise):
-    """The `Point` that an iteration ended in."""
+def _point(ramp, plastic, found, turn, rise, largest):
+    """The `Point` that an iteration ended in; `largest` stiffness judges what is a null vector."""
     system = ramp.at(found.factor, plastic)
     negative, stiffness, phi = linear.spectrum(found.matrix, loose_unknowns(system, found.x))
-    largest = jnp.max(jnp.abs(linear.diagonal(found.matrix)), initial=0.0)
     slack = jnp.concatenate(system.slack(system.motion(found.x)))
     null = jnp.abs(stiffness) <= _SINGULAR * largest
     return Point(

@@ -1,13 +1,14 @@
 """`trace_path`: a phase followed by arc length, through limit points, with what happens on it."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, implicit, status
+from .. import _check, implicit
 from .._tree import copy, fill
 from ..equilibrium import Newton
 from ..phases import Phase
@@ -15,9 +16,10 @@ from ..preparation import prepare, ready
 from ..ramp import Ramp
 from ..results import on_nodes
 from ..solver import solve
-from .continuation import Settings, march
-from .events import LIMIT_POINT, Events
+from .continuation import march
+from .events import BIFURCATION, LIMIT_POINT, Events
 from .result import TracedPath
+from .run import Settings
 
 
 def trace_path(
@@ -78,7 +80,7 @@ def trace_path(
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
-    settings = _settings(until, down_to, step, largest, tol, structure)
+    settings = _settings(structure, until, down_to, step, largest, tol, through)
     for name, count in (("steps", steps), ("events", events)):
         whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
         if not whole or count < 2:
@@ -87,7 +89,7 @@ def trace_path(
         start = solve(structure, phases[:-1], method, start)
     thawed, arrays, method, code, _ = prepare(structure, phases[-1:], method, start)
     room = int(steps), int(events)
-    path, n_row, n_event = _trace(thawed, arrays, method, settings, code, room, bool(through))
+    path, n_row, n_event = _trace(thawed, arrays, method, settings, code, room)
     path = on_nodes(structure, path, ("tension", "strain"))
     happened = on_nodes(structure, path.events, ("elements",), ("displacement", "mode"))
     if not isinstance(n_row, jax.core.Tracer):
@@ -97,7 +99,7 @@ def trace_path(
     return copy(path, events=happened)
 
 
-def _settings(until, down_to, step, largest, tol, structure):
+def _settings(structure, until, down_to, step, largest, tol, through):
     """`Settings`, checked."""
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:
@@ -108,19 +110,19 @@ def _settings(until, down_to, step, largest, tol, structure):
         _check.require(value, lambda v: v > 0, name, "must be positive")
     numbers = [jnp.asarray(v, dtype) for v in (until, down_to, step, largest)]
     # a bracket cannot be closer than neighbouring numbers allow
-    tol = jnp.maximum(jnp.asarray(tol, dtype) * numbers[2], 64 * jnp.finfo(dtype).eps * numbers[2])
-    return Settings(*numbers, tol)
+    tol = jnp.maximum(jnp.asarray(tol, dtype) * numbers[2], 64 * jnp.finfo(dtype).eps)
+    return Settings(*numbers, tol, jnp.asarray(through, bool))
 
 
-@functools.partial(jax.jit, static_argnames=("room", "through"))
-def _trace(thawed, arrays, method, settings, code, room, through):
+@functools.partial(jax.jit, static_argnames=("room",))
+def _trace(thawed, arrays, method, settings, code, room):
     """The compiled core: path and events with room to spare, and the numbers of both."""
     parameters = fill(thawed, arrays)
     nodes, groups, carry, (data,) = ready(parameters)
     problem = nodes, groups, carry, data
     ramp = Ramp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))
-    run = lax.stop_gradient(march(ramp, method, settings, code, room, through))
+    run = lax.stop_gradient(march(ramp, method, settings, code, room))
     code = run.code
     factor, own, negative, stiffness, rise, steps, residual, scale = run.rows
     moved, tension, n_slack, n_loose, strain = own
@@ -148,7 +150,7 @@ def _trace(thawed, arrays, method, settings, code, room, through):
         alignment=jax.vmap(_alignment)(noted.point),
         elements=None,
     )
-    critical = (events.kind == LIMIT_POINT) | (events.kind == LIMIT_POINT + 1)
+    critical = (events.kind == LIMIT_POINT) | (events.kind == BIFURCATION)
     events = copy(
         events, mode=known(events.mode, critical), alignment=known(events.alignment, critical)
     )
@@ -173,7 +175,7 @@ def _trace(thawed, arrays, method, settings, code, room, through):
     path = implicit.undifferentiated(path, parameters)
     located = jax.vmap(lambda kind, p: _load_factor(kind, p, ramp, problem, parameters))
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
-    parts = [noted.changed[:, a:b] for a, b in zip(counts[:-1], counts[1:], strict=True)]
+    parts = [noted.changed[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
         path.events,
         load_factor=known(located(events.kind, noted.point), happened),

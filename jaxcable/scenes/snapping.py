@@ -16,7 +16,7 @@ def von_mises_truss(
 ):
     """Two bars that meet in a shallow apex under a vertical load, in the x-z plane.
 
-    Equilibrium at the height z of the apex over its feet: ``P = 2 EA (l0 - l)/l0 z/l``; a limit point
+    Equilibrium at the height z of the apex over its feet: ``P = 2 EA (l0 - l)/l0 z/l``; limit point
     at ``l = (b^2 l0)^(1/3)``. With a `hanger` of stiffness k the load acts at its end, which moves
     by ``P/k`` more: a soft one makes the path snap back. If the apex may sway, steep trusses
     bifurcate first, where ``l^3 - l0 l^2 + l0 b^2 = 0``.

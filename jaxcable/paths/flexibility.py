@@ -1,0 +1,52 @@
+"""Flexibility: how a loaded state gives way to small forces."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check, linear
+from ..tangent import prepared, tangent_of
+
+AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def flexibility(structure, state, nodes, axes="xyz", fixed=None):
+    """Displacements by unit forces at chosen freedoms of a loaded state: part of ``K^-1``.
+
+    Symmetric unless loads follow. Differentiable like the solution. NaN where the tangent stiffness
+    is singular (a mechanism without prestress, a limit point).
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state) or `State`.
+        nodes: node numbers, [n].
+        axes: which of "x", "y", "z" at each of them.
+        fixed: freedoms to leave out, as in `forms.tangent_of`.
+
+    Returns:
+        [m, m], m/N, m = n times the number of axes, node by node: entry (i, j) is the displacement
+        of freedom i by a unit force at freedom j; zero where one of them is supported.
+
+    Raises:
+        ValueError: unknown nodes or axes.
+    """
+    nodes = _check.integers(nodes, "nodes")
+    unknown = nodes >= structure.n_node
+    if unknown.any():
+        k = int(unknown.argmax())
+        raise ValueError(
+            f"nodes[{k}] = {nodes[k]}: the structure has nodes 0 to {structure.n_node - 1}"
+        )
+    if not isinstance(axes, str) or not axes or set(axes) - set(AXES):
+        raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
+    freedoms = prepared(structure, state, fixed)[-1]
+    number = np.asarray(freedoms.number)[nodes][:, [AXES[a] for a in axes]].ravel()
+    n_free = len(freedoms.free)
+    stiffness = tangent_of(structure, state, fixed)
+    factor = linear.factorize(stiffness)
+    free = number < n_free
+    place = np.where(free, number, 0)
+    unit = jnp.zeros((len(number), n_free), stiffness.dtype)
+    unit = unit.at[np.arange(len(number)), place].set(jnp.where(free, 1.0, 0.0))
+    given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
+    return jnp.where(free[:, None] & free[None, :], given[place], 0.0)

@@ -1,0 +1,93 @@
+"""What a continuation carries from step to step."""
+
+from .._tree import pytree
+
+
+@pytree
+class Settings:
+    """Numbers that steer the continuation; see `trace_path`."""
+
+    until: object
+    down_to: object
+    step: object
+    largest: object
+    tol: object
+    through: object
+
+
+@pytree
+class Point:
+    """A point of the path and its state.
+
+    Attributes:
+        x, factor: point of the system and load factor.
+        turn, rise: unit tangent: unknowns over `Run.weight`, and load factor.
+        plastic: plastic strains that an increment from here begins with, or None.
+        negative, stiffness, phi: see `linear.spectrum`.
+        pull: derivative of the residual by the load factor, [n_free], N.
+        slack: slack elements, all groups one after the other, bool.
+        null: whether `phi` is a null vector.
+    """
+
+    x: object
+    factor: object
+    turn: object
+    rise: object
+    plastic: object
+    negative: object
+    stiffness: object
+    phi: object
+    pull: object
+    slack: object
+    null: object
+
+
+@pytree
+class Noted:
+    """Events as they are noted; x, plastic, phi and pull are kept for derivatives."""
+
+    kind: object
+    lower: object
+    upper: object
+    row: object
+    point: Point
+    changed: object
+
+
+@pytree
+class Run:
+    """Where the continuation stands.
+
+    Attributes:
+        anchor: last point, `Point`.
+        mode: how the next step is tried.
+        ds, nominal: length of this step, and of an ordinary one.
+        size: largest stiffness on the diagonal so far, N/m.
+        weight: displacement that counts as much as a unit of the load factor, m; 0 before it is
+            known.
+        hunting, bracket: whether an event is being closed in on, and the step that contains it.
+        beyond: (rise, stiffness, whether what changed is smooth) at the far end of it.
+        tol: step in which an event counts as caught; larger after one has slipped away.
+        turns: tries so far.
+        rows, n_row: points recorded, and their number.
+        noted, n_event: events recorded.
+        code: status; done: whether the end is reached.
+    """
+
+    anchor: Point
+    mode: object
+    ds: object
+    nominal: object
+    size: object
+    weight: object
+    hunting: object
+    bracket: object
+    beyond: object
+    tol: object
+    turns: object
+    rows: object
+    n_row: object
+    noted: Noted
+    n_event: object
+    code: object
+    done: object

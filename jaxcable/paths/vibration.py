@@ -1,0 +1,155 @@
+"""Small free vibrations about a loaded state."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import _check
+from .._tree import pytree
+from ..tangent import filled, prepared, tangent_of
+
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of gravity, m/s2."""
+
+
+@pytree
+class Vibration:
+    """Natural frequencies and modes, slowest first.
+
+    Attributes:
+        frequency: [n], Hz; NaN for a mode without positive stiffness (the state is unstable or
+            a mechanism: see `squared`).
+        squared: squared circular frequencies, [n], 1/s2; negative where the state is unstable.
+        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+    """
+
+    frequency: object
+    squared: object
+    shapes: object
+
+
+def natural_frequencies(
+    structure, state, n=6, masses=None, fixed=None, gravity=STANDARD_GRAVITY, distribution=None
+):
+    """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
+
+    K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
+    the element groups (over `gravity`), shared out to the nodes, and `masses`; they do not turn:
+    rotations of beams follow without inertia (static condensation, exact). Dense, meant for some
+    hundred unknowns.
+
+    A pure function. Derivatives are those of simple eigenvalues; equal ones have no definite modes,
+    and derivatives of their shapes are not finite.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state) or `State`.
+        n: number of modes; fewer if fewer freedoms have mass.
+        masses: added masses at the nodes, [n_node] or scalar, kg.
+        fixed: freedoms to leave out, as in `forms.tangent_of`.
+        gravity: acceleration that weights are divided by, m/s2.
+        distribution: of an element's mass m: "lumped", half to each end; "consistent", m/3 and m/6
+            between them, as of straight elements; "mean", of both, whose errors cancel; None for
+            what is of order 4 in the length of an element: the mean for cables and bars, lumped for
+            beams. Cables over several nodes are always lumped.
+
+    Returns:
+        `Vibration`.
+
+    Raises:
+        ValueError: wrong arguments, or no mass at all.
+
+    Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    if distribution is not None and distribution not in _SHARES:
+        raise ValueError(
+            f"distribution = {distribution!r}: expected one of {', '.join(map(repr, _SHARES))}"
+        )
+    _check.require(gravity, lambda v: v > 0, "gravity", "must be positive")
+    if masses is not None:
+        masses = jnp.broadcast_to(_check.floats(masses, "masses"), structure.n_node)
+        _check.require(masses, lambda v: v >= 0, "masses", "must not be negative")
+    thawed, arrays, freedoms = prepared(structure, state, fixed)
+    heavy = np.zeros(structure.n_node, bool)
+    for group in structure.groups:
+        if getattr(group, "weight", None) is not None:
+            heavy[group.links.array] = True
+    if masses is not None:
+        heavy[:] = True
+    if not heavy.any():
+        raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
+    number = np.asarray(freedoms.number)[: structure.n_node, :3]
+    n_free = len(freedoms.free)
+    moving = np.unique(number[heavy])
+    moving = moving[moving < n_free]
+    stiffness = tangent_of(structure, state, fixed)
+    mass = _node_mass(structure, thawed, arrays, gravity, distribution)
+    if masses is not None:
+        mass = mass + jnp.diag(masses.astype(mass.dtype))
+    return _solve(stiffness, mass, moving, number, min(n, len(moving)))
+
+
+_SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
+
+
+def _node_mass(structure, thawed, arrays, gravity, distribution):
+    """Mass matrix of the nodes, the same in every direction, [n_node, n_node], kg."""
+    nodes, groups, carry = filled(thawed, arrays)
+    rows = structure.rows()[0]
+    node = np.arange(structure.n_node) if rows is None else rows.array
+    mass = jnp.zeros((structure.n_node, structure.n_node), nodes.dtype)
+    for group, given, state in zip(groups, structure.groups, carry.states, strict=True):
+        if getattr(group, "weight", None) is None:
+            continue
+        best = "lumped" if group.n_freedom == 6 else "mean"
+        own, other = _SHARES[best if distribution is None else distribution]
+        whole = group.weight * state.weighing / gravity
+        links = node[given.links.array]
+        if links.shape[1] != 2:
+            share = group.at_ends(whole, nodes[group.links])
+            mass = mass.at[links, links].add(share)
+            continue
+        for i in (0, 1):
+            mass = mass.at[links[:, i], links[:, i]].add(own * whole)
+            mass = mass.at[links[:, i], links[:, 1 - i]].add(other * whole)
+    return mass
+
+
+def _solve(stiffness, mass, moving, number, n):
+    """The slowest `n` modes; `moving` are the unknowns with mass."""
+    n_free = len(stiffness)
+    node = np.full(n_free + 1, -1)
+    axis = np.full(n_free + 1, -1)
+    node[number], axis[number] = np.indices(number.shape)
+    node, axis = node[moving], axis[moving]
+    still = np.setdiff1d(np.arange(n_free), moving)
+    same = axis[:, None] == axis[None, :]
+    own = jnp.where(same, mass[np.ix_(node, node)], 0.0)
+    symmetric = 0.5 * (stiffness + stiffness.T)
+    condensed = symmetric[np.ix_(moving, moving)]
+    follow = None
+    if len(still):
+        follow = -jnp.linalg.solve(
+            symmetric[np.ix_(still, still)], symmetric[np.ix_(still, moving)]
+        )
+        condensed = condensed + symmetric[np.ix_(moving, still)] @ follow
+    root = jnp.linalg.cholesky(own)
+    half = jax.scipy.linalg.solve_triangular(root, condensed, lower=True)
+    standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
+    squared, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
+    modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)[:, :n]
+    full = jnp.zeros((n_free + 1, n), modes.dtype).at[moving].set(modes)
+    if follow is not None:
+        full = full.at[still].set(follow @ modes)
+    shapes = jnp.moveaxis(full[number], -1, 0)
+    size = jnp.max(jnp.linalg.norm(shapes, axis=-1), axis=1)
+    flat = shapes.reshape(n, -1)
+    sign = jnp.sign(jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1))
+    shapes = shapes * (sign[:, 0] / size)[:, None, None]
+    squared = squared[:n]
+    positive = squared > 0
+    frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
+    frequency = jnp.where(positive, frequency, jnp.nan)
+    return Vibration(frequency, squared, shapes)
