@@ -7,6 +7,15 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Patch
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
+from .paths.events import (
+    BIFURCATION,
+    LIMIT_POINT,
+    MATERIAL_FAILURE,
+    NAMES,
+    SLACKENING,
+    TIGHTENING,
+)
+
 
 def net(solution, path=None, magnify=1.0):
     """Draw a cable net in plan before and in space after loading, coloured by tension.
@@ -82,6 +91,79 @@ def net(solution, path=None, magnify=1.0):
         figure.savefig(path, dpi=130)
         plt.close(figure)
     return figure
+
+
+_MARKS = {
+    LIMIT_POINT: ("o", "C3"),
+    BIFURCATION: ("D", "C1"),
+    SLACKENING: ("v", "C2"),
+    TIGHTENING: ("^", "C0"),
+    MATERIAL_FAILURE: ("X", "black"),
+}
+
+
+def path(traced, node, axis="z", path=None, scale=1.0, unit=None, factor=1e3, length="mm"):
+    """Draw load against displacement of a node, unstable parts dashed, events marked.
+
+    Args:
+        traced: `TracedPath`, or the `path` of a phase of a solution.
+        node: whose displacement is drawn.
+        axis: "x", "y" or "z"; with a minus sign before it for the opposite direction.
+        path: where to save a PNG, or None.
+        scale, unit: load at load factor 1 and its unit; default the load factor.
+        factor, length: factor on displacements in m, and the name of that unit.
+
+    Returns:
+        The matplotlib `Figure`.
+
+    Raises:
+        ValueError: unknown node or axis, or a path without a point.
+    """
+    name = axis.removeprefix("-")
+    if name not in ("x", "y", "z"):
+        raise ValueError(f'axis = {axis!r}: expected "x", "y" or "z", with "-" for the opposite')
+    sign = -factor if axis.startswith("-") else factor
+    n_node = traced.displacement.shape[1]
+    if not 0 <= node < n_node:
+        raise ValueError(f"node = {node}: the structure has nodes 0 to {n_node - 1}")
+    moved = sign * np.asarray(traced.displacement)[:, node, "xyz".index(name)]
+    load = scale * np.asarray(traced.load_factor)
+    if not np.isfinite(moved).any():
+        raise ValueError("traced: has no point to draw; look at its status")
+    figure, axes = plt.subplots(figsize=(6.4, 4.4), layout="constrained")
+    negative = getattr(traced, "n_negative", None)
+    unstable = np.zeros(len(load), bool) if negative is None else np.asarray(negative) > 0
+    # a stretch belongs to the kind of the point that it leads to
+    for kind, style, label in ((False, "-", "stable"), (True, "--", "unstable")):
+        shown = unstable == kind
+        shown[:-1] |= shown[1:]
+        if (unstable == kind).any():
+            label = None if negative is None else label
+            axes.plot(*_broken(moved, load, shown), style, color="C0", linewidth=1.6, label=label)
+    events = getattr(traced, "events", None)
+    for number in () if events is None else np.unique(np.asarray(events.kind)):
+        mark, colour = _MARKS[int(number)]
+        own = np.asarray(events.kind) == number
+        at = sign * np.asarray(events.displacement)[own, node, "xyz".index(name)]
+        heights = scale * np.asarray(events.load_factor)[own]
+        axes.plot(at, heights, mark, color=colour, markersize=6, label=NAMES[int(number)])
+    axes.axhline(0.0, color="0.6", linewidth=0.7)
+    axes.grid(color="0.92")
+    axes.set(
+        xlabel=f"displacement of node {node} along {axis} ({length})",
+        ylabel="load factor" if unit is None else f"load ({unit})",
+    )
+    if negative is not None:
+        axes.legend(frameon=False)
+    if path is not None:
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+    return figure
+
+
+def _broken(x, y, shown):
+    """Points of a line, interrupted where they are not to be shown."""
+    return np.where(shown, x, np.nan), np.where(shown, y, np.nan)
 
 
 def _pieces(groups):

@@ -1,0 +1,146 @@
+"""Vibration and flexibility about loaded states, against closed forms and differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable import paths
+from jaxcable.scenes.snapping import in_plane, solid
+
+LENGTH, WEIGHT, EA = 10.0, 5.0, 1e7
+MASS = WEIGHT / 9.80665  # kg/m
+
+
+def string(n, pretension):
+    x = np.linspace(0, LENGTH, n + 1)
+    cables = jc.Cables(chain(n), axial_stiffness=EA, weight=WEIGHT)
+    nodes = np.column_stack([x, 0 * x, 0 * x])
+    structure = jc.Structure(nodes, cables, supports=jc.pinned([0, n]))
+    solution = jc.solve(structure, [jc.Phase(pretension=pretension)])
+    return structure, solution
+
+
+def chain(n):
+    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
+
+
+def string_frequency(k, pretension):
+    """``k/2L sqrt(T/m)``, m the mass of a metre of the stretched string."""
+    return k / (2 * LENGTH) * np.sqrt(pretension * (1 + pretension / EA) / MASS)
+
+
+def test_taut_string_of_fifty_elements():
+    structure, solution = string(50, 1000.0)
+    assert int(solution.status) == 0
+    found = paths.natural_frequencies(structure, solution, n=8)
+    exact = string_frequency(np.arange(1, 5), 1000.0)
+    pairs = np.asarray(found.frequency).reshape(4, 2)  # across the string, both ways
+    assert np.abs(pairs / exact[:, None] - 1).max() < 1e-5  # asked for: 1e-3
+    sine = np.sin(np.pi * np.linspace(0, 1, 51))
+    assert np.allclose(np.linalg.norm(np.asarray(found.shapes)[0], axis=1), sine, atol=1e-5)
+
+
+def test_order_of_the_mass_matrices():
+    def errors(distribution):
+        values = []
+        for n in (5, 10, 20):
+            structure, solution = string(n, 1000.0)
+            found = paths.natural_frequencies(structure, solution, 1, distribution=distribution)
+            values.append(abs(float(found.frequency[0]) / string_frequency(1, 1000.0) - 1))
+        return np.array(values)
+
+    for distribution, order in (("lumped", 2), ("consistent", 2), ("mean", 4), (None, 4)):
+        own = errors(distribution)
+        assert np.abs(np.log2(own[:-1] / own[1:]) - order).max() < 0.1, distribution
+
+
+def test_derivative_by_the_pretension():
+    def frequency(pretension):
+        return paths.natural_frequencies(*string_in_plane(pretension), n=1).frequency[0]
+
+    def string_in_plane(pretension):
+        structure, _ = string(8, 1000.0)
+        mask = np.zeros((9, 3), bool)
+        mask[[0, 8]], mask[:, 1] = True, True
+        structure = jc.replace(structure, supports=jc.Supports(mask))
+        return structure, jc.solve(structure, [jc.Phase(pretension=pretension)])
+
+    value, slope = jax.value_and_grad(frequency)(1000.0)
+    # f^2 is proportional to T (1 + T/EA), whatever the number of elements
+    share = 0.5 / 1000.0 + 0.5 / EA / (1 + 1000.0 / EA)
+    assert abs(float(slope / value) / share - 1) < 1e-8
+
+
+def test_added_masses_and_an_unstable_state():
+    structure, phases = jc.scenes.von_mises_truss(load=100.0)
+    solution = jc.solve(structure, phases)
+    found = paths.natural_frequencies(structure, solution, masses=10.0)
+    stiffness = float(jc.forms.tangent_of(structure, solution)[0, 0])
+    assert abs(float(found.frequency[0]) * 2 * np.pi - np.sqrt(stiffness / 10)) < 1e-9
+    push = jc.Supports(np.ones((3, 3), bool))
+    held = jc.replace(structure, supports=push)
+    down = jc.solve(held, [jc.Phase(loads=jc.SupportMovement([1], (0, 0, -0.1)))])
+    free = np.ones((3, 3), bool)
+    free[1, 2] = False
+    found = paths.natural_frequencies(held, down, masses=10.0, fixed=free)
+    assert float(found.squared[0]) < 0 and np.isnan(found.frequency[0])
+
+
+@pytest.mark.slow
+def test_simply_supported_beam():
+    n, length, ei = 10, 4.0, 210e9 * 1e-6
+    x = np.linspace(0, length, n + 1)
+    beams = jc.Beams(
+        chain(n), section=solid(1e-2, 1e-6, 210e9), torsional_stiffness=1e5, weight=770.0
+    )
+    nodes = np.column_stack([x, 0 * x, 0 * x])
+    structure = jc.Structure(nodes, beams, supports=in_plane(n + 1, pinned=[0, n]))
+    solution = jc.solve(structure, [jc.Phase(loads=jc.NodalLoads([3], (0, 0, -1e-6)))])
+    assert int(solution.status) == 0
+    found = paths.natural_frequencies(structure, solution, n=2)
+    exact = np.array([1, 4]) * np.pi / 2 / length**2 * np.sqrt(ei * 9.80665 / 770.0)
+    # lumped masses at cubic beams: of order 4, 7e-6 and 1.2e-4 at 10 elements
+    assert (np.abs(np.asarray(found.frequency) / exact - 1) < [2e-5, 3e-4]).all()
+
+
+def test_flexibility_against_a_small_load():
+    structure, phases = jc.scenes.flat_net()
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    matrix = paths.flexibility(structure, solution, [3, 0, 4], axes="xz")
+    assert matrix.shape == (6, 6) and np.allclose(matrix, matrix.T, rtol=1e-12, atol=1e-18)
+    assert (np.asarray(matrix)[2:4] == 0).all()  # node 0 is an anchor
+
+    def moved(force):
+        load = jc.NodalLoads([3], force * jnp.array([1.0, 0, 0]))
+        end = jc.solve(structure, [jc.Phase(loads=load)], start=solution)
+        return end.positions[jnp.array([3, 4])][:, jnp.array([0, 2])].ravel()
+
+    column = (moved(1e-2) - moved(-1e-2)) / 2e-2
+    assert np.allclose(column, np.asarray(matrix)[[0, 1, 4, 5], 0], rtol=1e-7, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s, e: paths.natural_frequencies(s, e, n=0), "n = 0: expected a whole number"),
+        (lambda s, e: paths.natural_frequencies(s, e), "masses: no element group has a weight"),
+        (
+            lambda s, e: paths.natural_frequencies(s, e, masses=-1.0),
+            "masses.*must not be negative",
+        ),
+        (
+            lambda s, e: paths.natural_frequencies(s, e, masses=1.0, distribution="even"),
+            "distribution = 'even'",
+        ),
+        (lambda s, e: paths.flexibility(s, e, [99]), r"nodes\[0\] = 99: the structure has nodes"),
+        (lambda s, e: paths.flexibility(s, e, [1], axes="w"), "axes = 'w'"),
+    ],
+)
+def test_wrong_arguments(call, message):
+    structure, phases = jc.scenes.flat_net()
+    solution = jc.solve(structure, phases)
+    with pytest.raises(ValueError, match=message):
+        call(structure, solution)
