@@ -2,7 +2,10 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo test lint slow clean
+# scripts in experiments/ that `make studies` runs, in this order
+STUDIES := accuracy_cable accession_curves flat_net_path hypar_net saddle_net
+
+.PHONY: demo test lint slow studies clean
 
 demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
@@ -12,6 +15,12 @@ test: .venv/installed-test
 
 slow: .venv/installed-test
 	$(BIN)/python -m pytest -m slow
+
+studies: .venv/installed-test
+	set -e; for study in $(STUDIES); do \
+		echo "== $$study"; \
+		OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$$study.py; \
+	done
 
 lint: .venv/installed-test
 	$(BIN)/ruff check .
