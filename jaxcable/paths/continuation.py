@@ -22,7 +22,7 @@ from .._tree import copy
 from ..results import row_of
 from . import events
 from .correction import Condition, by_load, correct, loose_unknowns
-from .run import Noted, Point, Run
+from .run import Beyond, Noted, Point, Run
 
 ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
 _BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
@@ -30,6 +30,7 @@ _SHORT = 1e-3  # steps of this part of the first one are taken round any corner
 _EASY = 3  # iterations of a step that may be followed by one as long
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
 _FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
+_NEAR = 5e-4  # part of the first step within which a bifurcation is interpolated
 _SINGULAR = 1e-6  # eigenvalue over largest stiffness: an eigenvector of this is a null vector
 _FAR = 100.0  # displacement, in structure sizes, of a structure that nothing holds
 _TURNS = 60  # tries for each row of the path, on average, before giving up
@@ -82,22 +83,24 @@ def march(ramp, method, settings, code, capacity):
         largest = jnp.maximum(run.size, jnp.where(found.converged, largest, 0.0))
         point = _point(ramp, a.plastic, found, turn / size, rise / size, largest)
         bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
-        bent = bent & (ds > _SHORT * settings.step) & ~fresh
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
         regular = found.regular | (by_newton & begin.convex)
-        usable = found.converged & regular & ~bent & ~far
+        sound = found.converged & regular & ~far
         weight = jnp.where(found.regular, weight, run.weight)
-        return found, point, usable, newton_code, weight, largest, far
+        return found, point, sound, bent & ~fresh, newton_code, weight, largest, far
 
     def turn(run):
         a, ds = run.anchor, run.ds
-        found, p, usable, newton_code, weight, size, far = attempt(run)
+        found, p, sound, bent, newton_code, weight, size, far = attempt(run)
         fresh, by_newton = run.n_row == 0, run.mode == LOAD
         system = ramp.at(p.factor, a.plastic)
         broken = system.beyond(system.motion(p.x)) if system.breaks else jnp.zeros((), bool)
 
         # --- what has changed since the anchor
-        known = usable & ~fresh
+        # close to a bifurcation corrections can end on the other branch: no point to go on from
+        astray = sound & bent & run.hunting & run.beyond.branch
+        usable = sound & ~(bent & ~astray & (ds > _SHORT * settings.step))
+        known = usable & ~fresh & ~astray
         limit = known & ~by_newton & ((p.rise > 0) != (a.rise > 0))
         # the inertia changes at a limit point too, a hair before or after the load factor turns
         alignment = _alignment(p)
@@ -105,24 +108,27 @@ def march(ramp, method, settings, code, capacity):
         branch = known & found.regular & (p.negative != a.negative) & ~of_limit
         slackened = known & jnp.any(p.slack & ~a.slack)
         tightened = known & jnp.any(a.slack & ~p.slack)
-        failed = usable & broken
+        failed = usable & broken & ~astray
         smooth = (limit | branch) & ~(slackened | tightened | failed)
-        crossing = limit | branch | slackened | tightened | failed
-        wide = crossing & (ds > run.tol) & ~fresh
+        crossing = limit | branch | slackened | tightened | failed | astray
+        # Too near to a bifurcation the tangent is lost in rounding; at some distance its stiffness
+        # is a straight line through zero.
+        line = branch & smooth & ~limit & p.null & a.null & (ds <= _NEAR * settings.step)
+        wide = crossing & (ds > run.tol) & ~line & ~fresh
         hit = crossing & ~wide
 
         # --- what to do with the step
         outside = usable & ~crossing & (run.mode == ARC) & ~fresh
         outside = outside & ((p.factor >= settings.until) | (p.factor <= settings.down_to))
         fatal = hit & failed
-        accept = usable & ~outside & ~wide & ~fatal
+        accept = usable & ~outside & ~wide & ~fatal & ~astray
         last = (run.mode == FINISH) | (by_newton & (p.factor >= settings.until))
         record = (accept & (~run.hunting | hit | last)) | (fatal & run.hunting)
 
         # --- events
         kinds = (
             (limit & ~failed, events.LIMIT_POINT),
-            (branch & ~limit & ~failed, events.BIFURCATION),
+            ((branch | astray) & ~limit & ~failed, events.BIFURCATION),
             (slackened, events.SLACKENING),
             (tightened, events.TIGHTENING),
             (failed, events.MATERIAL_FAILURE),
@@ -135,10 +141,11 @@ def march(ramp, method, settings, code, capacity):
             elif kind not in (events.SLACKENING, events.TIGHTENING):
                 own = own & False
             note = hit & happened & (count < n_event)
-            entry = Noted(jnp.int32(kind), a.factor, p.factor, run.n_row, p, own)
+            at = jnp.where(line & (kind == events.BIFURCATION), _zero_between(a, p), p.factor)
+            entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own)
             noted = _put(noted, count, entry, note)
             count = count + (hit & happened)
-        stopping = hit & (limit | branch) & ~failed & ~settings.through
+        stopping = hit & (limit | branch | astray) & ~failed & ~settings.through
 
         # --- the row
         shown = jax.tree.map(lambda new, old: jnp.where(fatal, old, new), p, a)
@@ -148,6 +155,9 @@ def march(ramp, method, settings, code, capacity):
 
         # --- the next step
         anchor = jax.tree.map(lambda new, old: jnp.where(accept, new, old), settled(p, a), a)
+        # the path itself goes straight on, beyond the bifurcation that has been noted
+        passed = jnp.where(hit & astray, run.beyond.negative, anchor.negative)
+        anchor = copy(anchor, negative=passed)
         ease = jnp.sqrt(_EASY / jnp.maximum(found.steps, 1).astype(dtype))
         plain = accept & ~run.hunting & ~hit & (run.mode == ARC)
         nominal = run.nominal * jnp.where(plain, jnp.clip(ease, 0.5, 2.0), 1.0)
@@ -157,11 +167,15 @@ def march(ramp, method, settings, code, capacity):
         bracket = jnp.where(
             wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket)
         )
-        over = accept & run.hunting & (bracket <= run.tol)
+        close = run.tol
+        close = jnp.where(run.beyond.branch & a.null, _NEAR * settings.step, close)
+        over = accept & run.hunting & (bracket <= close)
         hunting = (run.hunting | wide) & ~hit & ~over & ~last
-        now = p.rise, p.stiffness, smooth
-        far_end = jax.tree.map(lambda new, old: jnp.where(wide, new, old), now, run.beyond)
-        ahead = _guess(anchor, far_end, bracket, run.turns, run.tol)
+        now = Beyond(p.rise, p.stiffness, p.negative, smooth, smooth & branch & ~limit)
+        far_end = jax.tree.map(
+            lambda new, old: jnp.where(wide & ~astray, new, old), now, run.beyond
+        )
+        ahead = _guess(anchor, far_end, bracket, run.turns, close)
         ds_next = jnp.where(hunting, ahead, nominal)
 
         # a step that fails is tried again, shorter; where equilibrium is unique, by load at last
@@ -231,7 +245,7 @@ def march(ramp, method, settings, code, capacity):
         *(x, zero, still, zero + 1, ramp.plastic, jnp.int32(0), zero, still, still, nobody),
         jnp.zeros((), bool),
     )
-    entry = Noted(jnp.int32(0), zero, zero, jnp.int32(0), nowhere, nobody)
+    entry = Noted(jnp.int32(0), zero, zero, zero, jnp.int32(0), nowhere, nobody)
     unknown = jax.eval_shape(lambda p: _row(ramp, p, ramp.plastic, _nothing(p)), nowhere)
     start = Run(
         anchor=nowhere,
@@ -242,7 +256,7 @@ def march(ramp, method, settings, code, capacity):
         weight=zero,
         hunting=jnp.zeros((), bool),
         bracket=zero,
-        beyond=(zero, zero, jnp.zeros((), bool)),
+        beyond=Beyond(zero, zero, jnp.int32(0), jnp.zeros((), bool), jnp.zeros((), bool)),
         tol=settings.tol,
         turns=jnp.int32(0),
         rows=jax.tree.map(lambda a: jnp.zeros((n_row, *a.shape), a.dtype), unknown),
@@ -282,16 +296,22 @@ def _alignment(p):
 
 def _guess(anchor, far_end, bracket, turns, tol):
     """Length of the next step of a hunt."""
-    rise, stiffness, smooth = far_end
+    rise, stiffness = far_end.rise, far_end.stiffness
     turning = (rise > 0) != (anchor.rise > 0)
     by_rise = anchor.rise / jnp.where(turning, anchor.rise - rise, 1.0)
     softening = (stiffness > 0) != (anchor.stiffness > 0)
     by_stiffness = anchor.stiffness / jnp.where(softening, anchor.stiffness - stiffness, 1.0)
     part = jnp.where(turning, by_rise, jnp.where(softening, by_stiffness, 0.5))
-    part = jnp.where(smooth & jnp.isfinite(part) & (turns % 3 != 2), part, 0.5)
+    part = jnp.where(far_end.smooth & jnp.isfinite(part) & (turns % 3 != 2), part, 0.5)
     # no nearer to an end than half the tolerance, so that the bracket closes from both sides
     length = jnp.clip(part * bracket, 0.5 * tol, jnp.maximum(bracket - 0.5 * tol, 0.5 * tol))
     return jnp.where(bracket <= tol, bracket, length)
+
+
+def _zero_between(a, p):
+    """Load factor at which the stiffness is zero, on the line between two points."""
+    part = a.stiffness / jnp.where(a.stiffness == p.stiffness, 1.0, a.stiffness - p.stiffness)
+    return a.factor + part * (p.factor - a.factor)
 
 
 def _row(ramp, p, plastic, found):

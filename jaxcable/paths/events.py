@@ -28,8 +28,11 @@ FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
 class Events:
     """Events in the order in which the path meets them; ``len(events)``, ``events[k]``.
 
-    Between the last point before and the first one after it the load factor lies within `lower` and
-    `upper`; both are within the tolerance of `trace_path` along the path.
+    An event lies between the last point before it and the first one after it, whose load factors
+    are `lower` and `upper`. They are within the tolerance of `trace_path` along the path, but at
+    smooth bifurcations: there they keep some distance (1e-5), closer to which the path is lost in
+    rounding, and `load_factor` is where the straight line between their stiffnesses is zero: its
+    error is of the square of that distance.
 
     Attributes:
         kind: `LIMIT_POINT`, `BIFURCATION`, `SLACKENING`, `TIGHTENING` or `MATERIAL_FAILURE` of

@@ -47,11 +47,29 @@ class Noted:
     """Events as they are noted; x, plastic, phi and pull are kept for derivatives."""
 
     kind: object
+    factor: object
     lower: object
     upper: object
     row: object
     point: Point
     changed: object
+
+
+@pytree
+class Beyond:
+    """Beyond an event: what guesses its place, and what goes on from there.
+
+    Attributes:
+        rise, stiffness, negative: as of a `Point`.
+        smooth: whether nothing but rise and inertia changes.
+        branch: whether it is a bifurcation, so far as can be seen.
+    """
+
+    rise: object
+    stiffness: object
+    negative: object
+    smooth: object
+    branch: object
 
 
 @pytree
@@ -66,7 +84,7 @@ class Run:
         weight: displacement that counts as much as a unit of the load factor, m; 0 before it is
             known.
         hunting, bracket: whether an event is being closed in on, and the step that contains it.
-        beyond: (rise, stiffness, whether what changed is smooth) at the far end of it.
+        beyond: the state at the far end of it, `Beyond`.
         tol: step in which an event counts as caught; larger after one has slipped away.
         turns: tries so far.
         rows, n_row: points recorded, and their number.

@@ -173,12 +173,12 @@ def _trace(thawed, arrays, method, settings, code, room):
         events=events,
     )
     path = implicit.undifferentiated(path, parameters)
-    located = jax.vmap(lambda kind, p: _load_factor(kind, p, ramp, problem, parameters))
+    located = jax.vmap(lambda *own: _load_factor(*own, ramp, problem, parameters))
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
     parts = [noted.changed[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
         path.events,
-        load_factor=known(located(events.kind, noted.point), happened),
+        load_factor=known(located(events.kind, noted.factor, noted.point), happened),
         elements=[part & happened[:, None] for part in parts],
     )
     return copy(path, events=events), run.n_row, run.n_event
@@ -205,13 +205,13 @@ def _alignment(point):
     return jnp.abs(point.phi @ point.pull) / jnp.where(size > 0, size, 1.0)
 
 
-def _load_factor(kind, point, ramp, problem, parameters):
+def _load_factor(kind, factor, point, ramp, problem, parameters):
     """Load factor of an event, with the derivative of a smooth limit point, else with NaN.
 
     At a limit point the null vector phi of the (symmetric) tangent takes the unknowns out of the
     derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
     """
-    factor = implicit.undifferentiated(point.factor, parameters)
+    factor = implicit.undifferentiated(factor, parameters)
     if ramp.plastic is not None:  # plastic strains depend on the whole way
         return factor
     system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.plastic)
