@@ -16,11 +16,10 @@ test: .venv/installed-test
 slow: .venv/installed-test
 	$(BIN)/python -m pytest -m slow
 
-studies: .venv/installed-test
-	set -e; for study in $(STUDIES); do \
-		echo "== $$study"; \
-		OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$$study.py; \
-	done
+studies: $(STUDIES:%=study-%)
+
+study-%: .venv/installed-test
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$*.py
 
 lint: .venv/installed-test
 	$(BIN)/ruff check .

@@ -303,8 +303,9 @@ out of balance, which the criterion need not see. So the paper's remark, that th
 increment below which the solution diverges, is reproduced for the secant form, and refuted for the
 tangent forms and Newton's method, which have no such limit in the range tried. Where the limit is
 depends on the precision of the arithmetic: the 0.5 % of the paper are nearest to that of single
-precision, of which its text says nothing; and on the secant, which need not be that of the paper. A
-second solve an increment is no gain: it undoes the first where the eigenvalue is near -1.""")
+precision, of which its text says nothing; on the structure, see flat_net_path.txt; and on the
+secant, which need not be that of the paper. A second solve an increment is no gain: it undoes the
+first where the eigenvalue is near -1.""")
     return limits
 
 

@@ -110,6 +110,14 @@ def main(increments=INCREMENTS):
             f"{name:26}{count:11d}{int(np.asarray(path.iterations).sum()):8d}"
             f"{gap.max():10.1e}{gap[-1]:10.1e}   {text}"
         )
+    for (name, count), gap in gaps.items():
+        before = gap[: max(count // 2, 1)]
+        far = np.abs(gap) > 10 * np.abs(before).max()
+        if far.any():
+            at = (np.argmax(far) + 1) / count
+            say(
+                f"{name}, {count} increments ({100 / count:.2g} %): diverges from F/F0 = {at:.3f} on"
+            )
 
     case = next(c for c in REFERENCE["cases"] if c["load_per_free_node_N"] == SHARE * LOAD)
     moved = 1e3 * np.array([case["displacement_m"][str(n)] for n in FREE])

@@ -153,7 +153,7 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def identify(seed=0, fresh=16, hops=24, steps=150):
+def identify(seed=0, fresh=16, hops=16, steps=150):
     """The best fit from `fresh` random starts and `hops` disturbed best ones.
 
     Of the seeds 0 to 7 the first leads farthest.
@@ -241,7 +241,8 @@ def identification(say, **options):
     say()
     tell(
         say,
-        f"Deviations and likely causes: {value:.3f} m rms is {value / rounding:.0f} times rounding,",
+        f"Deviations and likely causes: {value:.3f} m rms is",
+        f"{value / rounding:.0f} times rounding,",
         'so this is not the model of the paper. Its plan need not be regular; "some cables" were',
         "pulled there, all of them here; its free nodes started from heights of their own; its",
         "increments may end out of balance by up to 5 %. 44 numbers were fitted to 90: an",
@@ -365,7 +366,7 @@ def draw(runs, gaps, truth, field, fit):
     space.plot(*places[ANCHORS].T, "ks", markersize=2.5)
     space.set_box_aspect(np.ptp(places, axis=0), zoom=0.95)
     space.locator_params(nbins=4)
-    space.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)", title="Identified form after phase 1")
+    space.set(xlabel="x (m)", ylabel="y (m)", title="Identified form after phase 1, z in m")
     top = -FIELD.min()
     off = field - FIELD
     largest = np.abs(off).max()
