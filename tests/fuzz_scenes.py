@@ -61,6 +61,9 @@ def build(recipe):
     return FAMILIES[recipe.family](recipe, np.random.default_rng(recipe.seed))
 
 
+NAMES = {getattr(status, name): name for name in dir(status) if name.isupper() and name[0] != "_"}
+
+
 def outcome(recipe):
     """How it ended, in a word, and what is wrong with it, None if nothing."""
     try:
@@ -70,7 +73,7 @@ def outcome(recipe):
         named = re.match(NAMED, str(error))
         return "ValueError", None if named else f"names no argument: {error}"
     code = int(solution.status)
-    name = jc.describe(code).split(";")[0].split(":")[0][:40]
+    name = NAMES[code]
     if code != status.OK:
         return name, _failed_badly(solution)
     judged = verdict(structure, phases, solution)

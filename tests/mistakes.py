@@ -108,7 +108,10 @@ MISTAKES = {
     "pretension shape": (lambda r: _phase(pretension=_shape(r)), "^pretension: expected"),
     "forces shape": (lambda r: jc.NodalLoads([1], _shape(r)), "^forces: expected shape"),
     "movement shape": (lambda r: jc.SupportMovement([1], _shape(r)), "^displacements: expected"),
-    "mask shape": (lambda r: jc.Supports(_shape(r).astype(bool)), "^supports mask: |^Supports"),
+    "mask shape": (
+        lambda r: jc.Supports(_shape(r)[..., :5].astype(bool)),
+        "^supports mask: |^Supports",
+    ),
     "no links": (lambda r: _cables(links=np.zeros((0, 2), int)), "^links: "),
     "no nodes": (lambda r: _structure(np.zeros((0, 3))), "^nodes|links"),
     "no phases": (lambda r: jc.solve(_structure(), []), "^phases: "),

@@ -1,0 +1,113 @@
+"""What comes out where analyses are hard, and does any of it claim to be right that is not?
+
+Question   The bank of hard cases (`tests/hard_cases.py`) at full size, in both precisions: status,
+           error, time. Is there a silent failure?
+Reference  Of each case its own: a closed form, digits by mpmath, a symmetry; and of every
+           equilibrium the residual by `tests/independent.py`, in NumPy, apart from the package.
+Error      As the case states it, beside its limit; the residual over what `Newton` promises.
+Command    python experiments/hard_cases.py   (writes experiments/results/hard_cases.txt; two
+           minutes)
+
+A silent failure is a status OK with a residual above what the method promises (its tolerance, and
+the rounding of the state's own digits), with a number that is not finite, or with a figure beyond
+its limit. Times are wall milliseconds of all calls that the case makes (a hundred cycles: all of
+them), medians of five from the second time on; compile is what the first time took longer. There
+are 34 programs to compile: without most of XLA's optimizations, to be done in two minutes.
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+import jax
+import numpy as np
+from hard_cases import CASES
+from record import Record
+
+from jaxcable import status
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_disable_most_optimizations", True)
+
+REPEATS = 5
+
+
+def timed(problem):
+    begin = time.perf_counter()
+    solution = jax.block_until_ready(problem.solve())
+    return solution, time.perf_counter() - begin
+
+
+def run(case, dtype):
+    """A row of the table, whether the status is one that is expected, and silent failures."""
+    problem = case.build(True, dtype)
+    solution, first = timed(problem)
+    long = first > 5  # whole cycles: once more will do
+    times = [timed(problem)[1] for _ in range(1 if long else REPEATS)]
+    code = int(solution.status)
+    silent, residual, error = [], "", ""
+    if code == status.OK:
+        judged = problem.verdict(solution)
+        if judged is not None:
+            residual = f"{judged.ratio:.1e}"
+            if not judged.passed:
+                silent.append(f"residual {judged.excess:.2g} times what is promised {judged.wrong}")
+        shown = [getattr(solution, name, 0.0) for name in ("displacement", "tension", "reactions")]
+        if hasattr(solution, "phases") and not all(
+            np.isfinite(np.asarray(x)).all() for x in jax.tree.leaves(shown)
+        ):
+            silent.append("not finite")
+    if problem.figure is not None and code != status.NOT_CONVERGED:
+        found, limit = problem.figure(solution)
+        error = f"{found:.1e} ({limit:.0e})"
+        if not found <= limit:
+            silent.append(f"figure {found:.3g} beyond {limit:.3g}")
+    steps = "-"
+    if hasattr(solution, "phases"):
+        steps = max(int(np.asarray(p.path.iterations).max()) for p in solution.phases)
+    warm = float(np.median(times))
+    row = (
+        f"{case.name:36s} {dtype:8s} {_names(code):16s} {_names(*case.allowed(dtype)):16s} "
+        f"{error:18s} {residual:9s} {steps!s:>5s} {1e3 * warm:10.2f} {max(first - warm, 0):8.1f}"
+    )
+    return row, code in case.allowed(dtype), silent
+
+
+def _names(*codes):
+    known = {getattr(status, n): n for n in dir(status) if n.isupper() and n[0] != "_"}
+    return " or ".join(known[c] for c in codes)
+
+
+def main():
+    record = Record("hard_cases")
+    record(
+        f"{'case':36s} {'dtype':8s} {'outcome':16s} {'expected':16s} {'error (limit)':18s} "
+        f"{'residual':9s} {'steps':>5s} {'warm, ms':>10s} {'compile, s':>8s}"
+    )
+    unexpected, failures = [], []
+    for dtype in ("float64", "float32"):
+        for case in CASES:
+            row, expected, silent = run(case, dtype)
+            record(row)
+            failures += [f"{case.name}, {dtype}: {text}" for text in silent]
+            if not expected:
+                unexpected.append(f"{case.name}, {dtype}")
+        jax.clear_caches()
+    record("\nresidual: over what the method promises. What is hard about them:")
+    for case in CASES:
+        record(f"  {case.name}: {case.reason}")
+    for text in failures:
+        record(f"SILENT: {text}")
+    record(f"\noutcomes that were not expected: {', '.join(unexpected) or 'none'}")
+    record.close()
+    record(f"silent failures: {len(failures)}")
+    record.path.write_text("\n".join(record.lines) + "\n")
+    return len(failures)
+
+
+if __name__ == "__main__":
+    sys.exit(main() > 0)
