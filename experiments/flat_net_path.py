@@ -115,9 +115,7 @@ def main(increments=INCREMENTS):
         far = np.abs(gap) > 10 * np.abs(before).max()
         if far.any():
             at = (np.argmax(far) + 1) / count
-            say(
-                f"{name}, {count} increments ({100 / count:.2g} %): diverges from F/F0 = {at:.3f} on"
-            )
+            say(f"{name}, {count} increments ({100 / count:.2g} %): diverges at F/F0 = {at:.3f}")
 
     case = next(c for c in REFERENCE["cases"] if c["load_per_free_node_N"] == SHARE * LOAD)
     moved = 1e3 * np.array([case["displacement_m"][str(n)] for n in FREE])
