@@ -29,6 +29,7 @@ themselves (EA eps) shows in the residual.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from . import _check, linear, status
@@ -45,6 +46,7 @@ _SPRINT = 20  # plain Newton steps that may be tried first
 _ASTRAY = 10.0  # displacement, in structure sizes, at which they have led nowhere
 _INEXACT = 1e-2  # residual that an iterative linear solve may leave, at most
 _WORTH = 12  # steps of it that a factorisation is worth
+_RELEASED = 8.0  # roundings of the first forces that the last ones may have
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -59,9 +61,10 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); not below 64 eps. Default 1e-10, in float32 1e-5. At
-            bars and beams a residual is also allowed that the rounding of their displacements
-            leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move far without force.
+            absolute end forces + load); not below 64 eps, nor below 8 eps of that force where the
+            increment begins. Default 1e-10, in float32 1e-5. At bars and beams a residual is also
+            allowed that the rounding of their displacements leaves, ``8 eps u/L (EA along, 12
+            EI/L^2 across)``: they may move far without force.
         max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
@@ -73,8 +76,12 @@ class Newton:
     linear_solver: str | None = None
 
     def __post_init__(self):
-        _require_positive(self.tol, "tol")
+        if self.tol is not None:
+            _require_positive(self.tol, "tol")
         _require_positive(self.max_steps, "max_steps")
+        steps = _check.concrete(self.max_steps)
+        if steps is not None and steps != np.floor(steps):
+            raise ValueError(f"max_steps = {steps}: expected a whole number")
         linear.check(self.linear_solver)
 
 
@@ -155,12 +162,13 @@ def newton(system, x, method, active, memory=None):
 
     def converged(it):
         rigid = it.softness == 0
+        # what is released ends at the rounding of the forces that it began with
+        allowed = jnp.maximum(tol * it.scale, released)
         if system.rounds:
-            # also of where the iteration came from: released, a beam ends at rounding of that
             rounding = jnp.maximum(system.rounding(it.x), came_from)
-            allowed = jnp.maximum(tol * it.scale, rounding)
+            allowed = jnp.maximum(allowed, rounding)
             return rigid & jnp.all(jnp.abs(it.residual) <= allowed)
-        return rigid & (_largest(it.residual) <= tol * it.scale)
+        return rigid & (_largest(it.residual) <= allowed)
 
     def unfinished(it):
         return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)
@@ -253,6 +261,7 @@ def newton(system, x, method, active, memory=None):
     code = jnp.where(bad_start & active, status.NONFINITE, status.OK).astype(jnp.int32)
     zero = jnp.zeros((), x.dtype)
     begun = residual, scale
+    released = _RELEASED * jnp.finfo(x.dtype).eps * scale
     start = _Iterate(
         *(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code, memory)
     )
@@ -360,5 +369,9 @@ def _largest(residual):
 
 
 def _require_positive(value, name):
-    if value is not None:
-        _check.require(value, lambda v: v > 0, name, "must be positive")
+    """Raise ValueError unless `value` is one positive number."""
+    if jnp.ndim(_check.floats(value, name)) != 0:
+        raise ValueError(f"{name}: expected one number, got an array of shape {jnp.shape(value)}")
+    number = _check.concrete(value)
+    if number is not None and not number > 0:
+        raise ValueError(f"{name} = {number}: must be positive")

@@ -31,6 +31,8 @@ def prepare(structure, phases, method, start):
     """
     if not isinstance(structure, Structure):
         raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
+    if not isinstance(phases, Phase | list | tuple):
+        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}")
     phases = [phases] if isinstance(phases, Phase) else list(phases)
     for k, phase in enumerate(phases):
         if not isinstance(phase, Phase):

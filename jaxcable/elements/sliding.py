@@ -70,7 +70,7 @@ class SlidingCables(Cables):
 
     def end_forces(self, state, ends, motion):
         """Internal force at every node, [n_end, 3], N: the tension along the pieces that meet."""
-        piece, length = _pieces(ends + motion)
+        piece, length = _moved(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
         return jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
@@ -91,12 +91,25 @@ class SlidingCables(Cables):
 
     def lock(self, state, ends, motion):
         """State of an anchored jack: the unstressed length that gives the held force here."""
-        return self.locked(state, jnp.sum(_pieces(ends + motion)[1]), _change(ends, motion))
+        return self.locked(state, jnp.sum(_moved(ends, motion)[1]), _change(ends, motion))
 
 
 def _pieces(places):
     """Pieces between successive places [..., n, 3]: vectors and lengths."""
-    piece = places[..., 1:, :] - places[..., :-1, :]
+    return _measured(_steps(places))
+
+
+def _moved(ends, motion):
+    """Pieces after a motion; places, which may be far from the origin, are not rounded to."""
+    return _measured(_steps(ends) + _steps(motion))
+
+
+def _steps(places):
+    return places[..., 1:, :] - places[..., :-1, :]
+
+
+def _measured(piece):
+    """Pieces with their lengths."""
     square = jnp.sum(piece**2, axis=-1)
     # filled up with the last node: a piece without length, and without a derivative of it
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
@@ -106,8 +119,8 @@ def _pieces(places):
 def _change(ends, motion):
     """Change of the length over all nodes, m, without subtracting lengths."""
     start, before = _pieces(ends)
-    w = motion[1:] - motion[:-1]
-    after = _pieces(ends + motion)[1]
+    w = _steps(motion)
+    after = _moved(ends, motion)[1]
     both = before + after
     return jnp.sum(jnp.sum((2 * start + w) * w, axis=-1) / jnp.where(both > 0, both, 1.0))
 

@@ -31,6 +31,7 @@ _EASY = 3  # iterations of a step that may be followed by one as long
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
 _FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
 _NEAR = 5e-4  # part of the first step within which a bifurcation is interpolated
+_LOW = 1e-3  # stiffness there over the largest, at most; a larger one jumps
 _SINGULAR = 1e-6  # eigenvalue over largest stiffness: an eigenvector of this is a null vector
 _FAR = 100.0  # displacement, in structure sizes, of a structure that nothing holds
 _TURNS = 60  # tries for each row of the path, on average, before giving up
@@ -113,7 +114,9 @@ def march(ramp, method, settings, code, capacity):
         crossing = limit | branch | slackened | tightened | failed | astray
         # Too near to a bifurcation the tangent is lost in rounding; at some distance its stiffness
         # is a straight line through zero.
-        line = branch & smooth & ~limit & p.null & a.null & (ds <= _NEAR * settings.step)
+        near = ds <= _NEAR * settings.step
+        low = jnp.maximum(jnp.abs(p.stiffness), jnp.abs(a.stiffness)) <= _LOW * size
+        line = branch & smooth & ~limit & low & near
         wide = crossing & (ds > run.tol) & ~line & ~fresh
         hit = crossing & ~wide
 
@@ -167,14 +170,15 @@ def march(ramp, method, settings, code, capacity):
         bracket = jnp.where(
             wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket)
         )
-        close = run.tol
-        close = jnp.where(run.beyond.branch & a.null, _NEAR * settings.step, close)
-        over = accept & run.hunting & (bracket <= close)
-        hunting = (run.hunting | wide) & ~hit & ~over & ~last
-        now = Beyond(p.rise, p.stiffness, p.negative, smooth, smooth & branch & ~limit)
+        forks = smooth & branch & ~limit & (low | ~near)  # or else the stiffness jumps
+        now = Beyond(p.rise, p.stiffness, p.negative, smooth, forks)
         far_end = jax.tree.map(
             lambda new, old: jnp.where(wide & ~astray, new, old), now, run.beyond
         )
+        close = run.tol
+        close = jnp.where(far_end.branch, _NEAR * settings.step, close)
+        over = accept & run.hunting & (bracket <= close)
+        hunting = (run.hunting | wide) & ~hit & ~over & ~last
         ahead = _guess(anchor, far_end, bracket, run.turns, close)
         ds_next = jnp.where(hunting, ahead, nominal)
 

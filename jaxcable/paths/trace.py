@@ -76,6 +76,8 @@ def trace_path(
     Source: Riks, Int. J. Solids Structures 15 (1979); Keller, in Applications of Bifurcation Theory
     (1977); Crisfield, Non-linear Finite Element Analysis of Solids and Structures 1 (1991), ch. 9.
     """
+    if not isinstance(phases, Phase | list | tuple):
+        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}")
     phases = [phases] if isinstance(phases, Phase) else list(phases)
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
