@@ -203,7 +203,8 @@ def identification(say, **options):
     slack = int(solution.phases[1].path.n_slack[-1])
     tell(
         say,
-        f"{len(trials)} starts, random saddles and then disturbed best ones;",
+        f"{len(trials)} starts, random saddles and then disturbed best ones (with the seed that led",
+        "farthest among 0 to 7);",
         f"{(~good).sum()} failed at once (so steep that the equal pulls draw nodes together).",
         begin="- ",
     )
@@ -305,7 +306,8 @@ def schemes(say, increments, methods=METHODS):
             f"The first cables go slack at a load factor of {(np.argmax(count > 0) + 1) / n:.3f}:",
             "within one linear step the schemes do not see it, and drift there from equilibrium.",
         )
-    say("\nDifference of z from full Newton, m; solves; most slack cables; time of a second call")
+    say("\nDifference of z from full Newton, m; solves; most slack cables; time of a second call;")
+    say("status by the criterion of 5 % (what a run comes to without it is shown)")
     say(f"{'':26}{'at F0':>10}{'on the path':>13}{'solves':>8}{'slack':>7}{'time, s':>9}")
     gaps = {}
     for name, (solution, good, seconds) in runs.items():
