@@ -203,8 +203,8 @@ def identification(say, **options):
     slack = int(solution.phases[1].path.n_slack[-1])
     tell(
         say,
-        f"{len(trials)} starts, random saddles and then disturbed best ones (with the seed that led",
-        "farthest among 0 to 7);",
+        f"{len(trials)} starts, random saddles and then disturbed best ones (with the seed that",
+        "led farthest among 0 to 7);",
         f"{(~good).sum()} failed at once (so steep that the equal pulls draw nodes together).",
         begin="- ",
     )
