@@ -2,8 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-# scripts in experiments/ that `make studies` runs, in this order
-STUDIES := accuracy_cable accession_curves flat_net_path hypar_net saddle_net
+# scripts in experiments/ that `make studies` runs, two at a time, and then the one that takes times
+STUDIES := accession_curves fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
+TIMED := work_precision
 
 .PHONY: demo test lint slow studies clean
 
@@ -16,7 +17,9 @@ test: .venv/installed-test
 slow: .venv/installed-test
 	$(BIN)/python -m pytest -m slow
 
-studies: $(STUDIES:%=study-%)
+studies: .venv/installed-test
+	$(MAKE) -j 2 $(STUDIES:%=study-%)
+	$(MAKE) $(TIMED:%=study-%)
 
 study-%: .venv/installed-test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$*.py

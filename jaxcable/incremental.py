@@ -7,7 +7,9 @@ error in the increment 2, 4, 8 for 0, 1, 2 corrections.
 Secant form: ``u = K_s(u)^-1 (F - f_int(0))`` with the secant stiffness of the increment before. For
 a start in equilibrium this is the paper's eqs. 2-8 with the two inverses of eq. 5 in the order in
 which it converges: ``du_i = (K_i^-1 - K_{i-1}^-1) F_{i-1} + K_i^-1 dF_i`` telescopes to
-``u_i = K_i^-1 F_i``. One Picard step an increment: first order.
+``u_i = K_i^-1 F_i``. One Picard step an increment: first order. Where stiffness grows fast an
+eigenvalue of that step passes -1, and rounding grows from increment to increment: below some
+increment the form diverges (`experiments/accession_curves.py`); the tangent form does not.
 
 Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
 """
