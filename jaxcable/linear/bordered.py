@@ -82,4 +82,11 @@ def _by_blocks(matrix, column, row, corner, rhs, last, loose):
     left = jnp.where(loose, 0.0, rhs - matrix @ x - column * y)
     dx, dy = eliminate(left, last - row @ x - corner * y)
     x, y = x + dx, y + dy
-    return x, y, jnp.all(jnp.isfinite(x)) & jnp.isfinite(y)
+    left = jnp.where(loose, 0.0, rhs - matrix @ x - column * y)
+    terms = _size(rhs) + _size(column * y) + _size(matrix @ x)
+    close = _size(left) <= jnp.cbrt(jnp.finfo(rhs.dtype).eps) * terms
+    return x, y, close & jnp.all(jnp.isfinite(x)) & jnp.isfinite(y)
+
+
+def _size(v):
+    return jnp.max(jnp.abs(v), initial=0.0)

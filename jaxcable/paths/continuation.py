@@ -19,6 +19,7 @@ from jax import lax
 
 from .. import equilibrium, linear, status
 from .._tree import copy
+from ..assembly import each
 from ..results import row_of
 from . import events
 from .correction import Condition, by_load, correct, loose_unknowns
@@ -31,10 +32,10 @@ _EASY = 3  # iterations of a step that may be followed by one as long
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
 _FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
 _NEAR = 5e-4  # part of the first step within which a bifurcation is interpolated
-_LOW = 1e-3  # stiffness there over the largest, at most; a larger one jumps
-_SINGULAR = 1e-6  # eigenvalue over largest stiffness: an eigenvector of this is a null vector
+_LOW = 1e-3  # stiffness beside an event over that where it was first seen; else it jumps
+_UNSURE = 64  # roundings in a strain, which tell neither taut nor slack
 _FAR = 100.0  # displacement, in structure sizes, of a structure that nothing holds
-_TURNS = 60  # tries for each row of the path, on average, before giving up
+_TURNS = 30  # tries for each row of the path, on average, before giving up
 
 
 def march(ramp, method, settings, code, capacity):
@@ -69,10 +70,11 @@ def march(ramp, method, settings, code, capacity):
             found, newton_code = by_load(ramp, a.plastic, a.x, factor, method, by_newton)
             guess = jnp.where(by_newton, found, guess)
         free = run.mode == ARC
+        sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
         condition = Condition(
             jnp.where(free, a.turn / jnp.where(free, run.weight, 1.0), 0.0),
-            jnp.where(free, a.rise, 1.0),
-            jnp.where(free, ds, factor - a.factor),
+            jnp.where(free, a.rise, sense),
+            jnp.where(free, ds, sense * (factor - a.factor)),
         )
         active = ~by_newton | (newton_code == status.OK)
         found = correct(ramp, a.plastic, guess, along, factor, a.factor, condition, tol, active)
@@ -80,19 +82,17 @@ def march(ramp, method, settings, code, capacity):
         turn, rise = found.turn / weight, found.rise
         size = jnp.sqrt(turn @ turn + rise**2)
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
-        largest = jnp.max(jnp.abs(linear.diagonal(found.matrix)), initial=0.0)
-        largest = jnp.maximum(run.size, jnp.where(found.converged, largest, 0.0))
-        point = _point(ramp, a.plastic, found, turn / size, rise / size, largest)
+        point = _point(ramp, a, found, turn / size, rise / size)
         bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
         regular = found.regular | (by_newton & begin.convex)
         sound = found.converged & regular & ~far
         weight = jnp.where(found.regular, weight, run.weight)
-        return found, point, sound, bent & ~fresh, newton_code, weight, largest, far
+        return found, point, sound, bent & ~fresh, newton_code, weight, far
 
     def turn(run):
         a, ds = run.anchor, run.ds
-        found, p, sound, bent, newton_code, weight, size, far = attempt(run)
+        found, p, sound, bent, newton_code, weight, far = attempt(run)
         fresh, by_newton = run.n_row == 0, run.mode == LOAD
         system = ramp.at(p.factor, a.plastic)
         broken = system.beyond(system.motion(p.x)) if system.breaks else jnp.zeros((), bool)
@@ -107,6 +107,7 @@ def march(ramp, method, settings, code, capacity):
         alignment = _alignment(p)
         of_limit = (jnp.abs(p.rise) < _FLAT) & (alignment > _ALIGNED)
         branch = known & found.regular & (p.negative != a.negative) & ~of_limit
+        branch = branch | (usable & fresh & (p.negative > 0))  # unstable from the start
         slackened = known & jnp.any(p.slack & ~a.slack)
         tightened = known & jnp.any(a.slack & ~p.slack)
         failed = usable & broken & ~astray
@@ -115,7 +116,8 @@ def march(ramp, method, settings, code, capacity):
         # Too near to a bifurcation the tangent is lost in rounding; at some distance its stiffness
         # is a straight line through zero.
         near = ds <= _NEAR * settings.step
-        low = jnp.maximum(jnp.abs(p.stiffness), jnp.abs(a.stiffness)) <= _LOW * size
+        both = jnp.maximum(jnp.abs(p.stiffness), jnp.abs(a.stiffness))
+        low = run.hunting & (both <= _LOW * run.reference) & (p.stiffness * a.stiffness < 0)
         line = branch & smooth & ~limit & low & near
         wide = crossing & (ds > run.tol) & ~line & ~fresh
         hit = crossing & ~wide
@@ -125,7 +127,7 @@ def march(ramp, method, settings, code, capacity):
         outside = outside & ((p.factor >= settings.until) | (p.factor <= settings.down_to))
         fatal = hit & failed
         accept = usable & ~outside & ~wide & ~fatal & ~astray
-        last = (run.mode == FINISH) | (by_newton & (p.factor >= settings.until))
+        last = accept & ((run.mode == FINISH) | (by_newton & (p.factor >= settings.until)))
         record = (accept & (~run.hunting | hit | last)) | (fatal & run.hunting)
 
         # --- events
@@ -144,8 +146,9 @@ def march(ramp, method, settings, code, capacity):
             elif kind not in (events.SLACKENING, events.TIGHTENING):
                 own = own & False
             note = hit & happened & (count < n_event)
+            null = run.hunting & (both <= _LOW * run.reference)
             at = jnp.where(line & (kind == events.BIFURCATION), _zero_between(a, p), p.factor)
-            entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own)
+            entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own, null)
             noted = _put(noted, count, entry, note)
             count = count + (hit & happened)
         stopping = hit & (limit | branch | astray) & ~failed & ~settings.through
@@ -199,9 +202,10 @@ def march(ramp, method, settings, code, capacity):
         hunting = hunting & ~rescue
 
         # --- the outcome
-        done = (accept & last) | stopping | fatal
+        done = last | stopping | fatal
         code = jnp.int32(status.OK)
-        full = ~done & ((n_rows >= n_row) | (count > n_event) | (run.turns >= _TURNS * n_row))
+        full = ~done & ((n_rows >= n_row) | (count > n_event))
+        lost = ~done & (run.turns >= _TURNS * n_row)
         stopped = jnp.where(limit, status.LIMIT_POINT, status.BIFURCATION)
         outcomes = (
             (stopping, stopped),
@@ -213,6 +217,7 @@ def march(ramp, method, settings, code, capacity):
             (again & fresh & found.converged & ~found.regular, status.SINGULAR),
             (exhausted & ~rescue, status.NOT_CONVERGED),
             (by_newton & fresh & (newton_code != status.OK), newton_code),
+            (lost, status.NOT_CONVERGED),
             (full, status.OUT_OF_STEPS),
         )
         for happened, own in reversed(outcomes):
@@ -222,7 +227,7 @@ def march(ramp, method, settings, code, capacity):
             mode=mode.astype(jnp.int32),
             ds=ds_next,
             nominal=nominal,
-            size=size,
+            reference=jnp.where(wide & ~run.hunting, both, run.reference),
             weight=weight,
             hunting=hunting,
             bracket=bracket,
@@ -246,17 +251,18 @@ def march(ramp, method, settings, code, capacity):
     nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     nowhere = Point(
-        *(x, zero, still, zero + 1, ramp.plastic, jnp.int32(0), zero, still, still, nobody),
-        jnp.zeros((), bool),
+        *(x, zero, still, zero + 1, ramp.plastic, jnp.int32(0), zero, still, still, still),
+        nobody,
     )
-    entry = Noted(jnp.int32(0), zero, zero, zero, jnp.int32(0), nowhere, nobody)
+    no = jnp.zeros((), bool)
+    entry = Noted(jnp.int32(0), zero, zero, zero, jnp.int32(0), nowhere, nobody, no)
     unknown = jax.eval_shape(lambda p: _row(ramp, p, ramp.plastic, _nothing(p)), nowhere)
     start = Run(
         anchor=nowhere,
         mode=jnp.int32(LOAD),
         ds=zero,
         nominal=jnp.sqrt(2.0).astype(dtype) * settings.step,
-        size=zero,
+        reference=zero,
         weight=zero,
         hunting=jnp.zeros((), bool),
         bracket=zero,
@@ -273,16 +279,32 @@ def march(ramp, method, settings, code, capacity):
     return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, turn, start)
 
 
-def _point(ramp, plastic, found, turn, rise, largest):
-    """The `Point` that an iteration ended in; `largest` stiffness judges what is a null vector."""
-    system = ramp.at(found.factor, plastic)
-    negative, stiffness, phi = linear.spectrum(found.matrix, loose_unknowns(system, found.x))
-    slack = jnp.concatenate(system.slack(system.motion(found.x)))
-    null = jnp.abs(stiffness) <= _SINGULAR * largest
-    return Point(
-        *(found.x, found.factor, turn, rise, plastic, negative, stiffness, phi, found.pull),
-        *(slack, null),
-    )
+def _point(ramp, a, found, turn, rise):
+    """The `Point` that an iteration from `a` ended in."""
+    system = ramp.at(found.factor, a.plastic)
+    loose = loose_unknowns(system, found.x)
+    general, plain = (lambda m, g=g: linear.spectrum(m, loose, general=g) for g in (True, False))
+    if system.followers is not None:
+        found_out = general(found.matrix)
+    elif system.turning:  # nodal moments make it unsymmetric
+        found_out = lax.cond(system.unsymmetric(), general, plain, found.matrix)
+    else:
+        found_out = plain(found.matrix)
+    slack = _slack(system, system.motion(found.x), a.slack)
+    return Point(found.x, found.factor, turn, rise, a.plastic, *found_out, found.pull, slack)
+
+
+def _slack(system, motion, before):
+    """Slack elements, all groups one after the other; as before where strain is all rounding."""
+    rows, at = [], 0
+    for group, state, own in zip(system.groups, system.states, system.slack(motion), strict=True):
+        was, at = before[at : at + len(own)], at + len(own)
+        if group.tension_only and hasattr(group, "strain"):
+            strain = each("strain", group, state, system.nodes, motion)
+            unsure = jnp.abs(strain) <= _UNSURE * jnp.finfo(strain.dtype).eps
+            own = jnp.where(unsure, was, own)
+        rows.append(own)
+    return jnp.concatenate(rows)
 
 
 def _weight(found, system):
@@ -293,9 +315,9 @@ def _weight(found, system):
 
 
 def _alignment(p):
-    """``|phi.F| / (|phi| |F|)``; 1 if nothing pulls."""
+    """``|phi.F| / (|phi| |F|)`` of the left null vector; 1 if nothing pulls."""
     size = jnp.linalg.norm(p.pull)
-    return jnp.where(size > 0, jnp.abs(p.phi @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)
+    return jnp.where(size > 0, jnp.abs(p.left @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)
 
 
 def _guess(anchor, far_end, bracket, turns, tol):

@@ -41,10 +41,11 @@ class Events:
         lower, upper: the same before and after the event, in this order, [n].
         row: number of the row of the path that follows it, [n] int.
         displacement: from the geometry in which the phase began, [n, n_node, 3], m.
-        mode: null vector phi of the tangent at limit points and bifurcations, displacements, the
-            largest of a node 1, [n, n_node, 3]; else NaN.
-        alignment: ``|phi.F| / (|phi| |F|)`` there, F the load that the phase adds: zero at a branch
-            point, not zero at a limit point, [n].
+        mode: null vector of the tangent at limit points and bifurcations, displacements, the
+            largest of a node 1, [n, n_node, 3]; where stiffness jumps below zero (a corner of a
+            law) the softest mode; else NaN.
+        alignment: ``|phi.F| / (|phi| |F|)`` there, phi the left null vector, F the load that the
+            phase adds: zero at a branch point, not zero at a limit point, [n].
         elements: which elements slackened, tightened or failed, in the shape of `elements`, each
             [n, n_elem] bool.
     """

@@ -14,7 +14,7 @@ def flexibility(structure, state, nodes, axes="xyz", fixed=None):
     """Displacements by unit forces at chosen freedoms of a loaded state: part of ``K^-1``.
 
     Symmetric unless loads follow. Differentiable like the solution. NaN where the tangent stiffness
-    is singular (a mechanism without prestress, a limit point).
+    is singular (a mechanism without prestress, a loose node, a limit point).
 
     Args:
         structure: the `Structure` that was analysed.

@@ -21,8 +21,11 @@ class TracedPath(Path):
         iterations: of the correction onto the path, [n].
         factorizations: None.
         equilibrated: None.
-        n_negative: negative eigenvalues of the tangent stiffness, [n]: 0 is stable.
-        stiffness: its eigenvalue nearest to zero, [n], N/m (of a unit vector of all freedoms).
+        n_negative: negative eigenvalues of the tangent stiffness, [n]: 0 is stable. Of an
+            unsymmetric tangent (loads that follow, nodal moments) 1 where its determinant is
+            negative, else 0.
+        stiffness: its eigenvalue nearest to zero, [n], N/m (of a unit vector of all freedoms); of
+            an unsymmetric one its smallest singular value with the sign of the determinant.
         rise: the tangent's part of load factor, 1 to -1; changes its sign at limit points, [n].
         events: `Events`.
     """

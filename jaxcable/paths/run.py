@@ -23,10 +23,9 @@ class Point:
         x, factor: point of the system and load factor.
         turn, rise: unit tangent: unknowns over `Run.weight`, and load factor.
         plastic: plastic strains that an increment from here begins with, or None.
-        negative, stiffness, phi: see `linear.spectrum`.
+        negative, stiffness, phi, left: see `linear.spectrum`.
         pull: derivative of the residual by the load factor, [n_free], N.
         slack: slack elements, all groups one after the other, bool.
-        null: whether `phi` is a null vector.
     """
 
     x: object
@@ -37,14 +36,14 @@ class Point:
     negative: object
     stiffness: object
     phi: object
+    left: object
     pull: object
     slack: object
-    null: object
 
 
 @pytree
 class Noted:
-    """Events as they are noted; x, plastic, phi and pull are kept for derivatives."""
+    """Events as they are noted, with the point beyond; `null`: phi is a null vector there."""
 
     kind: object
     factor: object
@@ -53,6 +52,7 @@ class Noted:
     row: object
     point: Point
     changed: object
+    null: object
 
 
 @pytree
@@ -80,7 +80,7 @@ class Run:
         anchor: last point, `Point`.
         mode: how the next step is tried.
         ds, nominal: length of this step, and of an ordinary one.
-        size: largest stiffness on the diagonal so far, N/m.
+        reference: larger stiffness at the ends of the step in which an event was first seen, N/m.
         weight: displacement that counts as much as a unit of the load factor, m; 0 before it is
             known.
         hunting, bracket: whether an event is being closed in on, and the step that contains it.
@@ -96,7 +96,7 @@ class Run:
     mode: object
     ds: object
     nominal: object
-    size: object
+    reference: object
     weight: object
     hunting: object
     bracket: object

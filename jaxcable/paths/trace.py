@@ -50,8 +50,12 @@ def trace_path(
     bends sharply steps are shortened, but a path that passes close by can be mistaken for it, as by
     any continuation: look at `TracedPath.rise`, or repeat with smaller steps.
 
+    A state that is unstable from the start counts as a bifurcation at load factor 0. Events that
+    undo each other within one step are not seen: take a smaller `largest` where that may happen.
+
     A pure function. Derivatives: of the load factor at smooth limit points, with respect to all
-    parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN.
+    parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN, also at
+    corners of laws and in structures whose laws remember plastic strains.
 
     Args:
         structure: `Structure`.
@@ -180,7 +184,7 @@ def _trace(thawed, arrays, method, settings, code, room):
     parts = [noted.changed[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
         path.events,
-        load_factor=known(located(events.kind, noted.factor, noted.point), happened),
+        load_factor=known(located(events.kind, noted.factor, noted.point, noted.null), happened),
         elements=[part & happened[:, None] for part in parts],
     )
     return copy(path, events=events), run.n_row, run.n_event
@@ -204,13 +208,13 @@ def _shape(point, number):
 
 def _alignment(point):
     size = jnp.linalg.norm(point.pull)
-    return jnp.abs(point.phi @ point.pull) / jnp.where(size > 0, size, 1.0)
+    return jnp.abs(point.left @ point.pull) / jnp.where(size > 0, size, 1.0)
 
 
-def _load_factor(kind, factor, point, ramp, problem, parameters):
+def _load_factor(kind, factor, point, null, ramp, problem, parameters):
     """Load factor of an event, with the derivative of a smooth limit point, else with NaN.
 
-    At a limit point the null vector phi of the (symmetric) tangent takes the unknowns out of the
+    At a limit point the left null vector phi of the tangent takes the unknowns out of the
     derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
     """
     factor = implicit.undifferentiated(factor, parameters)
@@ -218,9 +222,9 @@ def _load_factor(kind, factor, point, ramp, problem, parameters):
         return factor
     system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.plastic)
     function, numbers, _ = system.chart(system.carried(point.x))
-    work = point.phi @ function(lax.stop_gradient(numbers))
-    along = point.phi @ point.pull
-    smooth = (kind == LIMIT_POINT) & point.null & (along != 0) & ~system.unsymmetric()
+    work = point.left @ function(lax.stop_gradient(numbers))
+    along = point.left @ point.pull
+    smooth = (kind == LIMIT_POINT) & null & (along != 0)
     change = work / jnp.where(smooth, along, 1.0)
     exact = point.factor - (change - lax.stop_gradient(change))
     return jnp.where(smooth, exact, factor)

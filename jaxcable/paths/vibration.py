@@ -45,7 +45,8 @@ def natural_frequencies(
         structure: the `Structure` that was analysed.
         state: `Solution` (its last converged state) or `State`.
         n: number of modes; fewer if fewer freedoms have mass.
-        masses: added masses at the nodes, [n_node] or scalar, kg.
+        masses: added masses at the nodes, [n_node] or scalar, kg; all positive if traced (massless
+            freedoms are condensed, and which they are must be known).
         fixed: freedoms to leave out, as in `forms.tangent_of`.
         gravity: acceleration that weights are divided by, m/s2.
         distribution: of an element's mass m: "lumped", half to each end; "consistent", m/3 and m/6
@@ -75,9 +76,9 @@ def natural_frequencies(
     heavy = np.zeros(structure.n_node, bool)
     for group in structure.groups:
         if getattr(group, "weight", None) is not None:
-            heavy[group.links.array] = True
+            heavy[group.links.array[_positive(group.weight)]] = True
     if masses is not None:
-        heavy[:] = True
+        heavy |= _positive(masses)
     if not heavy.any():
         raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
     number = np.asarray(freedoms.number)[: structure.n_node, :3]
@@ -89,6 +90,12 @@ def natural_frequencies(
     if masses is not None:
         mass = mass + jnp.diag(masses.astype(mass.dtype))
     return _solve(stiffness, mass, moving, number, min(n, len(moving)))
+
+
+def _positive(values):
+    """Where there is mass, NumPy bool; everywhere while values are traced."""
+    known = _check.concrete(values)
+    return np.ones(len(values), bool) if known is None else known > 0
 
 
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}

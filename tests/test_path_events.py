@@ -1,0 +1,129 @@
+"""Events of paths where they are easily missed, invented or misnamed."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.scenes import von_mises_truss
+
+
+def ok(path, code=0):
+    assert int(path.status) == code, jc.describe(path.status)
+    return path
+
+
+def test_a_path_may_end_where_the_load_has_fallen():
+    path = ok(jc.trace_path(*von_mises_truss(), down_to=-0.5))
+    assert float(path.load_factor[-1]) == -0.5 and float(path.rise[-1]) < 0
+    assert path.events.names == ["limit point"]
+
+
+def test_a_start_that_is_unstable_already():
+    """The truss is pushed down into its unstable range by supports, and let go there."""
+    structure, _ = von_mises_truss()
+    held = jc.replace(structure, supports=jc.Supports(np.ones((3, 3), bool)))
+    free = np.ones((3, 3), bool)
+    free[1, 2] = False
+    push = jc.Phase(loads=jc.SupportMovement([1], (0, 0, -0.1)))
+    load = jc.NodalLoads([1], (0, 0, -100.0))
+    release = jc.Phase(supports=jc.Supports(free), loads=load)
+    path = ok(jc.trace_path(held, [push, release], through=False), 13)
+    assert path.events.names == ["bifurcation"]
+    assert float(path.failure_load) == 0.0
+
+
+@pytest.mark.parametrize("solver", ["dense", "superlu"])
+def test_a_load_that_follows_makes_no_bifurcation(solver):
+    """A pressed face makes the tangent unsymmetric; its symmetric part is singular elsewhere."""
+    nodes = np.array([[0, 0, 1], [-1, 0, 0], [1, 0, 0], [-0.2, -1, 0.9], [0.2, 1, 1.1]])
+    held = np.ones((5, 3), bool)
+    held[0, [0, 2]] = False
+    bars = jc.Bars([[0, 1], [0, 2]], axial_stiffness=1e4)
+    structure = jc.Structure(nodes, bars, supports=jc.Supports(held))
+    phases = [
+        jc.Phase(loads=jc.FacePressure([[0, 3, 4]], 6000.0)),
+        jc.Phase(loads=jc.NodalLoads([0], (0, 0, -4000.0))),
+    ]
+    path = ok(jc.trace_path(structure, phases, jc.Newton(linear_solver=solver)))
+    kinds = path.events.names
+    assert kinds == ["limit point"] * 2
+    # at a limit point no load above is carried near by: the path itself is the witness
+    top = float(path.events.load_factor[0])
+    assert abs(top - float(path.load_factor[:30].max())) < 1e-12 and abs(top - 0.52729) < 1e-4
+    assert set(np.asarray(path.n_negative).tolist()) == {0, 1}
+
+
+@pytest.mark.slow
+def test_derivative_of_a_limit_load_with_a_load_that_follows():
+    nodes = np.array([[0, 0, 1], [-1, 0, 0], [1, 0, 0], [-0.2, -1, 0.9], [0.2, 1, 1.1]])
+    held = np.ones((5, 3), bool)
+    held[0, [0, 2]] = False
+
+    @jax.jit
+    def value(p):
+        bars = jc.Bars([[0, 1], [0, 2]], axial_stiffness=p[0] * 1e4)
+        structure = jc.Structure(nodes, bars, supports=jc.Supports(held))
+        phases = [
+            jc.Phase(loads=jc.FacePressure([[0, 3, 4]], 6000.0 * p[1])),
+            jc.Phase(loads=jc.NodalLoads([0], (0, 0, -4000.0))),
+        ]
+        return jc.trace_path(structure, phases, through=False).failure_load
+
+    point = jnp.ones(2)
+    gradient = jax.jit(jax.grad(value))(point)
+    step = 1e-5 * jnp.eye(2)
+    central = jnp.stack([(value(point + h) - value(point - h)) / 2e-5 for h in step])
+    # differences of load factors located to 1e-12 are good to 1e-7, and of second order
+    assert np.allclose(gradient, central, rtol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
+def test_an_unstressed_cable_is_neither_slack_nor_taut(dtype):
+    """Four plumb cables and one between their nodes, which all loads leave without strain."""
+    d = np.array([1, 0.37, 0.11])
+    d = 0.83 * d / np.linalg.norm(d)
+    up, down = np.array([0, 0, 2.0]), np.array([0, 0, -2.0])
+    nodes = jnp.asarray(np.stack([0 * d, d, up, d + up, down, d + down]), dtype)
+    cables = jc.Cables([[2, 0], [3, 1], [4, 0], [5, 1], [0, 1]], axial_stiffness=1.37e5)
+    structure = jc.Structure(nodes, cables, supports=jc.pinned([2, 3, 4, 5]))
+    phases = [
+        jc.Phase(pretension=np.array([100.0, 100, 100, 100, 0])),
+        jc.Phase(loads=jc.NodalLoads([0, 1], (7.3, 3.1, -50.0))),
+    ]
+    path = ok(jc.trace_path(structure, phases))
+    assert len(path.events) == 0 and float(path.load_factor[-1]) == 1.0
+
+
+def test_a_corner_is_no_smooth_limit_point_beside_a_stiff_bar():
+    """A bar with a falling branch reaches its peak; next to it one of any stiffness."""
+    law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 1e8, 0.4e8])
+    held = np.ones((4, 3), bool)
+    held[[1, 3], 2] = False
+
+    def load(length, stiffness):
+        nodes = jnp.array([[0, 0, 0], [0, 0, 0], [1.0, 0, 0], [1.0, 0, -1.0]])
+        elements = {
+            "law": jc.Bars([[0, 1]], area=1e-4, law=law),
+            "stiff": jc.Bars([[2, 3]], axial_stiffness=stiffness),
+        }
+        structure = jc.Structure(nodes.at[1, 2].set(-length), elements, jc.Supports(held))
+        phase = jc.Phase(loads=jc.NodalLoads([1], (0, 0, -2e4)))
+        return jc.trace_path(structure, [phase], through=False).failure_load
+
+    value, slope = jax.jit(jax.value_and_grad(load))(2.0, 1e13)
+    assert abs(float(value) - 0.5) < 1e-9 and np.isnan(slope)
+
+
+def test_masses_at_some_nodes_only():
+    structure, phases = jc.scenes.flat_net()
+    solution = jc.solve(structure, phases)
+    masses = np.zeros(structure.n_node)
+    masses[3] = 10.0
+    found = jc.paths.natural_frequencies(structure, solution, masses=masses)
+    assert found.frequency.shape == (3,)
+    # the other nodes follow: one mass on the flexibility of its node
+    flexibility = np.asarray(jc.paths.flexibility(structure, solution, [3]))
+    exact = np.sqrt(np.linalg.eigvalsh(np.linalg.inv(flexibility)) / 10.0) / (2 * np.pi)
+    assert np.allclose(found.frequency, exact, rtol=1e-9)
