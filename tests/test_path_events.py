@@ -1,5 +1,9 @@
 """Events of paths where they are easily missed, invented or misnamed."""
 
+import importlib
+import sys
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -127,3 +131,57 @@ def test_masses_at_some_nodes_only():
     flexibility = np.asarray(jc.paths.flexibility(structure, solution, [3]))
     exact = np.sqrt(np.linalg.eigvalsh(np.linalg.inv(flexibility)) / 10.0) / (2 * np.pi)
     assert np.allclose(found.frequency, exact, rtol=1e-9)
+
+
+@pytest.fixture
+def rods(monkeypatch):
+    """Plane extensible rods by shooting, of the experiments."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parent.parent / "experiments"))
+    yield importlib.import_module("rods")
+    sys.modules.pop("rods", None)
+
+
+@pytest.mark.slow
+def test_williams_toggle(rods):
+    exact = [load for load, _ in rods.toggle_limits()]
+    path = ok(jc.trace_path(*jc.scenes.toggle_frame(4)))
+    assert path.events.names == ["limit point"] * 2
+    # shallow local strain: of order 4 in the element, 7e-4 with four a side
+    assert np.allclose(80 * path.events.load_factor, exact, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_lee_frame(rods):
+    guess = np.array([np.pi / 2, 0, -0.1, 0.1])
+    for w in np.arange(1, 49.0):
+        guess = rods.lee_frame(w, guess)
+    limit, _ = rods.lee_limit(48.7, guess)
+    path = ok(jc.trace_path(*jc.scenes.lee_frame(2)))
+    assert path.events.names == ["limit point"] * 2
+    first = 30 * float(path.events.load_factor[0])
+    assert abs(first / limit - 1) < 5e-5  # of order 4; 2.3e-5 with 20 elements
+    assert abs(first / 1.8552 - 1) < 5e-4  # published, with shear
+    down = -np.asarray(path.displacement)[:, 12, 2]
+    assert np.diff(down).min() < -0.1  # it snaps back
+    w = 40.0  # on the way up
+    k = np.flatnonzero(down > w)[0]
+    between = np.interp(w, down[k - 1 : k + 1], 30 * np.asarray(path.load_factor)[k - 1 : k + 1])
+    assert abs(between - rods.lee_frame(w, guess)[3]) < 5e-3  # of the chord between two points
+
+
+@pytest.mark.slow
+def test_a_dome_twists():
+    """The path goes straight on where corrections could fall onto the twisted branch."""
+    path = ok(jc.trace_path(*jc.scenes.geiger_dome(load=500.0)))
+    assert path.events.names == ["bifurcation"] and float(path.events.alignment[0]) < 1e-6
+    structure, (prestress, loading) = jc.scenes.geiger_dome(load=500.0)
+
+    @jax.jit
+    def lowest(factor):
+        forces = factor * jnp.asarray(loading.loads.forces)
+        load = jc.replace(loading, loads=jc.replace(loading.loads, forces=forces))
+        solution = jc.solve(structure, [prestress, load])
+        return jnp.linalg.eigvalsh(jc.forms.tangent_of(structure, solution))[0]
+
+    at = float(path.events.load_factor[0])
+    assert float(lowest(at * (1 - 1e-6))) > 0 > float(lowest(at * (1 + 1e-6)))

@@ -75,6 +75,22 @@ def test_limit_points_of_the_truss(snapping):
     assert float(snapping.failure_load) == float(events.load_factor[0])
 
 
+def test_picture_of_a_path(snapping, tmp_path):
+    figure = jc.plots.path(snapping, 1, axis="-z", path=tmp_path / "path.png", scale=500, unit="N")
+    assert (tmp_path / "path.png").stat().st_size > 1e4
+    axes = figure.axes[0]
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["stable", "unstable", "limit point"]
+    assert axes.get_ylabel() == "load (N)" and "node 1" in axes.get_xlabel()
+    structure, phases = truss(USUAL, load=100.0)
+    increments = jc.solve(structure, phases).phases[0].path  # of a phase: no events, no stability
+    assert jc.plots.path(increments, 1, path=tmp_path / "phase.png").axes[0].get_legend() is None
+    with pytest.raises(ValueError, match="axis = 'w'"):
+        jc.plots.path(snapping, 1, axis="w")
+    with pytest.raises(ValueError, match="node = 7: the structure has nodes 0 to 2"):
+        jc.plots.path(snapping, 7)
+
+
 def test_it_ends_at_the_limit_point_if_it_is_to():
     path = ok(jc.trace_path(*truss(USUAL), through=False), 12)
     assert len(path.events) == 1
