@@ -61,10 +61,10 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); not below 64 eps, nor, in cable nets under dead load, below 4
-            eps of that force where the increment begins. Default 1e-10, in float32 1e-5. At bars and beams a residual is also
-            allowed that the rounding of their displacements leaves, ``8 eps u/L (EA along, 12
-            EI/L^2 across)``: they may move far without force.
+            absolute end forces + load); not below 64 eps, nor, in cable nets under dead load, below
+            4 eps of that force where the increment begins. Default 1e-10, in float32 1e-5. At bars
+            and beams a residual is also allowed that the rounding of their displacements leaves,
+            ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move far without force.
         max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
