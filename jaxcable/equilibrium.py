@@ -46,7 +46,7 @@ _SPRINT = 20  # plain Newton steps that may be tried first
 _ASTRAY = 10.0  # displacement, in structure sizes, at which they have led nowhere
 _INEXACT = 1e-2  # residual that an iterative linear solve may leave, at most
 _WORTH = 12  # steps of it that a factorisation is worth
-_RELEASED = 4.0  # roundings of the first forces that the last ones may have
+_RELEASED = 2.0  # roundings of the first forces that the last ones may have
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -62,7 +62,7 @@ class Newton:
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
             absolute end forces + load); not below 64 eps, nor, in cable nets under dead load, below
-            4 eps of that force where the increment begins. Default 1e-10, in float32 1e-5. At bars
+            2 eps of that force where the increment begins. Default 1e-10, in float32 1e-5. At bars
             and beams a residual is also allowed that the rounding of their displacements leaves,
             ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move far without force.
         max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
