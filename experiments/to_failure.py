@@ -239,7 +239,7 @@ def picture(shallow, hung, toggle, lee):
         place.axhline(0, color="0.6", linewidth=0.7)
         place.grid(color="0.92")
         place.set(title=title, xlabel=across, ylabel=up)
-    pushes, p, force = np.linspace(0, 0.68, 69), np.zeros(3), []
+    pushes, p, force = np.linspace(0.01, 0.68, 68), np.zeros(3), []
     for push in pushes:
         p = rods.toggle(push, p)
         force.append(-2 * p[1])
