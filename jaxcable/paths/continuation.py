@@ -104,8 +104,8 @@ def march(ramp, method, settings, code, capacity):
         known = usable & ~fresh & ~astray
         limit = known & ~by_newton & ((p.rise > 0) != (a.rise > 0))
         # the inertia changes at a limit point too, a hair before or after the load factor turns
-        alignment = _alignment(p)
-        of_limit = (jnp.abs(p.rise) < _FLAT) & (alignment > _ALIGNED)
+        aligned = alignment(p) > _ALIGNED
+        of_limit = (jnp.abs(p.rise) < _FLAT) & aligned
         branch = known & found.regular & (p.negative != a.negative) & ~of_limit
         branch = branch | (usable & fresh & (p.negative > 0))  # unstable from the start
         slackened = known & jnp.any(p.slack & ~a.slack)
@@ -314,7 +314,7 @@ def _weight(found, system):
     return jnp.where(usable, own, system.length_scale())
 
 
-def _alignment(p):
+def alignment(p):
     """``|phi.F| / (|phi| |F|)`` of the left null vector; 1 if nothing pulls."""
     size = jnp.linalg.norm(p.pull)
     return jnp.where(size > 0, jnp.abs(p.left @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)

@@ -16,7 +16,7 @@ from ..preparation import prepare, ready
 from ..ramp import Ramp
 from ..results import on_nodes
 from ..solver import solve
-from .continuation import march
+from .continuation import alignment, march
 from .events import BIFURCATION, LIMIT_POINT, Events
 from .result import TracedPath
 from .run import Settings
@@ -153,7 +153,7 @@ def _trace(thawed, arrays, method, settings, code, room):
         row=known(noted.row, happened),
         displacement=known(jax.vmap(lambda p: _moved(ramp, p))(noted.point), happened),
         mode=jax.vmap(lambda p: _shape(p, free))(noted.point),
-        alignment=jax.vmap(_alignment)(noted.point),
+        alignment=jax.vmap(alignment)(noted.point),
         elements=None,
     )
     critical = (events.kind == LIMIT_POINT) | (events.kind == BIFURCATION)
@@ -204,11 +204,6 @@ def _shape(point, number):
     flat = shape.reshape(-1)
     sign = jnp.sign(flat[jnp.argmax(jnp.abs(flat))])
     return shape * jnp.where(largest > 1e-12, sign / jnp.maximum(largest, 1e-12), 0.0)
-
-
-def _alignment(point):
-    size = jnp.linalg.norm(point.pull)
-    return jnp.abs(point.left @ point.pull) / jnp.where(size > 0, size, 1.0)
 
 
 def _load_factor(kind, factor, point, null, ramp, problem, parameters):
