@@ -43,7 +43,7 @@ def mistake(name, rng):
     except ValueError as error:
         fits = pattern is not None and re.search(pattern, str(error))
         return "ValueError", None if fits else f"names something else: {error}"
-    except Exception as error:
+    except Exception as error:  # any other kind is a defect, and counted as one
         return type(error).__name__, f"raises {type(error).__name__}: {error}"
     if pattern is not None:
         return "taken", "wrong input was taken"
@@ -54,7 +54,7 @@ def mistake(name, rng):
 def scene(recipe):
     try:
         return outcome(recipe)
-    except Exception as error:
+    except Exception as error:  # a scene must not raise: a defect, and counted as one
         return type(error).__name__, f"raises {type(error).__name__}: {error}"
 
 

@@ -137,6 +137,7 @@ def nearby(params, rng):
 
 
 def _started(height, spacing):
+    """A start inside of the bounds, where steps in both directions are free."""
     low, high = np.log(SPACINGS)
     return {
         "height": jnp.asarray(np.clip(height, -0.95 * HIGHEST, 0.95 * HIGHEST)),

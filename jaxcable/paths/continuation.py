@@ -166,6 +166,7 @@ def march(ramp, method, settings, code, capacity):
         anchor = copy(anchor, negative=passed)
         ease = jnp.sqrt(_EASY / jnp.maximum(found.steps, 1).astype(dtype))
         plain = accept & ~run.hunting & ~hit & (run.mode == ARC)
+        # steers the length of steps, no part of the result
         nominal = run.nominal * jnp.where(plain, jnp.clip(ease, 0.5, 2.0), 1.0)
         first = fresh | (run.weight == 0)
         nominal = jnp.where(accept & first, jnp.sqrt(2.0) * settings.step, nominal)
