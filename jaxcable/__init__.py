@@ -10,12 +10,15 @@
 -0.012838093 m
 """
 
-from . import design, forms, materials, paths, plots, scenes
+from . import _interrupt as _interrupt  # isort: skip - before jax, which loads for seconds
+from . import design, files, forms, materials, paths, plots, reports, scenes
+from ._check import InputWarning
 from ._tree import replace
 from .batches import batched
 from .design import fit, influence, minimize
 from .elements import Bars, Beams, Cables, Catenaries, SlidingCables
 from .equilibrium import Newton
+from .files import load_scene, save_scene
 from .forms import find_form, force_density
 from .incremental import Incremental
 from .loads import (
@@ -32,6 +35,7 @@ from .loads import (
 from .materials import Elastic, Polygonal
 from .paths import trace_path
 from .phases import Phase
+from .reports import report
 from .sections import Section, SectionState
 from .selection import only
 from .solution import Path, PhaseResult, Solution, State
@@ -53,6 +57,7 @@ __all__ = [
     "Elastic",
     "FacePressure",
     "Incremental",
+    "InputWarning",
     "LineLoads",
     "Newton",
     "NodalLoads",
@@ -75,11 +80,13 @@ __all__ = [
     "describe",
     "design",
     "fibre_stress",
+    "files",
     "find_form",
     "fit",
     "force_density",
     "forms",
     "influence",
+    "load_scene",
     "materials",
     "minimize",
     "net_faces",
@@ -89,6 +96,9 @@ __all__ = [
     "plots",
     "raise_if_failed",
     "replace",
+    "report",
+    "reports",
+    "save_scene",
     "scenes",
     "solve",
     "trace_path",

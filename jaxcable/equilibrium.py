@@ -69,6 +69,20 @@ class Newton:
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
             some hundred, else PARDISO where installed, else SuperLU.
+
+    Example:
+        Two cables of unstressed length L0 and the load under which their node comes down by 0.3 m:
+        ``P = 2 EA (l - L0)/L0 (3 + w)/l``.
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> length, cut = np.hypot(4.0, 3.3), 5.0 / (1 + 500.0 / 1e5)
+        >>> load = 2 * 1e5 * (length - cut) / cut * 3.3 / length  # N
+        >>> phase = jc.Phase(pretension=500.0, loads=jc.NodalLoads([1], (0.0, 0.0, -load)))
+        >>> solution = jc.solve(structure, phase, jc.Newton(max_steps=50))
+        >>> print(f"{jc.describe(solution.status)}: {solution.displacement[1, 2]:.9f} m")
+        converged: -0.300000000 m
     """
 
     tol: object = None
@@ -78,6 +92,8 @@ class Newton:
     def __post_init__(self):
         if self.tol is not None:
             _require_positive(self.tol, "tol")
+            text = "relative to the forces: from 1 on any state would pass"
+            _check.require(self.tol, lambda v: v < 1, "tol", text)
         _require_positive(self.max_steps, "max_steps")
         steps = _check.concrete(self.max_steps)
         if steps is not None and steps != np.floor(steps):
@@ -289,7 +305,7 @@ def newton(system, x, method, active, memory=None):
     return outcome, end.memory
 
 
-def march(ramp, x, factors, method, code, memory=None):
+def march(ramp, x, factors, method, code, memory=None, tell=None):
     """Bring a phase to equilibrium at each load factor in turn, each from the one before.
 
     Args:
@@ -299,6 +315,7 @@ def march(ramp, x, factors, method, code, memory=None):
         method: `Newton`.
         code: status so far; if it is a failure, or from the first failure on, nothing moves.
         memory: as for `newton`.
+        tell: function of a load factor and its `Outcome` that is called after each, or None.
 
     Returns:
         `Outcome` with a leading axis [n_inc], codes latched; and the memory after it.
@@ -312,7 +329,10 @@ def march(ramp, x, factors, method, code, memory=None):
         outcome, memory = newton(system, x, method, code == status.OK, memory)
         code = status.first_failure(code, outcome.code)
         plastic = ramp.settle(system, outcome.x, code, plastic)
-        return (outcome.x, code, plastic, memory), copy(outcome, code=code)
+        outcome = copy(outcome, code=code)
+        if tell is not None:
+            tell(factor, outcome)
+        return (outcome.x, code, plastic, memory), outcome
 
     (*_, memory), outcome = lax.scan(step, (x, code, ramp.plastic, memory), factors)
     return outcome, memory

@@ -38,6 +38,19 @@ class Incremental:
             Euclidean norms over the free freedoms; without load, of the element forces at the
             nodes); beyond it the status is DRIFTED. The paper uses 0.05. `numpy.inf` never stops.
         linear_solver: as for `Newton`.
+
+    Example:
+        The load ``P = 2 EA (l - L0)/L0 (3 + w)/l`` moves the node of two cables down by w = 0.3 m:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> length = np.hypot(4.0, 3.3)
+        >>> load = 2 * 1e5 * (length - 5.0) / 5.0 * 3.3 / length  # N
+        >>> phase = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -load)), increments=10)
+        >>> solution = jc.solve(structure, phase, jc.Incremental(corrections=1))
+        >>> print(f"{jc.describe(solution.status)}: {solution.displacement[1, 2]:.6f} m")
+        converged: -0.300000 m
     """
 
     corrections: int = 0
@@ -59,18 +72,22 @@ class Incremental:
         linear.check(self.linear_solver)
 
 
-def march(ramp, x, factors, method, code):
+def march(ramp, x, factors, method, code, tell=None):
     """Take a phase through its load factors; arguments and result as `equilibrium.march`.
 
     Differentiable as it is; the increments are checkpointed, so that the backward pass stores one
     vector of unknowns per increment and not its stiffness matrix.
     """
     first, plastic = _increment(ramp, factors[0], x, method, code, ramp.plastic, first=True)
+    if tell is not None:
+        tell(factors[0], first)
 
     @jax.checkpoint
     def step(carry, factor):
         x, code, plastic = carry
         outcome, plastic = _increment(ramp, factor, x, method, code, plastic, first=False)
+        if tell is not None:
+            tell(factor, outcome)
         return (outcome.x, outcome.code, plastic), outcome
 
     rest = jax.lax.scan(step, (first.x, first.code, plastic), factors[1:])[1]

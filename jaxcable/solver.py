@@ -10,12 +10,13 @@ from . import equilibrium, implicit, incremental, status
 from ._tree import copy, emptied, fill, refrozen
 from .equilibrium import Newton
 from .preparation import prepare, ready
+from .progress import Increment, listener, tell
 from .ramp import Ramp, dead_load
 from .results import arranged, row_of, state_of
 from .solution import PER_PHASE, Path, PhaseResult, Solution
 
 
-def solve(structure, phases, method=None, start=None, differentiate_path=False):
+def solve(structure, phases=None, method=None, start=None, differentiate_path=False, progress=None):
     """Analyse a structure through its phases.
 
     A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it. Numbers are
@@ -30,21 +31,48 @@ def solve(structure, phases, method=None, start=None, differentiate_path=False):
             `.tension` (one adjoint system per increment); without it those derivatives are NaN.
             All else is differentiable in any case.
 
+        progress: True to have long work say on stderr where it is, a line every half second
+            (increment, iterations, residual); or a function of a `progress.Increment`, which is
+            called after each. It is compiled in: another function compiles again.
+
     Returns:
         `Solution`; look at its `status`, or call `raise_if_failed`.
 
     Raises:
         ValueError: wrong input, naming argument, index and rule.
+
+    Warns:
+        InputWarning: input that is legal and most likely not meant.
+
+    Example:
+        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle, and how that node gives way
+        (tangent stiffness: 2 (EA/L0 0.6^2 + N/l 0.8^2) = 14600 N/m):
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> def analyse(load):
+        ...     loads = jc.NodalLoads([1], load * jnp.array([0.0, 0.0, -1.0]))
+        ...     return jc.solve(structure, jc.Phase(pretension=500.0, loads=loads))
+        >>> solution = analyse(600.0)
+        >>> jc.describe(solution.status)
+        'converged'
+        >>> print(jnp.round(solution.tension, 6))  # N
+        [500. 500.]
+        >>> rate = jax.grad(lambda load: analyse(load).displacement[1, 2])(600.0)
+        >>> print(f"{1 / rate:.1f} N/m")
+        -14600.0 N/m
     """
+    listen = listener(progress)
     thawed, arrays, method, code, fixed = prepare(structure, phases, method, start)
-    solution = _analyse(thawed, arrays, method, code, differentiate_path)
+    solution = _analyse(thawed, arrays, method, code, differentiate_path, listen)
     last = copy(solution.last, carry=refrozen(solution.last.carry, arrays))
     solution = copy(solution, last=last)
     return arranged(structure, solution, fixed)
 
 
-@functools.partial(jax.jit, static_argnames=("differentiate_path",))
-def _analyse(thawed, arrays, method, code, differentiate_path):
+@functools.partial(jax.jit, static_argnames=("differentiate_path", "listen"))
+def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
     """The compiled core: the phases in turn; results per element are lists, one item per group."""
     parameters = fill(thawed, arrays)
     nodes, groups, carry, data = ready(parameters)
@@ -62,8 +90,9 @@ def _analyse(thawed, arrays, method, code, differentiate_path):
         problem = (nodes, groups, carry, phase)
         if phase.other_pattern:
             memory = None  # of other matrices
+        teller = None if listen is None else _teller(listen, number, data)
         code, carry, load, factor, path, memory = _run_phase(
-            problem, method, code, differentiate_path, memory
+            problem, method, code, differentiate_path, memory, teller
         )
         if not differentiate_path and isinstance(method, Newton):
             names = ("displacement", "tension", "strain")
@@ -97,7 +126,27 @@ def _unless(ok, end, names, parameters):
     return dict(zip(names, implicit.nan_unless(ok, values, parameters), strict=True))
 
 
-def _run_phase(problem, method, code, differentiate_path, memory):
+def _teller(listen, number, data):
+    """A function that tells of the increments of a phase."""
+    count = data[number].increments
+    known = {"phase": number + 1, "phases": len(data), "count": count}
+
+    def news(factor, outcome):
+        relative = outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0)
+        traced = {
+            "number": jnp.round(factor * count).astype(jnp.int32),
+            "load_factor": factor,
+            "iterations": outcome.steps,
+            "residual": outcome.residual,
+            "relative_residual": relative,
+            "status": outcome.code,
+        }
+        tell(listen, Increment, known, lax.stop_gradient(traced))
+
+    return news
+
+
+def _run_phase(problem, method, code, differentiate_path, memory, teller):
     """One phase: status, carry, load at its end, load factor reached, path, memory of solves."""
     carry, data = problem[2:]
     dtype, n_inc = carry.motion.dtype, data.increments
@@ -105,11 +154,11 @@ def _run_phase(problem, method, code, differentiate_path, memory):
     if isinstance(method, Newton):
         ramp = Ramp.build(*lax.stop_gradient(problem))
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
-        outcome, memory = equilibrium.march(ramp, start, factors, method, code, memory)
+        outcome, memory = equilibrium.march(ramp, start, factors, method, code, memory, teller)
     else:
         ramp = Ramp.build(*implicit.gate(_finite(problem), problem))
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
-        outcome = incremental.march(ramp, start, factors, method, code)
+        outcome = incremental.march(ramp, start, factors, method, code, teller)
     good = outcome.code == status.OK
     n_good = jnp.sum(good)
     valid, factor = n_good > 0, (n_good / n_inc).astype(dtype)

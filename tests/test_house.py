@@ -17,9 +17,9 @@ ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "jaxcable"
 
 FLOORS = [
-    ["_tree", "_check"],
-    ["selection"],
-    ["status"],
+    ["_tree", "_check", "_interrupt"],
+    ["selection", "plausibility"],
+    ["status", "progress"],
     ["linear", "search", "rotations", "roots"],
     ["implicit"],
     ["materials"],
@@ -39,7 +39,9 @@ FLOORS = [
     ["paths", "stresses"],
     ["design", "forms"],
     ["scenes"],
-    ["plots"],
+    ["plots", "files"],
+    ["reports"],
+    ["cli"],
     ["__init__", "__main__"],
 ]
 LEVEL = {name: k for k, floor in enumerate(FLOORS) for name in floor}

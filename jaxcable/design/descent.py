@@ -13,6 +13,7 @@ import optax
 from jax import lax
 
 from .. import status
+from ..progress import Step, tell
 
 _LBFGS = optax.lbfgs(linesearch=None)  # the loop searches
 _SHORTEST = 40  # halvings before a direction is given up
@@ -99,13 +100,15 @@ class Descent:
         sizes: function of the flat parameters to their sizes, for the measure of the gradient.
         scale: what the optimizer sees the parameters in units of.
         tol: of the measure.
+        listen: function of a `progress.Step`, called after each, or None.
     """
 
-    def __init__(self, loss, back, optimizer, steps, box, sizes, scale, tol):
+    def __init__(self, loss, back, optimizer, steps, box, sizes, scale, tol, listen=None):
         self.searched = optimizer is None
         self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
         self.loss, self.back, self.box = loss, back, box
         self.steps, self.sizes, self.scale, self.tol = steps, sizes, scale, tol
+        self.listen = listen
         self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
 
     def run(self, x):
@@ -163,6 +166,15 @@ class Descent:
         row = jnp.where(noted, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
         entries = Log(value, measure, s.failure, s.failures, s.tries)
         log = jax.tree.map(lambda h, e: h.at[row].set(e, mode="drop"), s.log, entries)
+        if self.listen is not None:
+            news = {
+                "number": jnp.maximum(s.n, 0),
+                "loss": value,
+                "gradient_norm": measure,
+                "failures": s.failures,
+            }
+            known = {"count": self.steps}
+            lax.cond(noted, lambda: tell(self.listen, Step, known, news), lambda: None)
 
         tries = jnp.where(good, 0, s.tries + 1)
         # an optimizer that leads nowhere begins anew; its memory is of other entries than now, too

@@ -1,0 +1,87 @@
+"""What goes wrong on the command line: one clear line on stderr and an exit status."""
+
+import os
+import sys
+import threading
+from pathlib import Path
+
+from .._interrupt import INTERRUPTED
+from ..files import FileError
+from ..files.reading import written
+from ..status import AnalysisError
+
+OK, FAILED, BAD_INPUT = 0, 1, 2
+
+
+class Refused(Exception):  # noqa: N818 - no error of the program but of what it was given
+    """Input that a command cannot use; the text is the line to print."""
+
+
+def guarded(command, options):
+    """Run a command; returns the exit status: 0, 1 (analysis failed) or 2 (bad input).
+
+    It runs in a thread of its own: compiled programs do not listen to Ctrl-C, but this waits for
+    it.
+    """
+    outcome = []
+
+    def work():
+        try:
+            outcome.append(command(options) or OK)
+        except BaseException as error:
+            outcome.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    try:
+        thread.start()
+        while thread.is_alive():
+            thread.join(0.1)
+    except KeyboardInterrupt:
+        say("interrupted")
+        sys.stdout.flush()
+        os._exit(INTERRUPTED)  # compiled programs cannot be stopped otherwise
+    (result,) = outcome
+    return result if isinstance(result, int) else _told(result)
+
+
+def _told(error):
+    """Print what went wrong; returns the exit status. What is no fault of the input is raised."""
+    if isinstance(error, AnalysisError):
+        say(str(error))
+        return FAILED
+    if isinstance(error, FileError | Refused):
+        say(str(error))
+        return BAD_INPUT
+    if isinstance(error, BrokenPipeError):  # the reader of the output has gone, as `head` does
+        sys.stdout = open(os.devnull, "w")
+        return OK
+    if isinstance(error, OSError) and error.strerror:
+        name = error.filename if error.filename is not None else "the system"
+        say(f"{name}: {error.strerror}")
+        return BAD_INPUT
+    if isinstance(error, MemoryError):
+        say("not enough memory for this analysis")
+        return FAILED
+    raise error
+
+
+def say(line):
+    """Print one line on stderr."""
+    print(f"jaxcable: {' '.join(line.split())}", file=sys.stderr)
+
+
+def require_writable(*paths):
+    """Raise OSError where a file could not be written, before long work and not after it."""
+    for path in paths:
+        if path is None:
+            continue
+        path = Path(path)
+        if path.is_dir():
+            raise IsADirectoryError(21, "Is a folder, not a file", str(path))
+        probe = path.with_name(f".{path.name}.probe")
+        try:
+            with written(probe) as stream:
+                stream.write("")
+        except OSError as error:
+            raise type(error)(error.errno, error.strerror, str(path)) from None
+        probe.unlink()

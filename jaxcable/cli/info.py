@@ -1,0 +1,94 @@
+"""``info``: what is in a scene or net, without any analysis."""
+
+import jax
+import numpy as np
+
+from ..files.parts import groups_by_name
+from ..files.reading import read_json
+from ..files.scene import FORMAT
+from ..loads import as_list
+from ..phases import ABSOLUTE, INCREMENTS
+from . import inputs
+
+
+def run(options):
+    """Print what the file of `options` holds."""
+    name = options.files[0].lower()
+    if len(options.files) == 1 and name.endswith(".json"):
+        if read_json(options.files[0], int(options.largest * 1e6)).get("format") == FORMAT:
+            options.scene = options.files[0]
+            return _scene(*inputs.scene(options))
+    return _net(inputs.net(options))
+
+
+def _scene(structure, phases):
+    nodes = np.asarray(structure.nodes)
+    print(f"scene of {structure.n_node} nodes, {len(phases)} phases, {nodes.dtype}")
+    print(f"extent: {_extent(nodes)}")
+    fixed = structure.supports.fixed(structure.n_node)
+    pinned, clamped = fixed[:, :3].all(axis=1), fixed[:, 3:].any(axis=1)
+    partly = fixed[:, :3].any(axis=1) & ~pinned
+    print(
+        f"supports: {int(pinned.sum())} nodes held, {int(partly.sum())} partly, "
+        f"{int((clamped).sum())} against rotation"
+    )
+    free = int((~structure.fixed(structure.supports)).sum())
+    print(f"unknowns: {free}")
+    for label, group in groups_by_name(structure):
+        ends = nodes[group.links.array]
+        lengths = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
+        print(
+            f"{type(group).__name__} {label}".strip() + f": {len(lengths)} elements, "
+            f"lengths {inputs.spread(lengths)} m, {inputs.bounded(lengths.sum())} m in total"
+        )
+        for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
+            value = getattr(group, field, None)
+            if value is not None:
+                print(f"  {field} {inputs.spread(value)}")
+        for field in ("law", "section"):
+            if getattr(group, field, None) is not None:
+                print(f"  {field} {type(getattr(group, field)).__name__}")
+    for number, phase in enumerate(phases, 1):
+        _phase(number, phase)
+
+
+def _phase(number, phase):
+    print(f"phase {number}: {phase.increments} increments")
+    for field in (*ABSOLUTE, *INCREMENTS):
+        value = getattr(phase, field)
+        if value is not None:
+            numbers = [getattr(leaf, "values", leaf) for leaf in jax.tree.leaves(value)]
+            print(f"  {field} {inputs.spread(numbers)}")
+    for load in as_list(phase.loads):
+        text = f"  {type(load).__name__}"
+        if hasattr(load, "nodes") and hasattr(load, "forces"):
+            forces = np.broadcast_to(np.asarray(load.forces), (len(load.nodes), 3))
+            total = ", ".join(inputs.bounded(f) for f in forces.sum(axis=0))
+            text += f" on {len(load.nodes)} nodes, sum ({total}) N"
+        print(text)
+    if phase.supports is not None:
+        print("  other supports")
+
+
+def _net(net):
+    kinds = {kind: net.kinds.count(kind) for kind in dict.fromkeys(net.kinds)}
+    counts = ", ".join(f"{count} {kind}s" for kind, count in kinds.items())
+    print(f"net of {len(net.nodes)} nodes, {len(net.links)} links: {counts}")
+    print(f"extent: {_extent(net.nodes)}")
+    ends = net.nodes[net.links]
+    print(f"lengths {inputs.spread(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))} m")
+    print(f"supports: {int(net.fixed.any(axis=1).sum())} nodes")
+    single = np.bincount(net.links.ravel(), minlength=len(net.nodes)) == 1
+    print(f"nodes with one link: {int(single.sum())}")
+    if net.groups is not None:
+        print(f"groups: {', '.join(dict.fromkeys(net.groups))}")
+    for name, value in net.values.items():
+        known = value[~np.isnan(value)]
+        print(f"{name} {inputs.spread(known)} ({len(known)} links)")
+    if net.loads is not None:
+        total = ", ".join(inputs.bounded(f) for f in net.loads.sum(axis=0))
+        print(f"loads: sum ({total}) N")
+
+
+def _extent(nodes):
+    return " x ".join(inputs.bounded(float(v)) for v in np.ptp(nodes, axis=0)) + " m"

@@ -1,0 +1,90 @@
+"""Scenes and nets that commands read, and numbers as they are written on a command line."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from ..files import load_scene, read_csv, read_network, read_obj
+from ..files.parts import groups_by_name
+from ..files.reading import read_json
+from ..files.scene import FORMAT
+from .guard import Refused
+
+_MOST_BYTES = 8e9  # of the path of an analysis
+
+
+def scene(options):
+    """The scene of a command; one whose path would not fit into memory is refused."""
+    found = load_scene(options.scene, int(options.largest * 1e6))
+    bytes_needed = sum(phase.increments for phase in found.phases) * (
+        24.0 * found.structure.n_node + 8.0 * sum(len(g.links) for g in found.structure.groups)
+    )
+    if bytes_needed > _MOST_BYTES:
+        raise Refused(
+            f"{options.scene}: its increments would need {bytes_needed / 1e9:.0f} GB; ask for fewer"
+        )
+    return found
+
+
+def net(options):
+    """The `Net` in the files of a command: OBJ, JSON of compas or jax_fdm, a pair of CSV tables."""
+    paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
+    suffixes = [path.suffix.lower() for path in paths]
+    if suffixes == [".csv", ".csv"]:
+        return read_csv(*paths, largest=largest)
+    if len(paths) != 1:
+        raise Refused("files: expected one file, or two CSV tables: nodes and links")
+    if suffixes == [".obj"]:
+        return read_obj(paths[0], options.scale, largest=largest)
+    if suffixes == [".json"]:
+        if read_json(paths[0], largest).get("format") == FORMAT:
+            raise Refused(f"{paths[0]}: is a scene of jaxcable already")
+        return read_network(paths[0], largest)
+    raise Refused(f"{paths[0]}: expected .obj, .json, or two .csv tables (nodes, links)")
+
+
+def values(words, structure, name):
+    """Numbers of a command line: one for all, or ``group=number`` for groups of the structure.
+
+    Returns:
+        A float, or a prefix pytree of the structure's elements.
+    """
+    try:
+        if len(words) == 1 and "=" not in words[0]:
+            return float(words[0])
+        pairs = dict(word.split("=", 1) for word in words)
+        numbers = {key: float(word) for key, word in pairs.items()}
+    except ValueError:
+        raise Refused(f"{name}: expected a number, or group=number: {' '.join(words)}") from None
+    names = [label for label, _ in groups_by_name(structure)]
+    for key in numbers:
+        if key not in names:
+            raise Refused(f"{name}: no group {key!r}; there are {', '.join(names)}")
+    return structure.arrange([numbers.get(label) for label in names])
+
+
+def anchors(words):
+    """Anchors of a command line: "ends", or node numbers and ranges such as 0 3 5-8."""
+    if not words or words == ["ends"]:
+        return words[0] if words else None
+    found = []
+    for word in words:
+        first, _, last = word.partition("-")
+        try:
+            found += range(int(first), int(last or first) + 1)
+        except ValueError:
+            raise Refused(f"anchors: {word!r} is no node number or range such as 5-8") from None
+    return found
+
+
+def bounded(value):
+    """A number of metres, newtons or the like as text."""
+    return f"{value:.6g}"
+
+
+def spread(arrays):
+    """The range of numbers as text: one number if all are equal."""
+    flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
+    low, high = float(flat.min()), float(flat.max())
+    return bounded(low) if low == high else f"{bounded(low)} to {bounded(high)}"

@@ -1,0 +1,121 @@
+"""``optimize``: the pretension for a purpose, by exact gradients; written as a scene."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import design, status
+from .._tree import replace
+from ..files import save_scene
+from ..scenes import Scene
+from ..solver import solve
+from . import inputs, outputs
+from .guard import Refused, require_writable
+
+_WIDTH = 0.02  # of the smooth maximum of deflections, as a part of the limit
+
+
+def run(options):
+    """Optimize the pretension of the first phase that states one."""
+    outputs.check_suffix(options.save, (".json",), "--save")
+    require_writable(options.save)
+    structure, phases = inputs.scene(options)
+    number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
+    if number is None:
+        raise Refused(f"{options.scene}: no phase has a pretension to optimize")
+    start, spread_out = _parameters(structure, phases[number].pretension, options)
+
+    def analysed(parameters):
+        own = replace(phases[number], pretension=spread_out(parameters))
+        return solve(structure, [*phases[:number], own, *phases[number + 1 :]])
+
+    low, high = options.bounds
+    start = jnp.clip(start, low, high)
+    try:
+        if options.target is not None:
+            found, told = _to_target(analysed, start, (low, high), options)
+        else:
+            found, told = _least(analysed, start, (low, high), options)
+    except ValueError as error:
+        raise Refused(f"{options.scene}: {error}") from None
+    solution = analysed(found.params)
+    code = int(found.status)
+    print(f"status {code}: {status.describe(code)}")
+    print(f"{told}, {int(found.evaluations)} analyses")
+    print(f"pretension {inputs.spread(found.params)} N")
+    print(f"forces at the end {inputs.spread(solution.last.tension)} N")
+    moved = np.linalg.norm(np.asarray(solution.last.displacement), axis=1).max()
+    print(f"largest displacement {inputs.bounded(float(moved))} m")
+    if options.save is not None:
+        best = jax.tree.map(np.asarray, spread_out(found.params))
+        own = replace(phases[number], pretension=best)
+        save_scene(options.save, Scene(structure, [*phases[:number], own, *phases[number + 1 :]]))
+        print(f"wrote {options.save}: the scene with this pretension")
+    status.raise_if_failed(found)
+
+
+def _parameters(structure, stated, options):
+    """Start of the search and the function from its vector to a statement of pretension."""
+    sizes = [len(group.links) for group in structure.groups]
+    try:
+        leaves = [np.asarray(v, float) for v in jax.tree.leaves(stated)]
+        if len(leaves) not in (1, len(sizes)):
+            raise ValueError("a pretension for some groups or elements only")
+        leaves = leaves * (len(sizes) if len(leaves) == 1 else 1)
+        rows = [np.broadcast_to(v, (n,)) for v, n in zip(leaves, sizes, strict=True)]
+    except (ValueError, TypeError) as error:
+        raise Refused(
+            f"{options.scene}: its pretension cannot be optimized here: {error}"
+        ) from None
+    if options.one:
+        start = jnp.array([row.mean() for row in rows])
+
+        def spread_out(parameters):
+            return structure.arrange(
+                [jnp.broadcast_to(parameters[k], (n,)) for k, n in enumerate(sizes)]
+            )
+
+        return start, spread_out
+    ends = np.cumsum([0, *sizes])
+
+    def spread_out(parameters):
+        return structure.arrange([parameters[a:b] for a, b in itertools.pairwise(ends)])
+
+    return jnp.asarray(np.concatenate(rows)), spread_out
+
+
+def _to_target(analysed, start, bounds, options):
+    """Tensions at the end as near to a target as the bounds allow."""
+
+    def loss(parameters):
+        solution = analysed(parameters)
+        return design.tension_distance(solution, options.target), solution
+
+    found = design.minimize(loss, start, bounds, steps=options.steps, progress=not options.quiet)
+    n = sum(v.size for v in jax.tree.leaves(analysed(start).tension))
+    apart = float(np.sqrt(float(found.loss) / n))
+    return found, f"root mean square distance from {options.target:g} N: {apart:.6g} N"
+
+
+def _least(analysed, start, bounds, options):
+    """The least sum of pretensions that keeps deflections and tensions within their limits."""
+    limits = options.deflection, options.lowest
+
+    def problem(parameters):
+        solution = analysed(parameters)
+        broken = []
+        if limits[0] is not None:
+            deflection = design.largest_deflection(solution, _WIDTH * limits[0])
+            broken.append(jnp.atleast_1d(deflection / limits[0] - 1.0))
+        if limits[1] is not None:
+            forces = jnp.concatenate([jnp.ravel(v) for v in jax.tree.leaves(solution.tension)])
+            broken.append(1.0 - forces / limits[1])
+        return jnp.sum(parameters), jnp.concatenate(broken), solution
+
+    if limits == (None, None):
+        raise Refused("optimize: give --target, or --deflection and/or --lowest")
+    found = design.minimize_subject_to(problem, start, bounds, steps=options.steps)
+    worst = float(np.max(found.constraints))
+    return found, f"least pretension, its limits met within {worst:.1e}"

@@ -1,0 +1,37 @@
+"""What commands write: results, scenes, pictures, reports, by the suffix of the file."""
+
+from pathlib import Path
+
+from ..files import save_opensees, save_result, save_vtk
+from ..files.reading import written
+from ..status import OK
+from .guard import Refused, say
+
+PICTURES = (".png", ".pdf", ".svg")
+RESULTS = (".json", ".npz", ".csv", ".vtk", ".py")
+REPORTS = (".txt", ".json", ".csv")
+
+
+def check_suffix(path, known, option):
+    """Raise `Refused` if a path does not end with one of the known suffixes."""
+    if path is not None and Path(path).suffix.lower() not in known:
+        raise Refused(f"{option} {path}: expected a name that ends with {', '.join(known)}")
+
+
+def picture(figure, path):
+    """Save a figure; the file is there as a whole or not at all."""
+    with written(path, "wb") as stream:
+        figure.savefig(stream, format=Path(path).suffix[1:].lower(), dpi=130)
+
+
+def result(path, structure, solution):
+    """Save a result by its suffix; returns the paths."""
+    path = Path(path)
+    if path.suffix == ".vtk":
+        return save_vtk(path, structure, solution)
+    if path.suffix == ".py":
+        if int(solution.status) != OK:
+            say(f"{path}: not written: a failed analysis has no state to compute again")
+            return []
+        return save_opensees(path, structure, solution)
+    return save_result(path, structure, solution)

@@ -1,0 +1,30 @@
+"""Scenes and results in files: JSON, NPZ, CSV; ParaView and OpenSees; nets of other programs.
+
+Files are data: nothing in them is executed. One that is not what it should be ends as a `FileError`
+with its name and the line or field.
+"""
+
+from .nets import Net
+from .networks import read_network
+from .obj import read_obj
+from .opensees import save_opensees
+from .pairs import read_csv
+from .reading import LARGEST, FileError
+from .results import load_result, save_result
+from .scene import load_scene, save_scene
+from .vtk import save_vtk
+
+__all__ = [
+    "LARGEST",
+    "FileError",
+    "Net",
+    "load_result",
+    "load_scene",
+    "read_csv",
+    "read_network",
+    "read_obj",
+    "save_opensees",
+    "save_result",
+    "save_scene",
+    "save_vtk",
+]

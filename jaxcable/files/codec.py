@@ -1,0 +1,218 @@
+"""Objects of the package as plain data for JSON, and back: fixed tables of types and fields.
+
+- A number, a text, true or false stand for themselves; null and a field that is absent for None.
+- A list of numbers, however nested, is an array; one of float32 is ``{"float32": [...]}``.
+- An object with a text under "type" is one of `TYPES`, its other fields those of the class.
+- An object without is a dict, a list that holds objects a list, ``{"type": "tuple", "items": []}``
+  a tuple; so is ``{"type": "list", ...}`` where a list of numbers is meant as a list.
+"""
+
+import dataclasses
+import difflib
+
+import jax
+import numpy as np
+
+from .._tree import Indices
+from ..elements import Bars, Beams, Cables, Catenaries, SlidingCables
+from ..loads import (
+    AreaLoads,
+    CablePressure,
+    FacePressure,
+    LineLoads,
+    NodalLoads,
+    SelfWeight,
+    SupportMovement,
+)
+from ..materials import Elastic, Parallel, Polygonal
+from ..phases import Phase
+from ..sections import Section
+from ..selection import Only
+from ..structure import Structure, Supports, is_group
+from .reading import FileError
+
+TYPES = {
+    cls.__name__: cls
+    for cls in (
+        *(Structure, Supports, Phase, Only),
+        *(Bars, Beams, Cables, Catenaries, SlidingCables),
+        *(AreaLoads, CablePressure, FacePressure, LineLoads, NodalLoads, SelfWeight),
+        *(SupportMovement, Elastic, Parallel, Polygonal, Section),
+    )
+}
+"""What a file can hold, by the name of its type."""
+
+_IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
+_WORKED_OUT = {Polygonal: ("rising", "n_plastic")}  # by the constructor, from the points
+_DEEPEST = 32  # nested objects; no structure comes near
+
+
+def encode(value, where, implied=None):
+    """Plain data of an object, a container, an array or a number.
+
+    Args:
+        value: what to write.
+        where: its place in words, for messages.
+        implied: the class that a reader expects here; any other is named.
+
+    Raises:
+        ValueError: something that a file cannot hold: other types, tracers, NaN.
+    """
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, jax.core.Tracer):
+        raise ValueError(f"{where}: is being traced; write files outside of jit")
+    if isinstance(value, Indices):
+        return value.array.tolist()
+    if TYPES.get(type(value).__name__) is type(value):
+        return _encode_object(value, where, implied)
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise ValueError(f"{where}: the key {key!r} is no text; JSON has no other keys")
+        return {key: encode(v, f"{where}[{key!r}]") for key, v in value.items()}
+    if isinstance(value, tuple | list):
+        items = [encode(v, f"{where}[{k}]") for k, v in enumerate(value)]
+        if type(value) is list and any(isinstance(item, dict) for item in items):
+            return items
+        if type(value) in (list, tuple):
+            return {"type": type(value).__name__, "items": items}
+    if isinstance(value, np.ndarray | np.generic | jax.Array | int | float):
+        return _encode_numbers(value, where)
+    raise ValueError(f"{where}: a {type(value).__name__} cannot be written to a file")
+
+
+def _encode_object(value, where, implied):
+    cls = type(value)
+    fields = {} if cls is implied else {"type": cls.__name__}
+    for field in dataclasses.fields(cls):
+        own = getattr(value, field.name)
+        if own is None or field.name in _WORKED_OUT.get(cls, ()):
+            continue
+        if field.default is not dataclasses.MISSING and own is field.default:
+            continue
+        if is_group(value) and isinstance(own, np.ndarray | jax.Array):
+            own = _once(np.asarray(own))
+        if cls is Section and field.name == "laws":
+            own = list(own)  # its constructor makes a tuple of it again
+        place = f"{where}.{field.name}"
+        fields[field.name] = encode(own, place, _IMPLIED.get(field.name))
+    return fields
+
+
+def _once(rows):
+    """One row for all if they are the same, as constructors take it; [n, ...] else."""
+    if len(rows) > 1 and rows.tobytes() == rows[:1].tobytes() * len(rows):
+        return rows[0]
+    return rows
+
+
+def _encode_numbers(value, where):
+    array = np.asarray(value)
+    if not np.issubdtype(array.dtype, np.number) and array.dtype != bool:
+        raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
+    if not np.isfinite(array).all():
+        index = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise ValueError(f"{where}{index or ''}: not finite; a file holds finite numbers only")
+    if array.dtype == np.float32 and not isinstance(value, float):
+        return {"float32": array.astype(float).tolist()}
+    return array.tolist()
+
+
+def decode(data, where, implied=None, depth=0):
+    """The object that `encode` made plain data of.
+
+    Raises:
+        FileError: names the field and what is wrong with it.
+    """
+    if depth > _DEEPEST:
+        raise FileError(f"{where}: nested too deeply")
+    if data is None or isinstance(data, bool | str):
+        return data
+    if isinstance(data, float):
+        return _decode_numbers(data, where).item()
+    if isinstance(data, int):
+        if abs(data) > 2**63 - 1:
+            raise FileError(f"{where}: a number of more than 64 bits")
+        return data
+    if isinstance(data, list):
+        if not data or any(isinstance(item, dict) for item in data):
+            return [decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(data)]
+        return _decode_numbers(data, where)
+    if data.keys() == {"float32"} and not isinstance(data["float32"], dict):
+        return _decode_numbers(data["float32"], where).astype(np.float32)[()]
+    name = data.get("type")
+    if isinstance(name, str) or implied is not None:
+        if name in ("list", "tuple"):
+            return _decode_items(data, where, name, depth)
+        return _decode_object(data, where, implied, depth)
+    return {key: decode(v, f"{where}[{key!r}]", None, depth + 1) for key, v in data.items()}
+
+
+def _decode_items(data, where, name, depth):
+    items = data.get("items")
+    if data.keys() != {"type", "items"} or not isinstance(items, list):
+        raise FileError(f'{where}: a {name} has the fields "type" and "items" and no other')
+    return {"list": list, "tuple": tuple}[name](
+        decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(items)
+    )
+
+
+def _decode_object(data, where, implied, depth):
+    name = data.get("type", implied.__name__ if implied else None)
+    if not isinstance(name, str) or name not in TYPES:
+        raise FileError(f"{where}: unknown type {name!r}{_meant(name, TYPES)}")
+    cls = TYPES[name]
+    if implied is not None and cls is not implied:
+        raise FileError(f"{where}: expected a {implied.__name__}, got a {name}")
+    known = [f.name for f in dataclasses.fields(cls) if f.name not in _WORKED_OUT.get(cls, ())]
+    values = {}
+    for key, value in data.items():
+        if key == "type":
+            continue
+        if key not in known:
+            raise FileError(f"{where}: a {name} has no field {key!r}{_meant(key, known)}")
+        place = f"{where}.{key}"
+        values[key] = decode(value, place, _IMPLIED.get(key), depth + 1)
+    if cls is Section and isinstance(values.get("counts"), np.ndarray):
+        values["counts"] = tuple(values["counts"].tolist())
+    try:
+        return cls(**values)
+    except FileError:
+        raise
+    except ValueError as error:
+        raise FileError(f"{where}: {error}") from None
+    except TypeError as error:
+        missing = [f.name for f in dataclasses.fields(cls) if _required(f, values)]
+        if missing:
+            raise FileError(f"{where}: {missing[0]}: missing; a {name} needs it") from None
+        raise FileError(f"{where}: not the numbers that a {name} needs: {error}") from None
+    except (AttributeError, IndexError, KeyError, OverflowError) as error:
+        # what a constructor trips over when a field holds another kind of thing altogether
+        raise FileError(f"{where}: not the fields that a {name} needs: {error}") from None
+
+
+def _required(field, values):
+    nothing = dataclasses.MISSING
+    return (
+        field.default is nothing and field.default_factory is nothing and field.name not in values
+    )
+
+
+def _meant(name, known):
+    """Names that a misspelt one may have meant, as the end of a message."""
+    near = difflib.get_close_matches(str(name), list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
+
+
+def _decode_numbers(data, where):
+    try:
+        array = np.array(data)
+    except (ValueError, OverflowError):
+        array = None
+    if array is None or (array.size and array.dtype.kind not in "bif"):
+        raise FileError(f"{where}: expected numbers in lists of equal lengths")
+    if not np.isfinite(array).all():
+        index = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise FileError(f"{where}{index or ''}: a number too large to be one")
+    return array

@@ -1,0 +1,15 @@
+"""JSON that a person can read: objects indented, rows of numbers on one line."""
+
+import json
+
+
+def laid_out(data, indent=0):
+    """The text of plain data; numbers with all their digits."""
+    inner = "\n" + " " * (indent + 1)
+    if isinstance(data, dict) and data:
+        items = (f"{json.dumps(key)}: {laid_out(v, indent + 1)}" for key, v in data.items())
+        return "{" + inner + ("," + inner).join(items) + "\n" + " " * indent + "}"
+    if isinstance(data, list) and any(isinstance(item, dict | list) for item in data):
+        rows = (laid_out(item, indent + 1) for item in data)
+        return "[" + inner + ("," + inner).join(rows) + "\n" + " " * indent + "]"
+    return json.dumps(data, allow_nan=False, ensure_ascii=False)

@@ -1,0 +1,140 @@
+"""Nets from the JSON files of compas and jax_fdm: networks (graphs) and meshes."""
+
+import numpy as np
+
+from .nets import Net
+from .reading import LARGEST, FileError, read_json
+
+_SUPPORTS = ("is_support", "is_anchor", "is_fixed")  # of jax_fdm, compas_fofin, compas_fd
+
+
+def read_network(path, largest=LARGEST):
+    """Read a network, graph or mesh that compas 1 or 2, compas_fd or jax_fdm has written as JSON.
+
+    Taken are the places of nodes, supports (``is_support``, ``is_anchor`` or ``is_fixed``), loads
+    ``px, py, pz`` in newtons, edges, and force densities ``q`` in N/m; an edge without ``q``, or
+    with zero, has none. Edges with a negative force density become bars. Of a mesh the edges are
+    those of its faces.
+
+    Args:
+        path: of the file.
+        largest: size in bytes up to which it is read.
+
+    Returns:
+        `Net`; ``net.scene(axial_stiffness=...)`` makes an analysis of it.
+
+    Raises:
+        FileError: names the field.
+        OSError: there is no such file, or it cannot be read.
+
+    Example:
+        >>> import json, tempfile, pathlib
+        >>> node = {"0": {"x": 0, "y": 0, "is_support": True}, "1": {"x": 1, "y": 0}}
+        >>> data = {"node": node, "edge": {"0": {"1": {"q": 2.0}}}}
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.json"
+        >>> _ = path.write_text(json.dumps({"dtype": "compas.datastructures/Graph", "data": data}))
+        >>> jc.files.read_network(path).values["force_density"].tolist()
+        [2.0]
+    """
+    data = read_json(path, largest)
+    try:
+        return _net(data)
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from None
+
+
+def _net(data):
+    for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
+        if isinstance(data.get(key), dict):
+            data = data[key]
+    mesh = "vertex" in data
+    kind = "vertex" if mesh else "node"
+    nodes = _table(data, kind)
+    if not nodes:
+        raise FileError(f"{kind}: missing; no network or mesh of compas")
+    defaults = data.get(f"default_{kind}_attributes") or data.get("dva" if mesh else "dna") or {}
+    names = {name: k for k, name in enumerate(nodes)}
+    places, fixed, loads = [], [], []
+    for name, own in nodes.items():
+        where = f"{kind}[{name!r}]"
+        if not isinstance(own, dict) or not isinstance(defaults, dict):
+            raise FileError(f"{where}: expected an object of attributes")
+        own = {**defaults, **own}
+        places.append([_number(own, axis, where) for axis in "xyz"])
+        fixed.append([any(own.get(word) is True for word in _SUPPORTS)] * 3)
+        loads.append([_number(own, "p" + axis, where) for axis in "xyz"])
+    edges = _mesh_edges(data, names) if mesh else _edges(data, names)
+    if not edges:
+        raise FileError("edge: the network has no edges")
+    default = data.get("default_edge_attributes") or data.get("dea") or {}
+    default = default if isinstance(default, dict) else {}
+    densities = np.array(
+        [_number({**default, **own}, "q", f"edge {ij}") for ij, own in edges.items()]
+    )
+    loads = np.array(loads)
+    known = densities != 0
+    return Net(
+        nodes=np.array(places),
+        links=np.array(list(edges), np.int32),
+        fixed=np.array(fixed),
+        loads=loads if loads.any() else None,
+        values={"force_density": np.where(known, densities, np.nan)} if known.any() else {},
+        kinds=tuple("bar" if q < 0 else "cable" for q in densities),
+        names=tuple(names),
+    )
+
+
+def _table(data, key):
+    found = data.get(key, {})
+    if not isinstance(found, dict):
+        raise FileError(f"{key}: expected an object")
+    return found
+
+
+def _number(own, key, where):
+    value = own.get(key)
+    value = 0.0 if value is None else value
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise FileError(f"{where}.{key}: expected a finite number, got {value!r:.40}")
+    return float(value)
+
+
+def _edges(data, names):
+    """Dict from pairs of node numbers to attributes, of a network; each edge once."""
+    found = {}
+    for i, others in _table(data, "edge").items():
+        if not isinstance(others, dict):
+            raise FileError(f"edge[{i!r}]: expected an object")
+        for j, own in others.items():
+            own = {} if own is None else own
+            if not isinstance(own, dict):
+                raise FileError(f"edge[{i!r}][{j!r}]: expected an object of attributes")
+            _put(found, names, i, j, own, f"edge[{i!r}][{j!r}]")
+    return found
+
+
+def _mesh_edges(data, names):
+    """The same of a mesh: the edges of its faces, with what it says about them."""
+    about = {}
+    for key, own in _table(data, "edgedata").items():
+        pair = frozenset(key.replace("(", "").replace(")", "").replace(",", "-").split("-"))
+        about[frozenset(word.strip() for word in pair)] = own if isinstance(own, dict) else {}
+    found = {}
+    for name, face in _table(data, "face").items():
+        if not isinstance(face, list) or len(face) < 2:
+            raise FileError(f"face[{name!r}]: expected a list of vertices")
+        for i, j in zip(face, face[1:] + face[:1], strict=True):
+            own = about.get(frozenset((str(i), str(j))), {})
+            _put(found, names, str(i), str(j), own, f"face[{name!r}]")
+    return found
+
+
+def _put(found, names, i, j, own, where):
+    for name in (i, j):
+        if name not in names:
+            raise FileError(f"{where}: there is no node {name!r}")
+    pair = names[i], names[j]
+    if pair[0] == pair[1]:
+        raise FileError(f"{where}: an edge from a node to itself")
+    if pair[::-1] not in found:
+        found.setdefault(pair, own)

@@ -1,0 +1,204 @@
+"""A script for OpenSees (openseespy) that computes the end state of an analysis again.
+
+Cables and bars become ``corotTruss`` elements, whose strain is that of the initial chord ``c``. A
+force ``N(e)`` at the strain ``e = (l - L0) / L0`` of the unstressed length is therefore a curve of
+``(l - c) / c = (e L0 - (c - L0)) / c``: straight lines stay straight, so that
+``ElasticMultiLinear`` holds prestress, slackness and numerically given laws exactly.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from ..elements import Bars
+from .parts import groups_by_name, one_case
+from .reading import written
+
+
+def save_opensees(path, structure, solution, steps=1):
+    """Write a Python script that finds the same equilibrium with OpenSees.
+
+    Given are what the analysis was given: initial nodes, links, laws, the unstressed lengths and
+    loads at the end of all phases, where the supports went. What it found is there for comparison
+    only: the script prints the largest difference of displacements, writes its own to a CSV file if
+    it is called with a name, and ends with the status 0, or 1 if OpenSees found no equilibrium. It
+    iterates from the initial nodes, in one step or more, with one algorithm after the other; nodes
+    without any stiffness at the start or at the end are more than it can do.
+
+    Args:
+        path: of the file, ending with .py.
+        structure: `Structure` of cables and bars that was analysed.
+        solution: its `Solution`, with status OK. Loads that follow are taken as they
+            are at the end, dead.
+        steps: load steps to begin with.
+
+    Returns:
+        The paths that were written, a list of one.
+
+    Raises:
+        ValueError: beams, catenaries, sliding cables; laws with plastic strain; a failed analysis.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.py"
+        >>> _ = jc.files.save_opensees(path, structure, jc.solve(structure, phases))
+        >>> "corotTruss" in path.read_text()
+        True
+    """
+    path = Path(path)
+    if path.suffix != ".py":
+        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .py")
+    one_case(solution)
+    if int(solution.status) != 0:
+        raise ValueError("solution: has failed; there is no state to compute again")
+    if int(steps) != steps or steps < 1:
+        raise ValueError(f"steps = {steps}: expected a whole number from 1")
+    elements = []
+    for (name, group), state in zip(
+        groups_by_name(structure), solution.last.carry.states, strict=True
+    ):
+        elements += _members(structure, name or "elements", group, state)
+    fixed = solution.last.fixed[-1].array[: structure.n_node, :3]
+    moved = np.where(fixed, np.asarray(solution.displacement), 0.0)
+    data = {
+        "NODES": np.asarray(structure.nodes, float).tolist(),
+        "FIXED": fixed.astype(int).tolist(),
+        "MOVED": moved.tolist(),
+        "ELEMENTS": elements,
+        "LOADS": np.where(fixed, 0.0, np.asarray(solution.load)).tolist(),
+        "EXPECTED": np.asarray(solution.displacement).tolist(),
+    }
+    comments = {
+        "NODES": "initial positions, m",
+        "FIXED": "1 where a support holds",
+        "MOVED": "displacements of supports, m",
+        "ELEMENTS": "nodes, strains of the initial chord, forces (N) at them",
+        "LOADS": "on nodes at the end of all phases, N",
+        "EXPECTED": "displacements that jaxcable found, m; for comparison only",
+    }
+    with written(path) as stream:
+        stream.write(_HEAD)
+        for name, rows in data.items():
+            stream.write(f"\n# {comments[name]}\n{name} = [\n")
+            stream.writelines(f"    {row!r},\n" for row in rows)
+            stream.write("]\n")
+        stream.write(f"STEPS = {int(steps)}\n{_PROGRAM}")
+    return [path]
+
+
+def _members(structure, name, group, state):
+    """Nodes, strains and forces of every element of a group, a list of lists."""
+    if not isinstance(group, Bars) or group.links.shape[1] != 2 or group.shaped_by_load:
+        raise ValueError(
+            f"structure: {name} are {type(group).__name__}; only Cables and Bars have the same law "
+            "in OpenSees"
+        )
+    if group.remembers:
+        raise ValueError(
+            f"structure: the law of {name} has plastic strains, which are not exported"
+        )
+    links = group.links.array
+    ends = np.asarray(structure.nodes, float)[links]
+    chord = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    rest, elongation = (np.asarray(v, float) for v in (state.rest_length, state.elongation))
+    rows = []
+    for k, (i, j) in enumerate(links.tolist()):
+        strain, force = _curve(name, group, k)
+        own = (strain * rest[k] - elongation[k]) / chord[k]
+        rows.append([i, j, own.tolist(), force.tolist()])
+    return rows
+
+
+def _curve(name, group, k):
+    """Points of the force-strain curve of element `k`, slack side included: strain, force."""
+    softness = 0.0 if group.compliance is None else float(group.compliance[k])
+    if group.axial_stiffness is not None:
+        stiffness = float(group.axial_stiffness[k])
+        strain, force = np.array([-1.0, 0.0, 1.0]), stiffness * np.array([-1.0, 0.0, 1.0])
+    else:
+        area, law = (group.area, group.law) if group.section is None else group.section.axial()
+        area = float(np.broadcast_to(area, len(group.links))[k])
+        strain = np.unique(np.append(np.asarray(law.corners()), [0.0, 1e-3]))
+        low, high = (float(v) for v in law.limits)
+        strain = strain[(strain >= low) & (strain <= high)]
+        force = area * np.asarray(law.stress_at(strain))
+        if law.breaks and low == 0.0:  # no compression branch: slack, not failed
+            strain, force = np.append(-1.0, strain), np.append(0.0, force)
+    strain = strain + softness * force
+    if group.tension_only:
+        taut = strain >= 0
+        strain, force = np.append(-1.0, strain[taut]), np.append(0.0, force[taut])
+    return strain, force
+
+
+_HEAD = '''"""End state of a jaxcable analysis, with OpenSees: python this_file.py [out.csv]"""
+
+import sys
+
+import openseespy.opensees as ops
+'''
+
+_PROGRAM = """
+
+def build():
+    ops.wipe()
+    ops.model("basic", "-ndm", 3, "-ndf", 3)
+    for k, place in enumerate(NODES, 1):
+        ops.node(k, *place)
+    ops.timeSeries("Linear", 1)
+    ops.pattern("Plain", 1, 1)
+    for k, held in enumerate(FIXED, 1):
+        for axis, is_held in enumerate(held, 1):
+            if is_held and MOVED[k - 1][axis - 1] != 0.0:
+                ops.sp(k, axis, MOVED[k - 1][axis - 1])
+            elif is_held:
+                ops.fix(k, *(int(a == axis) for a in (1, 2, 3)))
+        if any(LOADS[k - 1]):
+            ops.load(k, *LOADS[k - 1])
+    for k, (i, j, strain, force) in enumerate(ELEMENTS, 1):
+        ops.uniaxialMaterial("ElasticMultiLinear", k, 0.0, "-strain", *strain, "-stress", *force)
+        ops.element("corotTruss", k, i + 1, j + 1, 1.0, k)
+
+
+def analyse(algorithm, steps):
+    build()
+    ops.constraints("Transformation")
+    ops.numberer("RCM")
+    ops.system("BandGeneral")
+    ops.test("NormDispIncr", 1e-10, 300, 0)
+    ops.algorithm(*algorithm)
+    ops.integrator("LoadControl", 1.0 / steps)
+    ops.analysis("Static")
+    if ops.analyze(steps) != 0:
+        return False
+    ops.algorithm("Newton")
+    ops.integrator("LoadControl", 0.0)
+    return ops.analyze(1) == 0
+
+
+def main():
+    for steps in (STEPS, 10 * STEPS, 100 * STEPS):
+        for algorithm in (["Newton"], ["NewtonLineSearch"], ["KrylovNewton"]):
+            if analyse(algorithm, steps):
+                break
+        else:
+            continue
+        break
+    else:
+        print("OpenSees found no equilibrium")
+        return 1
+    found = [ops.nodeDisp(k) for k in range(1, len(NODES) + 1)]
+    apart = max(abs(a - b) for own, other in zip(found, EXPECTED) for a, b in zip(own, other))
+    print(f"largest difference of displacements: {apart:.3e} m ({algorithm[0]}, {steps} steps)")
+    if len(sys.argv) > 1:
+        with open(sys.argv[1], "w") as stream:
+            stream.write("x (m),y (m),z (m)\\n")
+            stream.writelines(",".join(map(repr, row)) + "\\n" for row in found)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
+"""

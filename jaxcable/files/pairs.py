@@ -1,0 +1,142 @@
+"""Nets from a pair of CSV tables: nodes and links."""
+
+import csv
+import io
+
+import numpy as np
+
+from .nets import KINDS, PROPERTIES, STATEMENTS, Net
+from .reading import LARGEST, FileError, read_text
+
+_NODE_COLUMNS = ("node", "x", "y", "z", "support", "fx", "fy", "fz")
+_LINK_COLUMNS = ("first", "last", "kind", "group", *PROPERTIES, *STATEMENTS)
+
+
+def read_csv(nodes, links, largest=LARGEST):
+    """Read a net from two CSV tables, whose first lines name their columns; SI units.
+
+    - nodes: ``x, y, z``; optional ``node`` (a name; default the row's number, from 0), ``support``
+      (0, 1, or the held directions, as ``xz``), ``fx, fy, fz`` (loads, N).
+    - links: ``first, last`` (names of nodes); optional ``kind`` (cable or bar), ``group``,
+      ``axial_stiffness``, ``rest_length``, ``weight``, ``strength``, ``expansion``, ``pretension``,
+      ``force_density``, ``prestrain``.
+
+    Commas or semicolons separate; empty fields have no value; lines that start with # are passed
+    over. A column with another name is refused: nothing is lost silently.
+
+    Args:
+        nodes, links: paths of the two files.
+        largest: size in bytes up to which each is read.
+
+    Returns:
+        `Net`; ``net.scene()`` makes an analysis of it.
+
+    Raises:
+        FileError: names the file, the line and the column.
+        OSError: there is no such file, or it cannot be read.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> folder = pathlib.Path(tempfile.mkdtemp())
+        >>> _ = (folder / "n.csv").write_text("node,x,y,z,support\\nA,0,0,0,1\\nB,1,0,0,1\\n")
+        >>> _ = (folder / "l.csv").write_text("first,last,axial_stiffness\\nA,B,1e5\\n")
+        >>> jc.files.read_csv(folder / "n.csv", folder / "l.csv").links.tolist()
+        [[0, 1]]
+    """
+    rows = _rows(nodes, _NODE_COLUMNS, ("x", "y", "z"), largest)
+    names, places, fixed, loads = {}, [], [], []
+    for line, row in rows:
+        name = row.get("node") or str(len(names))
+        if name in names:
+            raise FileError(f"{nodes}: line {line}: node {name!r} occurs twice")
+        names[name] = len(names)
+        places.append([_number(nodes, line, row, axis) for axis in "xyz"])
+        fixed.append(_held(nodes, line, row.get("support", "")))
+        loads.append([_number(nodes, line, row, "f" + axis, 0.0) for axis in "xyz"])
+    pairs, kinds, groups, values = [], [], [], {}
+    known = (*PROPERTIES, *STATEMENTS)
+    for line, row in _rows(links, _LINK_COLUMNS, ("first", "last"), largest):
+        for column in ("first", "last"):
+            if row[column] not in names:
+                raise FileError(f"{links}: line {line}: {column}: no node {row[column]!r}")
+        pairs.append([names[row["first"]], names[row["last"]]])
+        kinds.append(row.get("kind") or "cable")
+        if kinds[-1] not in KINDS:
+            raise FileError(f"{links}: line {line}: kind: {kinds[-1]!r} is neither cable nor bar")
+        groups.append(row.get("group", ""))
+        for column in known:
+            if column in row:
+                value = _number(links, line, row, column, np.nan)
+                values.setdefault(column, []).append(value)
+    loads = np.array(loads)
+    return Net(
+        nodes=np.array(places),
+        links=np.array(pairs, np.int32),
+        fixed=np.array(fixed),
+        loads=loads if loads.any() else None,
+        values={name: np.array(v) for name, v in values.items() if not np.isnan(v).all()},
+        kinds=tuple(kinds),
+        groups=tuple(groups) if any(groups) else None,
+        names=tuple(names),
+    )
+
+
+def _rows(path, known, needed, largest):
+    """Pairs (line, dict from column to text) of a table, a list."""
+    text = read_text(path, largest)
+    lines = [
+        (k, line)
+        for k, line in enumerate(io.StringIO(text, newline=None), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise FileError(f"{path}: is empty")
+    comma = ";" if ";" in lines[0][1] else ","
+    try:
+        header, *rows = csv.reader([line for _, line in lines], delimiter=comma, strict=True)
+    except csv.Error as error:
+        raise FileError(f"{path}: no table: {error}") from None
+    header = [word.strip().lower() for word in header]
+    for word in header:
+        if word not in known:
+            raise FileError(
+                f"{path}: line {lines[0][0]}: unknown column {word!r}; known are {known}"
+            )
+        if header.count(word) > 1:
+            raise FileError(f"{path}: line {lines[0][0]}: column {word!r} occurs twice")
+    for word in needed:
+        if word not in header:
+            raise FileError(f"{path}: line {lines[0][0]}: column {word!r} is missing")
+    if not rows:
+        raise FileError(f"{path}: has no rows")
+    found = []
+    if len(rows) != len(lines) - 1:
+        raise FileError(f"{path}: a field with a line break; quotes are not closed")
+    for (line, _), row in zip(lines[1:], rows, strict=True):
+        if len(row) != len(header):
+            raise FileError(f"{path}: line {line}: {len(row)} fields, the header has {len(header)}")
+        found.append((line, dict(zip(header, map(str.strip, row), strict=True))))
+    return found
+
+
+def _number(path, line, row, column, absent=None):
+    word = row.get(column, "")
+    if not word and absent is not None:
+        return absent
+    try:
+        value = float(word)
+    except ValueError:
+        raise FileError(f"{path}: line {line}: {column}: {word!r} is no number") from None
+    if not np.isfinite(value):
+        raise FileError(f"{path}: line {line}: {column}: {word!r} is not finite")
+    return value
+
+
+def _held(path, line, word):
+    if word in ("", "0"):
+        return [False] * 3
+    if word == "1":
+        return [True] * 3
+    if set(word) <= set("xyz"):
+        return [axis in word for axis in "xyz"]
+    raise FileError(f"{path}: line {line}: support: {word!r}: expected 0, 1 or some of xyz")

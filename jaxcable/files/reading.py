@@ -1,0 +1,104 @@
+"""Reading files that nobody vouches for, writing files that are never half there.
+
+A file is data: nothing in it is executed, unpickled or looked up by name outside of fixed tables.
+It is read up to a limit of size and refused with one line that says where it is wrong.
+"""
+
+import contextlib
+import json
+import os
+import tempfile
+from pathlib import Path
+
+LARGEST = 64 * 1024 * 1024
+"""Bytes up to which a file is read unless the caller says otherwise: a net of a million links."""
+
+
+class FileError(ValueError):
+    """A file that is not what it should be; the text names the file, and the line or the field."""
+
+
+def read_text(path, largest=LARGEST):
+    """The text of a UTF-8 file of at most `largest` bytes.
+
+    Raises:
+        OSError: there is no such file, or it cannot be read.
+        FileError: too large, or no text.
+    """
+    path = Path(path)
+    with path.open("rb") as stream:
+        data = stream.read(int(largest) + 1)  # a device or a pipe tells no size beforehand
+    if len(data) > largest:
+        raise FileError(
+            f"{path}: larger than {largest / 1e6:.0f} MB; if it is meant, allow more (largest=...)"
+        )
+    if b"\0" in data[:4096]:
+        raise FileError(f"{path}: holds binary data, not text")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise FileError(f"{path}: line {line}: no UTF-8 text") from None
+
+
+def read_json(path, largest=LARGEST):
+    """The JSON object in a file, a dict; keys that occur twice and NaN are refused.
+
+    Raises:
+        OSError, FileError: as `read_text`; and for text that is no JSON object, with line and
+            column.
+    """
+    text = read_text(path, largest)
+    if not text.lstrip()[:1] == "{":
+        raise FileError(f"{path}: line 1: no JSON object; such a file starts with {{")
+    try:
+        return json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse, parse_int=_whole)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise FileError(f"{path}: {where}: no JSON: {error.msg}") from None
+    except RecursionError:
+        raise FileError(f"{path}: lists or objects nested too deeply") from None
+    except ValueError as error:
+        raise FileError(f"{path}: {error}") from None
+
+
+def _unique(pairs):
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the field {twice!r} occurs twice in one object")
+    return found
+
+
+def _whole(digits):
+    if len(digits) > 20:
+        raise ValueError(f"a whole number of {len(digits)} digits")
+    return int(digits)
+
+
+def _refuse(name):
+    raise ValueError(f"{name} is no number; a file holds finite numbers only")
+
+
+@contextlib.contextmanager
+def written(path, mode="w"):
+    """A stream whose content becomes the file `path` when all of it is written, or not at all.
+
+    Raises:
+        OSError: the folder is missing or cannot be written to.
+    """
+    path = Path(path)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    try:
+        text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
+        with open(handle, mode, **text) as stream:
+            yield stream
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(name, 0o666 & ~umask)  # mkstemp's files are for one's own eyes
+        os.replace(name, path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(name)
+        raise

@@ -1,0 +1,206 @@
+"""Results in files: NPZ and JSON with every number, CSV tables for a spreadsheet."""
+
+import csv
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from .. import status
+from .parts import first_and_last, groups_by_name, one_case, per_group
+from .reading import LARGEST, FileError, read_json, written
+
+FORMAT = "jaxcable result"
+_PER_NODE = ("positions", "displacement", "reactions", "load", "rotation", "reaction_moments")
+_PER_ELEMENT = ("tension", "rest_length", "section_forces")
+_PER_INCREMENT = (
+    *("load_factor", "status", "iterations", "factorizations", "residual", "relative_residual"),
+    *("n_slack", "n_loose", "displacement"),
+)
+
+
+def save_result(path, structure, solution):
+    """Write a result; the suffix says how.
+
+    - ``.npz``: all arrays of `flat`, binary (NumPy).
+    - ``.json``: the same, readable; numbers that are not finite become null.
+    - ``.csv``: three tables beside each other, ``name-nodes.csv``, ``name-elements.csv`` and
+      ``name-increments.csv``, with units in their first line.
+
+    Args:
+        path: of the file.
+        structure: `Structure` that was analysed.
+        solution: its `Solution`, also a failed one: the last converged state is there as ``last.``.
+
+    Returns:
+        The paths that were written, a list.
+
+    Raises:
+        ValueError: another suffix, or a batch for a table.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.npz"
+        >>> _ = jc.files.save_result(path, structure, jc.solve(structure, phases))
+        >>> jc.files.load_result(path)["tension"].shape
+        (12,)
+    """
+    path = Path(path)
+    if path.suffix == ".npz":
+        with written(path, "wb") as stream:
+            np.savez_compressed(stream, **flat(structure, solution))
+        return [path]
+    if path.suffix == ".json":
+        numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
+        data = {"format": FORMAT, "version": 1, **_told(solution), **numbers}
+        with written(path) as stream:
+            json.dump(data, stream, allow_nan=False)
+            stream.write("\n")
+        return [path]
+    if path.suffix == ".csv":
+        done = []
+        for name, rows in tables(structure, solution).items():
+            done.append(path.with_name(f"{path.stem}-{name}.csv"))
+            with written(done[-1]) as stream:
+                stream.write(as_csv(rows))
+        return done
+    raise ValueError(f"path = {str(path)!r}: expected a name that ends with .npz, .json or .csv")
+
+
+def load_result(path, largest=8 * LARGEST):
+    """The arrays of a result that `save_result` has written to ``.npz`` or ``.json``, a dict.
+
+    Raises:
+        FileError: no such file inside; arrays of Python objects are refused, as they could execute
+            something. `largest`: bytes up to which it is read.
+        OSError: it cannot be read.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.json"
+        >>> _ = jc.files.save_result(path, structure, jc.solve(structure, phases))
+        >>> sorted(jc.files.load_result(path))[:3]
+        ['displacement', 'links', 'load']
+    """
+    path = Path(path)
+    if path.suffix == ".json":
+        data = read_json(path, largest)
+        if data.get("format") != FORMAT:
+            raise FileError(f'{path}: format: expected "{FORMAT}"')
+        told = ("format", "version", "description")
+        try:
+            return {k: np.array(v, _kind(k)) for k, v in data.items() if k not in told}
+        except (ValueError, TypeError, OverflowError) as error:
+            raise FileError(f"{path}: {error}") from None
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(item.file_size for item in archive.infolist())
+        if size > largest:
+            raise FileError(f"{path}: unpacks to {size / 1e6:.0f} MB; allow more (largest=...)")
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, NotImplementedError) as error:
+        if isinstance(error, FileError):
+            raise
+        raise FileError(f"{path}: no result in NPZ: {error}") from None
+
+
+def flat(structure, solution):
+    """All arrays of a result by name: ``tension``, ``tension.net`` of a group, ``phase1.residual``.
+
+    Returns:
+        Dict from name to NumPy array. ``links`` has the first and last node of every element. A
+        batch keeps its leading axis.
+    """
+    found = {"status": np.asarray(solution.status)}
+    for prefix, part in (("", solution), ("last.", solution.last)):
+        for name in (*_PER_NODE, *_PER_ELEMENT):
+            value = getattr(part, name)
+            if value is None:
+                continue
+            if name in _PER_NODE:
+                found[prefix + name] = np.asarray(value)
+            else:
+                _put(found, prefix + name, structure, value)
+    for name in ("phase", "load_factor"):
+        found["last." + name] = np.asarray(getattr(solution.last, name))
+    for name, group in groups_by_name(structure):
+        found[f"links.{name}".rstrip(".")] = first_and_last(group)
+    for number, phase in enumerate(solution.phases, 1):
+        for name in _PER_INCREMENT:
+            found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
+        _put(found, f"phase{number}.tension", structure, phase.path.tension)
+    return found
+
+
+def _put(found, name, structure, values):
+    names = [own for own, _ in groups_by_name(structure)]
+    for own, value in zip(names, per_group(structure, values), strict=True):
+        if value is not None:
+            found[f"{name}.{own}".rstrip(".")] = value
+
+
+def _told(solution):
+    if np.ndim(solution.status) != 0:
+        return {}
+    return {"description": status.describe(solution.status)}
+
+
+def _plain(array):
+    if np.issubdtype(array.dtype, np.floating):
+        array = array.astype(object)
+        array = np.where(np.isfinite(array.astype(float)), array, None)
+    return array.tolist()
+
+
+def _kind(name):
+    """Type of an array by its name; null becomes NaN."""
+    last = name.split(".")[1 if name.startswith(("phase", "last")) else 0]
+    counts = ("status", "iterations", "factorizations", "n_slack", "n_loose", "links", "phase")
+    return int if last in counts else float
+
+
+def tables(structure, solution):
+    """Tables of a result: nodes, elements and increments, each a list of rows, the header first.
+
+    Raises:
+        ValueError: the solution is a batch.
+    """
+    one_case(solution)
+    fixed = np.asarray(solution.last.fixed[-1].array)[: structure.n_node, :3]
+    columns = [
+        np.asarray(getattr(solution, name))
+        for name in ("positions", "displacement", "load", "reactions")
+    ]
+    header = ["node", "support"]
+    for word, unit in (("", "m"), ("displacement ", "m"), ("load ", "N"), ("reaction ", "N")):
+        header += [f"{word}{axis} ({unit})" for axis in "xyz"]
+    nodes = [header]
+    for k in range(structure.n_node):
+        held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
+        nodes.append([k, held, *(float(v) for column in columns for v in column[k])])
+    elements = [["group", "element", "first", "last", "tension (N)", "unstressed length (m)"]]
+    forces = per_group(structure, solution.tension)
+    rests = per_group(structure, solution.rest_length)
+    for (name, group), force, rest in zip(groups_by_name(structure), forces, rests, strict=True):
+        for k, ends in enumerate(first_and_last(group).tolist()):
+            elements.append([name, k, *ends, float(force[k]), float(rest[k])])
+    names = [n for n in _PER_INCREMENT if n != "displacement"]
+    units = {"residual": "residual (N)"}
+    increments = [["phase", "increment", *(units.get(n, n) for n in names)]]
+    for number, phase in enumerate(solution.phases, 1):
+        arrays = [np.asarray(getattr(phase.path, name)).tolist() for name in names]
+        increments += [[number, k, *row] for k, row in enumerate(zip(*arrays, strict=True), 1)]
+    return {"nodes": nodes, "elements": elements, "increments": increments}
+
+
+def as_csv(rows):
+    """Rows as the text of a CSV file; floats with all their digits."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

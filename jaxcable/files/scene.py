@@ -1,0 +1,138 @@
+"""Scenes in JSON files: a structure and its phases, exact to the last digit.
+
+The format, version 1::
+
+    {
+     "format": "jaxcable scene", "version": 1,
+     "structure": {
+      "nodes": [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+      "elements": {"type": "Cables", "links": [[0, 1]], "axial_stiffness": 1e5},
+      "supports": {"nodes": [0, 1]}},
+     "phases": [
+      {"pretension": 200.0, "increments": 10},
+      {"loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -10.0]}}]}
+
+Fields are the arguments of the classes of this package, in SI units; node numbers start at 0. An
+object with a "type" is one of `codec.TYPES`; without one it is a dict (of element groups, say).
+"""
+
+from ..phases import Phase
+from ..preparation import prepare
+from ..scenes import Scene
+from ..structure import Structure
+from .codec import decode, encode
+from .layout import laid_out
+from .reading import LARGEST, FileError, read_json, written
+
+FORMAT = "jaxcable scene"
+VERSION = 1
+_MOST_INCREMENTS = 1_000_000  # a few characters in a file must not ask for all of the memory
+
+
+def save_scene(path, scene):
+    """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
+
+    Every number keeps all its digits (also of float32), so that the loaded scene solves to the
+    identical result. The file appears when it is complete, or not at all.
+
+    Args:
+        path: of the file.
+        scene: `Scene`, or a pair (structure, phases).
+
+    Raises:
+        ValueError: what a file cannot hold: NaN, a number that is being traced, keys of groups that
+            are no texts.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.json"
+        >>> jc.save_scene(path, jc.scenes.flat_net(load=15.0))
+        >>> scene = jc.load_scene(path)
+        >>> scene.structure.n_node, len(scene.phases)
+        (12, 2)
+    """
+    try:
+        structure, phases = scene
+    except (TypeError, ValueError):
+        raise ValueError("scene: expected a Scene or a pair (structure, phases)") from None
+    if not isinstance(structure, Structure):
+        raise ValueError(f"scene: expected a Structure first, got {type(structure).__name__}")
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    for k, phase in enumerate(phases):
+        if not isinstance(phase, Phase):
+            raise ValueError(f"phases[{k}]: expected a Phase, got {type(phase).__name__}")
+    data = {
+        "format": FORMAT,
+        "version": VERSION,
+        "structure": encode(structure, "structure", Structure),
+        "phases": [encode(phase, f"phases[{k}]", Phase) for k, phase in enumerate(phases)],
+    }
+    text = laid_out(data)
+    with written(path) as stream:
+        stream.write(text + "\n")
+
+
+def load_scene(path, largest=LARGEST):
+    """Read a scene that `save_scene`, or a person, has written; nothing in it is executed.
+
+    Args:
+        path: of the file.
+        largest: size in bytes up to which a file is read.
+
+    Returns:
+        `Scene`: ``jc.solve(*scene)`` analyses it.
+
+    Raises:
+        FileError: a `ValueError` that names the file and the line (no JSON) or the field (not what
+            the class takes, or not in the structure).
+        OSError: there is no such file, or it cannot be read.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.json"
+        >>> jc.save_scene(path, jc.scenes.flat_net(load=15.0))
+        >>> jc.describe(jc.solve(*jc.load_scene(path)).status)
+        'converged'
+    """
+    data = read_json(path, largest)
+    try:
+        return _scene(data)
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from None
+
+
+def _scene(data):
+    if data.get("format") != FORMAT:
+        raise FileError(f'format: expected "{FORMAT}", got {_short(data.get("format"))}')
+    version = data.get("version")
+    if isinstance(version, bool) or not isinstance(version, int) or version < 1:
+        raise FileError(f"version: expected a whole number, got {_short(version)}")
+    if version > VERSION:
+        raise FileError(
+            f"version: {version} is newer than {VERSION}, up to which this program reads"
+        )
+    unknown = data.keys() - {"format", "version", "structure", "phases", "comment"}
+    if unknown:
+        raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
+    for name, kind, words in (("structure", dict, "an object"), ("phases", list, "a list")):
+        if not isinstance(data.get(name), kind):
+            raise FileError(f"{name}: expected {words}, got {_short(data.get(name))}")
+    structure = decode(data["structure"], "structure", Structure)
+    phases = []
+    for k, phase in enumerate(data["phases"]):
+        if not isinstance(phase, dict):
+            raise FileError(f"phases[{k}]: expected an object, got {_short(phase)}")
+        phases.append(decode(phase, f"phases[{k}]", Phase))
+        if phases[-1].increments > _MOST_INCREMENTS:
+            raise FileError(f"phases[{k}].increments: more than {_MOST_INCREMENTS}")
+    try:
+        prepare(structure, phases, None, None)
+    except ValueError as error:
+        raise FileError(f"phases: {error}") from None
+    return Scene(structure, phases)
+
+
+def _short(value):
+    text = "nothing" if value is None else repr(value)
+    return text if len(text) < 60 else text[:57] + "..."

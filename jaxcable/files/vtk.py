@@ -1,0 +1,96 @@
+"""VTK files (legacy, ASCII) for ParaView and whatever else reads them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from .parts import groups_by_name, one_case, per_group, pieces
+from .reading import written
+
+_LINE = 3  # cell type of VTK
+
+
+def save_vtk(path, structure, solution, increments=False):
+    """Write a result as lines in space, for ParaView.
+
+    Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have
+    ``tension``, ``rest_length``, and the numbers of their ``element`` and ``group``. Cables over
+    several nodes are drawn in pieces.
+
+    Args:
+        path: of the file, ending with .vtk.
+        structure: `Structure` that was analysed.
+        solution: its `Solution`; of a failed one the last converged state is written.
+        increments: write a file for every increment that has converged, ``name-0001.vtk`` and so
+            on, which ParaView opens as a series; ``displacement`` is that since the phase began.
+
+    Returns:
+        The paths that were written, a list.
+
+    Raises:
+        ValueError: another suffix, or a batch.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.vtk"
+        >>> _ = jc.files.save_vtk(path, structure, jc.solve(structure, phases))
+        >>> path.read_text().splitlines()[4]
+        'POINTS 12 double'
+    """
+    path = Path(path)
+    if path.suffix != ".vtk":
+        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .vtk")
+    one_case(solution)
+    if not increments:
+        last = solution.last
+        names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
+        vectors = {name: np.asarray(getattr(last, own)) for name, own in names.items()}
+        scalars = {name: getattr(last, name) for name in ("tension", "rest_length")}
+        _write(path, structure, np.asarray(last.positions), vectors, scalars)
+        return [path]
+    done, begin = [], np.asarray(structure.nodes)
+    for phase in solution.phases:
+        good = np.flatnonzero(np.asarray(phase.path.status) == 0)
+        for k in good:
+            moved = np.asarray(phase.path.displacement[k])
+            tension = [f[k] for f in per_group(structure, phase.path.tension)]
+            done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
+            scalars = {"tension": structure.arrange(tension)}
+            _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
+        begin = np.asarray(phase.positions)
+    return done
+
+
+def _write(path, structure, points, vectors, scalars):
+    ends, element, group = pieces(structure)
+    names = ", ".join(
+        f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
+    )
+    lines = ["# vtk DataFile Version 3.0", _title(f"jaxcable, SI units; groups: {names}")]
+    lines += ["ASCII", "DATASET UNSTRUCTURED_GRID", f"POINTS {len(points)} double"]
+    lines += _rows(points)
+    lines += [f"CELLS {len(ends)} {3 * len(ends)}"]
+    lines += [f"2 {i} {j}" for i, j in ends.tolist()]
+    lines += [f"CELL_TYPES {len(ends)}", *[str(_LINE)] * len(ends)]
+    lines += [f"CELL_DATA {len(ends)}"]
+    for name, number in (("element", element), ("group", group)):
+        lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
+    for name, values in scalars.items():
+        row = np.concatenate(per_group(structure, values))[element]
+        lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, row.tolist())]
+    lines += [f"POINT_DATA {len(points)}"]
+    for name, values in vectors.items():
+        lines += [f"VECTORS {name} double", *_rows(values)]
+    with written(path) as stream:
+        stream.write("\n".join(lines) + "\n")
+
+
+def _title(text):
+    """A title as the format has it: one line of at most 256 characters of ASCII."""
+    return text.encode("ascii", "replace").decode().replace("\n", " ")[:255]
+
+
+def _rows(vectors):
+    return [" ".join(map(repr, row)) for row in vectors.tolist()]

@@ -1,0 +1,161 @@
+"""What a report tells of a state: one table a function."""
+
+import numpy as np
+
+from ..design import utilisation
+from ..files.parts import first_and_last, groups_by_name, per_group
+from .table import Table
+
+
+def _held(structure, state):
+    fixed = state.fixed[int(state.phase) + 1].array
+    return fixed[: structure.n_node, :3].any(axis=1)
+
+
+def reactions(structure, state, states):
+    """Reactions at the end, and the largest resultant over cases or phases with its case."""
+    forces = np.asarray(state.reactions)
+    turning = state.reaction_moments is not None
+    columns, units = ["node", "Rx", "Ry", "Rz", "R"], ["", "N", "N", "N", "N"]
+    if turning:
+        moments = np.asarray(state.reaction_moments)
+        columns, units = [*columns, "Mx", "My", "Mz"], [*units, "N m", "N m", "N m"]
+    columns, units = [*columns, "largest R", "in"], [*units, "N", ""]
+    names = list(states)
+    sizes = np.array([np.linalg.norm(np.asarray(r), axis=1) for _, r in states.values()])
+    rows = []
+    for k in np.flatnonzero(_held(structure, state)):
+        row = [int(k), *forces[k].tolist(), float(np.linalg.norm(forces[k]))]
+        row += moments[k].tolist() if turning else []
+        worst = int(sizes[:, k].argmax()) if names else None
+        row += [None, None] if worst is None else [float(sizes[worst, k]), names[worst]]
+        rows.append(row)
+    return Table("Reactions", tuple(columns), tuple(units), rows, governing=4)
+
+
+def equilibrium(structure, state):
+    """Sums of loads and reactions; moments about the origin where all forces are at nodes."""
+    load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
+    rows = [
+        ["loads", *load.sum(0).tolist()],
+        ["reactions", *reactions.sum(0).tolist()],
+        ["sum of forces", *(load + reactions).sum(0).tolist()],
+    ]
+    units = ["", "N", "N", "N"]
+    notes = []
+    size = np.abs(load).sum() + np.abs(reactions).sum()
+    apart = np.abs((load + reactions).sum(0)).max()
+    notes.append(
+        f"forces out of balance: {apart:.1e} N, {apart / size if size else 0.0:.1e} of all forces"
+    )
+    if not any(group.shaped_by_load for group in structure.groups):
+        moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
+        span = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
+        apart = np.abs(moment).max()
+        share = apart / (size * span) if size else 0.0
+        notes.append(
+            f"moments about the origin out of balance: {apart:.1e} N m, {share:.1e} of all forces "
+            "times the extent"
+        )
+    columns = ("of", "x", "y", "z")
+    return Table("Global equilibrium", columns, tuple(units), rows, tuple(notes))
+
+
+def members(structure, state, states):
+    """Force, utilisation and envelope of every element."""
+    try:
+        used = per_group(structure, utilisation(structure, state.tension))
+        most = {n: per_group(structure, utilisation(structure, t)) for n, (t, _) in states.items()}
+    except ValueError:  # no group has a strength
+        used, most = [None] * len(structure.groups), {}
+    own = per_group(structure, state.tension)
+    each = {name: per_group(structure, tension) for name, (tension, _) in states.items()}
+    names, rows = list(each), []
+    for number, (label, group) in enumerate(groups_by_name(structure)):
+        force = np.array([each[name][number] for name in names])
+        share = [most[n][number] for n in names if n in most and most[n][number] is not None]
+        for k, ends in enumerate(first_and_last(group).tolist()):
+            row = [label, k, *ends, float(own[number][k])]
+            if names:
+                low, high = int(force[:, k].argmin()), int(force[:, k].argmax())
+                row += [float(force[low, k]), names[low], float(force[high, k]), names[high]]
+            else:
+                row += [None] * 4
+            row.append(None if used[number] is None else float(used[number][k]))
+            row.append(max(float(s[k]) for s in share) if share else None)
+            rows.append(row)
+    columns = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
+    columns = (*columns, "used", "most used")
+    units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
+    known = any(row[-1] is not None for row in rows)
+    notes = () if known else ("no group has a strength: no utilisation",)
+    title = "Forces, tension positive, and their envelope"
+    return Table(title, columns, units, rows, notes, governing=10 if known else 4)
+
+
+def cutting_list(structure, solution, phases):
+    """Unstressed lengths at the reference temperature."""
+    lengths = per_group(structure, solution.last.rest_length)
+    notes = []
+    warm = [g for g in structure.groups if getattr(g, "expansion", None) is not None]
+    if phases is not None:
+        factors = _warmth(structure, solution, phases)
+        lengths = [length / factor for length, factor in zip(lengths, factors, strict=True)]
+        notes.append("at the temperature before the first phase")
+    elif warm:
+        notes.append("at the temperature of the end; give the phases for the reference temperature")
+    rows = []
+    for (label, group), length in zip(groups_by_name(structure), lengths, strict=True):
+        ends = first_and_last(group).tolist()
+        rows += [[label, k, *ends[k], float(length[k])] for k in range(len(ends))]
+        notes.append(
+            f"{label or 'all'}: {len(ends)} pieces, {float(np.sum(length)):.3f} m in total"
+        )
+    columns = ("group", "element", "first", "last", "unstressed length")
+    return Table("Cutting list", columns, ("", "", "", "", "m"), rows, tuple(notes))
+
+
+def _warmth(structure, solution, phases):
+    """How much longer the elements are than at the reference temperature, a factor per group."""
+    phases = list(phases) if isinstance(phases, list | tuple) else [phases]
+    factors = [np.ones(len(group.links)) for group in structure.groups]
+    reached, part = int(solution.last.phase), float(solution.last.load_factor)
+    for number, phase in enumerate(phases):
+        share = 1.0 if number < reached else part if number == reached else 0.0
+        for k, (stated, group) in enumerate(
+            zip(phase.inputs(structure), structure.groups, strict=True)
+        ):
+            if "temperature" in stated:
+                change = np.asarray(group.expansion) * np.asarray(stated["temperature"].values)
+                factors[k] = factors[k] * (1 + share * change)
+    return factors
+
+
+def slack(structure, states):
+    """Cables without tension, and in which states."""
+    found = {}
+    for name, (tension, _) in states.items():
+        for (label, group), force in zip(
+            groups_by_name(structure), per_group(structure, tension), strict=True
+        ):
+            if group.tension_only:
+                for k in np.flatnonzero(force <= 0):
+                    found.setdefault((label, int(k)), []).append(name)
+    rows = [[label, k, ", ".join(names)] for (label, k), names in found.items()]
+    notes = () if rows else ("none",)
+    return Table("Slack cables", ("group", "element", "in"), ("", "", ""), rows, notes)
+
+
+def loose(structure, state, states):
+    """Free nodes that only slack cables touch, and in which states."""
+    found = {}
+    fixed = _held(structure, state)
+    for name, (tension, _) in states.items():
+        taut = fixed.copy()
+        for group, force in zip(structure.groups, per_group(structure, tension), strict=True):
+            holds = force > 0 if group.tension_only else np.ones(len(force), bool)
+            taut[group.links.array[holds]] = True
+        for k in np.flatnonzero(~taut):
+            found.setdefault(int(k), []).append(name)
+    rows = [[k, ", ".join(names)] for k, names in found.items()]
+    return Table("Loose nodes", ("node", "in"), ("", ""), rows, () if rows else ("none",))

@@ -1,0 +1,174 @@
+"""A report of a result as engineers write it: as text, as CSV tables, as a dict."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from .. import status
+from ..files.parts import groups_by_name, one_case
+from ..files.reading import written
+from ..files.results import as_csv
+from . import contents
+from .table import as_text, empty, headed
+
+_LONG = 30  # rows of a table up to which its text shows them all
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """A report: `text()`, `csv()`, `dict()`, `save(path)`; `report` makes it.
+
+    Attributes:
+        status: code of the analysis.
+        summary: sentences.
+        tables: dict from name to `Table`: ``reactions``, ``equilibrium``, ``members``,
+            ``cutting_list``, ``slack``, ``loose``.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> written = jc.report(structure, jc.solve(structure, phases))
+        >>> written.tables["cutting_list"].rows[0][:2]
+        ['', 0]
+    """
+
+    status: int
+    summary: tuple
+    tables: dict
+
+    def text(self, rows=_LONG):
+        """The report for reading; of tables longer than `rows` those that govern, in N or kN."""
+        parts = ["\n".join(self.summary)]
+        parts += [as_text(table, rows) for table in self.tables.values()]
+        return "\n\n".join(parts) + "\n"
+
+    def csv(self):
+        """Every table as CSV with all digits in SI units, a dict from its name to the text."""
+        return {
+            name: as_csv([headed(table), *([empty(v) for v in row] for row in table.rows)])
+            for name, table in self.tables.items()
+        }
+
+    def dict(self):
+        """Everything as dicts, lists, numbers and texts, ready for JSON."""
+        tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
+        return {"status": self.status, "summary": list(self.summary), "tables": tables}
+
+    def save(self, path):
+        """Write the report: ``.txt``, ``.json``, or ``.csv`` (``name-table.csv`` for each table).
+
+        Returns:
+            The paths that were written, a list.
+
+        Raises:
+            ValueError: another suffix. OSError: a file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix == ".csv":
+            texts = {path.with_name(f"{path.stem}-{k}.csv"): v for k, v in self.csv().items()}
+        elif path.suffix == ".json":
+            texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
+        elif path.suffix == ".txt":
+            texts = {path: self.text()}
+        else:
+            raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
+        for name, text in texts.items():
+            with written(name) as stream:
+                stream.write(text)
+        return list(texts)
+
+    def __str__(self):
+        return self.text()
+
+
+def report(structure, solution, phases=None, cases=None, names=None):
+    """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
+
+    Args:
+        structure: `Structure` that was analysed.
+        solution: its `Solution`; of a failed one the last converged state is reported, and said so.
+        phases: the phases of the analysis; they say which temperatures the unstressed lengths are
+            to be freed of (the reference is the temperature before the first phase).
+        cases: `Solution` with a leading axis [n_case], as of `design.solve_cases`: the envelopes
+            are over these, otherwise over the ends of the phases. Failed cases are named and left
+            out.
+        names: of the cases.
+
+    Returns:
+        `Report`.
+
+    Raises:
+        ValueError: `solution` is a batch, or names of another number than the cases.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> print(jc.report(structure, jc.solve(structure, phases)).summary[0])
+        status 0: converged
+    """
+    one_case(solution)
+    state = solution.last
+    states, failed = _states(solution, cases, names)
+    summary = _summary(structure, solution, failed)
+    tables = {
+        "reactions": contents.reactions(structure, state, states),
+        "equilibrium": contents.equilibrium(structure, state),
+        "members": contents.members(structure, state, states),
+        "cutting_list": contents.cutting_list(structure, solution, phases),
+        "slack": contents.slack(structure, {"end": (state.tension, None), **states}),
+        "loose": contents.loose(structure, state, {"end": (state.tension, None), **states}),
+    }
+    return Report(int(solution.status), tuple(summary), tables)
+
+
+def _states(solution, cases, names):
+    """Tensions and reactions to envelope by name of case or phase, and names of what has failed."""
+    if cases is None:
+        parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
+        codes = {name: int(part.status) for name, part in parts.items()}
+        good = {n: (p.tension, p.reactions) for n, p in parts.items() if codes[n] == status.OK}
+    else:
+        codes = np.asarray(cases.status)
+        if codes.ndim != 1:
+            raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
+        names = [f"case {k}" for k in range(len(codes))] if names is None else list(map(str, names))
+        if len(names) != len(codes):
+            raise ValueError(f"names: {len(names)} of them, but {len(codes)} cases")
+        codes = dict(zip(names, codes.tolist(), strict=True))
+        good = {
+            name: jax.tree.map(lambda x, k=k: np.asarray(x)[k], (cases.tension, cases.reactions))
+            for k, name in enumerate(names)
+            if codes[name] == status.OK
+        }
+    return good, {name: code for name, code in codes.items() if code != status.OK}
+
+
+def _summary(structure, solution, failed):
+    code = int(solution.status)
+    groups = groups_by_name(structure)
+    counts = [f"{len(g.links)} {type(g).__name__} {n}".strip() for n, g in groups]
+    lines = [f"status {code}: {status.describe(code)}"]
+    lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
+    for number, phase in enumerate(solution.phases, 1):
+        path = phase.path
+        good = np.asarray(path.status) == status.OK
+        text = f"phase {number}: {int(good.sum())} of {good.size} increments"
+        if good.any():
+            k = np.flatnonzero(good)[-1]
+            text += (
+                f", residual {float(path.residual[k]):.1e} N, "
+                f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
+                f"{int(path.n_slack[k])} slack"
+            )
+        lines.append(text)
+    if code != status.OK:
+        last = solution.last
+        lines.append(
+            "FAILED: what follows is the last converged state, phase "
+            f"{int(last.phase) + 1}, load factor {float(last.load_factor):.6g}"
+        )
+    for code in dict.fromkeys(failed.values()):
+        names = ", ".join(name for name, own in failed.items() if own == code)
+        lines.append(f"left out of envelopes: {names} (status {code}: {status.describe(code)})")
+    return lines
