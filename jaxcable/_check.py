@@ -1,8 +1,29 @@
 """Argument checks shared by the constructors: shapes always, values when they are concrete."""
 
+import sys
+import warnings
+from pathlib import Path
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+_PACKAGE = str(Path(__file__).parent)
+
+
+class InputWarning(UserWarning):
+    """Input that is legal but most likely not what is meant; the results are computed all the same.
+
+    ``warnings.simplefilter("ignore", jc.InputWarning)`` silences it, "error" makes it an exception.
+    """
+
+
+def suspect(text):
+    """Issue an `InputWarning` that points at the line outside of this package."""
+    frame, level = sys._getframe(1), 2
+    while frame is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, InputWarning, stacklevel=level)
 
 
 def concrete(x):
@@ -22,7 +43,8 @@ def floats(value, name):
         except ValueError as error:
             raise ValueError(f"{name}: not a rectangular array of numbers") from error
     if not (np.issubdtype(array.dtype, np.number) or jnp.issubdtype(array.dtype, jnp.floating)):
-        raise ValueError(f"{name}: expected numbers, got {array.dtype}")
+        kind = type(value).__name__ if array.dtype == object else array.dtype
+        raise ValueError(f"{name}: expected numbers, got {kind}")
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise ValueError(f"{name}: expected real numbers, got {array.dtype}")
     if array.dtype == np.longdouble and array.dtype != np.float64:
@@ -73,7 +95,8 @@ def integers(value, name, width=None):
     if array.size == 0:
         array = array.astype(np.int32).reshape((0,) if width is None else (0, width))
     if not np.issubdtype(array.dtype, np.integer):
-        raise ValueError(f"{name}: expected integers, got {array.dtype}")
+        hint = "; numpy.flatnonzero makes them of booleans" if array.dtype == bool else ""
+        raise ValueError(f"{name}: expected integers, got {array.dtype}{hint}")
     if width is None:
         array = np.atleast_1d(array)
     if array.ndim != (1 if width is None else 2) or (width and array.shape[1] != width):
@@ -87,3 +110,31 @@ def integers(value, name, width=None):
         index = int(np.argwhere(large)[0][0])
         raise ValueError(f"{name}[{index}] = {array[index]}: a number of 32 bits is expected")
     return array.astype(np.int32)
+
+
+def known(numbers, n_node, name):
+    """Raise ValueError naming the first of `numbers`, [n] or [n, n_end], that is no node."""
+    unknown = (numbers >= n_node).reshape(len(numbers), -1 if numbers.size else 0).any(axis=1)
+    if unknown.any():
+        k = int(unknown.argmax())
+        hint = ""
+        if numbers.max() == n_node and numbers.min() > 0:
+            hint = "; they seem to be numbered from 1: node numbers start at 0, subtract 1"
+        raise ValueError(
+            f"{name}[{k}] = {numbers[k].tolist()}: the structure has nodes 0 to {n_node - 1}{hint}"
+        )
+
+
+def kind(thing, example):
+    """What `thing` is, in words for "expected this, got that"; a class is told to be called."""
+    if isinstance(thing, type):
+        return f"the class {thing.__name__} itself; call it, as in {example}"
+    return type(thing).__name__
+
+
+def uniaxial(law, name):
+    """Raise ValueError unless `law` is a uniaxial law."""
+    if isinstance(law, type):
+        raise ValueError(f"{name}: the class {law.__name__} is not a law; call it with its numbers")
+    if not hasattr(law, "stress_at"):
+        raise ValueError(f"{name}: {type(law).__name__} is not a uniaxial law such as Elastic(E)")

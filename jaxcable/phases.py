@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from . import _check
+from . import _check, plausibility
 from ._tree import Indices, pytree
 from .elements.prestress import Stated
 from .loads import as_list
@@ -19,7 +19,7 @@ _RULES = {
     "sag": (lambda v: v > 0, "a sag must be positive; a straight cable has no length of its own"),
 }
 _CABLE_RULES = {
-    name: (lambda v: v >= 0, "a cable carries tension only; must not be negative")
+    name: (lambda v: v >= 0, "a cable carries tension only; must not be negative (use Bars)")
     for name in ("pretension", "force_density", "jacking")
 }
 
@@ -51,6 +51,17 @@ class Phase:
             and nodal loads on it end (an anchored jack does not also pull); one that becomes free
             starts with its reaction, which is ramped out.
         increments: number of equal steps of the load factor.
+
+    Example:
+        A flat net with 200 N in every cable, then loads on its free nodes in ten increments:
+
+        >>> structure = jc.scenes.flat_net().structure
+        >>> prestress = jc.Phase(pretension=200.0)
+        >>> loads = jc.NodalLoads([3, 4, 7, 8], (0.0, 0.0, -15.0))
+        >>> loading = jc.Phase(loads=loads, increments=10)
+        >>> solution = jc.solve(structure, [prestress, loading])
+        >>> print(f"{jc.describe(solution.status)}: {solution.displacement[3, 2]:.9f} m")
+        converged: -0.012838093 m
     """
 
     loads: object = None
@@ -67,6 +78,11 @@ class Phase:
 
     def __post_init__(self):
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
+            if isinstance(self.increments, jax.core.Tracer):
+                raise ValueError(
+                    "increments = a traced number: expected an integer; it sets the size of the "
+                    "program, so that jit, vmap and grad cannot vary it"
+                )
             raise ValueError(f"increments = {self.increments!r}: expected an integer")
         if self.increments < 1:
             raise ValueError(f"increments = {self.increments}: a phase has at least 1 increment")
@@ -79,7 +95,8 @@ class Phase:
 
     def inputs(self, structure):
         """Prestress statements per group: a list of dicts from name to `Stated`."""
-        per_group = [{} for _ in structure.groups]
+        named = structure.named_groups()
+        per_group = [{} for _ in named]
         for name in ABSOLUTE + INCREMENTS:
             values = spread(getattr(self, name), structure, name)
             if _is_scalar(getattr(self, name)):
@@ -87,11 +104,17 @@ class Phase:
                     None if _passes_by(group, name, structure) else value
                     for value, group in zip(values, structure.groups, strict=True)
                 ]
-            for statement, group, value in zip(per_group, structure.groups, values, strict=True):
+            for statement, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
-                    statement[name] = _checked(value, group, name)
-        for k, statement in enumerate(per_group):
-            _require_apart(statement, k, structure.groups[k])
+                    try:
+                        statement[name] = _checked(value, group, name)
+                    except ValueError as error:
+                        of = f"; in elements{where}" if where else ""
+                        raise ValueError(f"{error}{of}") from None
+        for k, (statement, (where, group)) in enumerate(zip(per_group, named, strict=True)):
+            _require_apart(statement, k, group)
+            for name, stated in statement.items():
+                plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
 
 
@@ -169,8 +192,14 @@ def spread(value, structure, name):
         return values
     raise ValueError(
         f"{name}: expected a scalar, an array [n_elem], or a prefix pytree of the structure's "
-        f"elements, got {jax.tree.structure(value)}"
+        f"elements (None where a group has none), got {_shape(value)} for {_shape(numbers)}"
     )
+
+
+def _shape(tree):
+    """The shape of a pytree as text, without the name of its type."""
+    shape = jax.tree.structure(tree, is_leaf=lambda x: x is None)
+    return str(shape).removeprefix("PyTreeDef(").removesuffix(")")
 
 
 def _checked(value, group, name):

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from . import status
+from . import _check, plausibility, status
 from ._tree import Indices, thaw
 from .equilibrium import Newton
 from .incremental import Incremental
@@ -29,19 +29,11 @@ def prepare(structure, phases, method, start):
     Raises:
         ValueError: wrong input, naming argument, index and rule.
     """
-    if not isinstance(structure, Structure):
-        raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
-    if not isinstance(phases, Phase | list | tuple):
-        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}")
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
-    for k, phase in enumerate(phases):
-        if not isinstance(phase, Phase):
-            raise ValueError(f"phases[{k}]: expected a Phase, got {type(phase).__name__}")
-    if not phases:
-        raise ValueError("phases: an analysis needs at least one phase")
+    phases = as_phases(structure, phases)
     method = Newton() if method is None else method
     if not isinstance(method, Newton | Incremental):
-        raise ValueError(f"method: expected Newton or Incremental, got {type(method).__name__}")
+        raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
+    plausibility.precision(structure.nodes)
     if isinstance(method, Incremental) and method.stiffness == "secant":
         for k, group in enumerate(structure.groups):
             if getattr(group, "secant", None) is None:
@@ -61,7 +53,7 @@ def prepare(structure, phases, method, start):
     nodes = structure.nodes if rows is None else structure.nodes[rows.array]
 
     sets, data = [fixed], []
-    for phase in phases:
+    for number, phase in enumerate(phases):
         if phase.supports is not None:
             fixed = Indices(structure.fixed(phase.supports))
         loads = as_list(phase.loads)
@@ -80,10 +72,16 @@ def prepare(structure, phases, method, start):
         if followers and getattr(method, "stiffness", None) == "secant":
             raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
         freedoms = numbered(fixed)
+        inputs = phase.inputs(structure)
+        nodal = [load for load in loads if isinstance(load, NodalLoads)]
+        alone = not (own or movements or any(inputs)) and phase.supports is None
+        plausibility.loading(number, nodal, fixed.array, groups, alone)
+        if not (own or movements):
+            plausibility.held(number, fixed.array, groups)
         data.append(
             PhaseData(
-                inputs=phase.inputs(structure),
-                nodal_loads=[load for load in loads if isinstance(load, NodalLoads)],
+                inputs=inputs,
+                nodal_loads=nodal,
                 element_loads=own,
                 movements=movements,
                 freedoms=freedoms,
@@ -95,6 +93,38 @@ def prepare(structure, phases, method, start):
         sets.append(fixed)
     thawed, arrays = thaw((nodes, groups, carry, data))
     return thawed, arrays, method, code, tuple(sets)
+
+
+def as_phases(structure, phases):
+    """The phases of an analysis as a list; ValueError if these are no structure and no phases."""
+    if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
+        raise ValueError("structure: got a scene; unpack it: solve(*scene)")
+    if not isinstance(structure, Structure):
+        kind = _check.kind(structure, "Structure(nodes, elements, supports)")
+        raise ValueError(f"structure: expected a Structure, got {kind}")
+    if phases is None:
+        raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
+    if not isinstance(phases, Phase | list | tuple):
+        hint = "; loads go into a phase: [Phase(loads=...)]" if hasattr(phases, "scaled") else ""
+        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}{hint}")
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    for k, phase in enumerate(phases):
+        if not isinstance(phase, Phase):
+            hint = "; loads go into a phase: Phase(loads=...)" if hasattr(phase, "scaled") else ""
+            kind = _check.kind(phase, "Phase(...)")
+            raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
+    if not phases:
+        raise ValueError("phases: an analysis needs at least one phase")
+    return phases
+
+
+def _no_method(method):
+    """What was given for a method, in words, and where it belongs."""
+    if isinstance(method, Phase):
+        return "Phase; phases go into one list: solve(structure, [first, second])"
+    if isinstance(method, Solution | State):
+        return f"{type(method).__name__}; an earlier solution goes by name: start=..."
+    return _check.kind(method, "Newton()")
 
 
 def ready(parameters):

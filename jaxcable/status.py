@@ -79,11 +79,33 @@ _TEXTS = {
 
 
 class AnalysisError(RuntimeError):
-    """An analysis did not end in equilibrium; raised by `raise_if_failed`."""
+    """An analysis did not end in equilibrium; raised by `raise_if_failed`.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
+        >>> try:
+        ...     jc.raise_if_failed(failed)
+        ... except jc.AnalysisError as error:
+        ...     print(str(error)[:45])
+        phase 2, increment 1 of 10 (load factor 0.1),
+    """
 
 
 def describe(code):
-    """Return the text for a status code: what happened and what to do next."""
+    """Return the text for a status code: what happened and what to do next.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> jc.describe(jc.solve(structure, phases).status)
+        'converged'
+        >>> print(jc.describe(12)[:30])
+        the load has reached a maximum
+    """
+    if hasattr(code, "status"):
+        raise ValueError(f"code: got a {type(code).__name__}; give its status")
+    if jnp.ndim(code) != 0:
+        raise ValueError(f"code: expected one code, got shape {jnp.shape(code)}; take one of them")
     code = int(code)
     if code not in _TEXTS:
         raise ValueError(f"code = {code}: not a jaxcable status; codes are 0 to {max(_TEXTS)}")
@@ -101,7 +123,24 @@ def raise_if_failed(solution):
     Takes whatever has a status, results of `minimize` and `fit` too. Of an analysis the text names
     the phase (counted from 1), the increment, its load factor, the residual in newtons and what to
     try. Cannot be used while tracing.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> jc.raise_if_failed(jc.solve(structure, phases))  # nothing to say
+        >>> failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
+        >>> int(failed.status)
+        1
+        >>> try:
+        ...     jc.raise_if_failed(failed)
+        ... except jc.AnalysisError as error:
+        ...     print(str(error)[:45])
+        phase 2, increment 1 of 10 (load factor 0.1),
     """
+    if not hasattr(solution, "status"):
+        raise ValueError(
+            f"raise_if_failed: expected a solution, got {type(solution).__name__}; a code alone "
+            "is said by describe(code)"
+        )
     if isinstance(solution.status, jax.core.Tracer):
         raise ValueError("raise_if_failed: the solution is being traced; call it outside of jit")
     status = np.asarray(solution.status)

@@ -4,8 +4,9 @@ import functools
 
 import jax
 import numpy as np
+from scipy import sparse
 
-from . import _check, linear
+from . import _check, linear, plausibility
 from ._tree import Indices, copy, pytree
 
 N_FREEDOM = 3
@@ -29,6 +30,14 @@ class Supports:
             rotations about x, y, z.
         nodes: nodes whose position is held, [n].
         clamps: nodes whose position and rotation are held, [n].
+
+    Example:
+        >>> jc.pinned([0, 2]).fixed(3)[:, :3].all(axis=1)
+        array([ True, False,  True])
+        >>> mask = np.zeros((3, 3), bool)
+        >>> mask[:, 1] = True  # all nodes held in the plane y = 0
+        >>> (jc.pinned([0, 2]) + jc.Supports(mask)).fixed(3)[1, :3]
+        array([False,  True, False])
     """
 
     mask: object = None
@@ -50,7 +59,7 @@ class Supports:
             if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
                 raise ValueError(
                     f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
-                    f"got {mask.dtype} {mask.shape}"
+                    f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
             object.__setattr__(self, "mask", Indices(mask))
 
@@ -83,23 +92,37 @@ class Supports:
         for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
             if nodes is None:
                 continue
-            unknown = nodes.array >= n_node
-            if unknown.any():
-                k = int(unknown.argmax())
-                raise ValueError(
-                    f"{name} nodes[{k}] = {nodes[k]}: the structure has nodes 0 to {n_node - 1}"
-                )
+            _check.known(nodes.array, n_node, f"{name} nodes")
             fixed[nodes.array, :width] = True
         return fixed
 
 
 def pinned(nodes):
-    """Supports that hold the position of the given nodes, node numbers [n]."""
+    """Supports that hold the position of the given nodes, node numbers [n].
+
+    Example:
+        Half of a load of 600 N goes to each of the ends that hold it:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> print(solution.status, jnp.round(solution.reactions[:, 2], 6))
+        0 [300.   0. 300.]
+    """
     return Supports(nodes=nodes)
 
 
 def clamped(nodes):
-    """Supports that hold position and rotation of the given nodes, node numbers [n]."""
+    """Supports that hold position and rotation of the given nodes, node numbers [n].
+
+    Example:
+        >>> jc.clamped([0]).fixed(2).all(axis=1)
+        array([ True, False])
+        >>> (jc.clamped([0]) + jc.pinned([1])).fixed(2).sum(axis=1)
+        array([6, 3])
+    """
     return Supports(clamps=nodes)
 
 
@@ -114,8 +137,20 @@ class Structure:
         supports: `pinned(...)` or `Supports(mask)`.
 
     Raises:
-        ValueError: wrong shapes, unknown nodes, zero-length elements, no supports, or a free node
-            that no element touches; names the argument and the index.
+        ValueError: wrong shapes, unknown nodes, zero-length elements, no supports, a part
+            without any, or a free node that no element touches; names the argument and the index.
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]  # m
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)  # N
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> structure.n_node
+        3
+        >>> try:
+        ...     jc.Structure(nodes, cables, supports=jc.pinned([0, 3]))
+        ... except ValueError as error:
+        ...     print(error)
+        pinned nodes[1] = 3: the structure has nodes 0 to 2
     """
 
     nodes: object
@@ -125,25 +160,29 @@ class Structure:
     def __post_init__(self):
         nodes = _check.floats(self.nodes, "nodes")
         if nodes.ndim != 2 or nodes.shape[1] != 3:
-            raise ValueError(f"nodes: expected shape [n_node, 3], got {nodes.shape}")
+            hint = ""
+            if nodes.ndim == 2 and nodes.shape[1] == 2:
+                hint = "; a plane structure has z = 0, and supports that hold z"
+            elif nodes.ndim == 2 and nodes.shape[0] == 3:
+                hint = "; transpose it"
+            raise ValueError(f"nodes: expected shape [n_node, 3], got {nodes.shape}{hint}")
         if nodes.dtype not in (np.float32, np.float64):  # the dtype of the whole analysis
             raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
         object.__setattr__(self, "nodes", nodes)
         if not isinstance(self.supports, Supports):
+            got = f", got {_check.kind(self.supports, 'pinned(nodes)')}"
             raise ValueError(
                 "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
+                f"{'' if self.supports is None else got}"
             )
-        for where, group in self._named_groups():
+        positions = _check.concrete(nodes)
+        for where, group in self.named_groups():
             if not is_group(group):
-                raise ValueError(f"elements{where}: {type(group).__name__} is not an element group")
-            unknown = (group.links.array >= len(nodes)).any(axis=1)
-            if unknown.any():
-                k = int(unknown.argmax())
                 raise ValueError(
-                    f"elements{where}.links[{k}] = {group.links[k].tolist()}: "
-                    f"the structure has nodes 0 to {len(nodes) - 1}"
+                    f"elements{where}: {type(group).__name__} is not an element group such as "
+                    "Cables(links, axial_stiffness=...)"
                 )
-            positions = _check.concrete(nodes)
+            _check.known(group.links.array, len(nodes), f"elements{where}.links")
             if positions is not None:
                 ends = positions[group.links.array]
                 zero = (ends == ends[:, :1]).all(axis=(1, 2))
@@ -155,11 +194,15 @@ class Structure:
                     )
                 if hasattr(group, "check"):
                     group.check(positions)
+                plausibility.members(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
-        self.fixed(self.supports)
+        fixed = self.fixed(self.supports)
+        if positions is not None:
+            plausibility.places(positions, self.groups, fixed)
 
-    def _named_groups(self):
+    def named_groups(self):
+        """Pairs of (key in `elements` as text, element group), in pytree order."""
         leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
         return [(jax.tree_util.keystr(path), group) for path, group in leaves]
 
@@ -228,6 +271,7 @@ class Structure:
                 f"nodes[{int(idle.argmax())}]: no element touches this node and it is not "
                 "supported; connect it, support it or remove it"
             )
+        self._require_held(fixed[:, :3].any(axis=1), touched)
         if not self.turning:
             if supports.mask is not None and supports.mask.shape[1] != N_FREEDOM:
                 raise ValueError(
@@ -247,6 +291,31 @@ class Structure:
                 "the third axis) or all three"
             )
         return fixed
+
+    def _require_held(self, held, touched):
+        """Raise ValueError if a part has no support at all; booleans [n_node]."""
+        part = _parts(tuple(group.links for group in self.groups), self.n_node)
+        if not part.any():  # all joined, and something is held
+            return
+        anchored = np.zeros(self.n_node, bool)
+        anchored[part[held]] = True
+        adrift = touched & ~anchored[part]
+        if adrift.any():
+            node = int(adrift.argmax())
+            count = int((part == part[node]).sum())
+            raise ValueError(
+                f"supports: node {node} is in a part of {count} nodes that no element joins to a "
+                "support; the part would float away: support it or connect it"
+            )
+
+
+@functools.lru_cache(maxsize=16)
+def _parts(links, n_node):
+    """Number of the connected part that a node belongs to, [n_node], for links of all groups."""
+    pairs = [np.stack([own.array[:, :-1].ravel(), own.array[:, 1:].ravel()]) for own in links]
+    ends = np.concatenate(pairs, axis=1)
+    graph = sparse.coo_array((np.ones(ends.shape[1], bool), ends), shape=(n_node, n_node))
+    return sparse.csgraph.connected_components(graph, directed=False)[1]
 
 
 @pytree

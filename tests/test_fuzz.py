@@ -52,6 +52,10 @@ def recipes(shapes):
     )
 
 
+ODD = pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers over many decades
+
+
+@ODD
 @settings(150)
 @hypothesis.given(recipes(SHAPES))
 def test_scenes(recipe):
@@ -59,6 +63,7 @@ def test_scenes(recipe):
     assert defect is None, f"{name}; {defect}; {recipe}"
 
 
+@ODD
 @pytest.mark.slow
 @settings(300)
 @hypothesis.given(recipes(SLOW_SHAPES))

@@ -105,7 +105,10 @@ def make_box(bounds, params):
     if bounds is None:
         bounds = (None, None)
     if not isinstance(bounds, list | tuple) or len(bounds) != 2:
-        raise ValueError("bounds: expected (lower, upper), each None, a number or a pytree")
+        raise ValueError(
+            "bounds: expected (lower, upper), each None, a number or a pytree; not one pair for "
+            "each parameter"
+        )
     lower, upper = (
         spread(bound, params, f"{name} bound", absent)
         for bound, name, absent in zip(bounds, ("lower", "upper"), (-np.inf, np.inf), strict=True)

@@ -9,6 +9,9 @@ from .. import status
 def split_loss(result):
     """Scalar and status of what a loss returns: a scalar, or (scalar, what carries the status)."""
     value, told = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
+    if value is None or hasattr(value, "status"):
+        got = "None; it needs a return" if value is None else f"a {type(value).__name__} first"
+        raise ValueError(f"loss: expected a scalar float, or (scalar, solution), got {got}")
     value = jnp.asarray(value)
     if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
         raise ValueError(

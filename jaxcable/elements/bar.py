@@ -50,6 +50,18 @@ class Bars(Prestressed):
     Raises:
         ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
             both or neither of `axial_stiffness` and `area`.
+
+    Example:
+        600 N on two struts that stand in a 3-4-5 triangle, held in their plane:
+
+        >>> nodes = [[-4.0, 0.0, 0.0], [0.0, 0.0, 3.0], [4.0, 0.0, 0.0]]
+        >>> struts = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> held = np.array([[True, True, True], [False, True, False], [True, True, True]])
+        >>> structure = jc.Structure(nodes, struts, supports=jc.Supports(held))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=-500.0, loads=weight))
+        >>> print(solution.status, jnp.round(solution.tension, 6))
+        0 [-500. -500.]
     """
 
     links: object
@@ -82,10 +94,8 @@ class Bars(Prestressed):
             raise ValueError(
                 "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
             )
-        if self.law is not None and (
-            isinstance(self.law, type) or not hasattr(self.law, "stress_at")
-        ):
-            raise ValueError(f"law: {type(self.law).__name__} is not a uniaxial law")
+        if self.law is not None:
+            _check.uniaxial(self.law, "law")
         if self.section is not None and not hasattr(self.section, "axial"):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")
         for name in ("axial_stiffness", "area", "rest_length", "strength"):

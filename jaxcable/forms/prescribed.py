@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, equilibrium, implicit, status
+from .. import _check, equilibrium, implicit, plausibility, status
 from .._tree import Indices, copy, fill, thaw
 from ..assembly import System
 from ..equilibrium import Newton
@@ -68,8 +68,27 @@ def find_form(structure, tension=None, loads=None, length=None, stress=None, met
 
     Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths; Weber's problem
     for the convexity and for nodes that meet.
+
+    Example:
+        600 N on two cables of 500 N: a 3-4-5 triangle, wherever the search begins.
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> form = jc.find_form(structure, tension=500.0, loads=weight)
+        >>> print(f"{jc.describe(form.status)}: {form.length[0]:.6f} m")
+        converged: 5.000000 m
+
+        The analysis of what was found begins in equilibrium:
+
+        >>> found = jc.replace(structure, nodes=form.positions)
+        >>> solution = jc.solve(found, jc.Phase(pretension=form.tension, loads=weight))
+        >>> print(solution.status, f"{jnp.abs(solution.displacement).max():.6f} m")
+        0 0.000000 m
     """
     check_members(structure)
+    plausibility.precision(structure.nodes)
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import _check, implicit, status
+from .. import _check, implicit, plausibility, status
 from .._tree import copy, fill, pytree, thaw
 from ..elements.prestress import element
 from .form import arranged, make_form
@@ -65,8 +65,20 @@ def dynamic_relaxation(
 
     Raises:
         ValueError: as `find_form`; both statements for one element.
+
+    Example:
+        600 N on two cables of 500 N: a 3-4-5 triangle, wherever they are let go.
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> form = jc.forms.dynamic_relaxation(structure, tension=500.0, loads=weight)
+        >>> print(f"{jc.describe(form.status)}: {form.length[0]:.6f} m")
+        converged: 5.000000 m
     """
     check_members(structure)
+    plausibility.precision(structure.nodes)
     loads = nodal_loads(structure, loads)
     forces, held = stated(tension, structure, "tension")
     rests, cut = stated(rest_length, structure, "rest_length")

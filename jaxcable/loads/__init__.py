@@ -38,12 +38,27 @@ __all__ = [
 _MEMBERS = ("nodal_forces", "element_forces", "following_forces", "steps")
 
 
+def _hint(thing):
+    """What to do with what is no load."""
+    if isinstance(thing, type):
+        return f"; call it: {thing.__name__}(...)"
+    if isinstance(thing, float | int):
+        return "; prestress has a name: Phase(pretension=...)"
+    return "; expected NodalLoads(nodes, forces), SelfWeight(), LineLoads(...) or a list of such"
+
+
 def as_list(loads):
-    """Loads of a phase as a list: None, one load, or a list or tuple of loads."""
+    """Loads of a phase as a list: None, one load, or a list or tuple of loads.
+
+    Example:
+        >>> snow = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> [len(jc.loads.as_list(loads)) for loads in (None, snow, [snow, snow])]
+        [0, 1, 2]
+    """
     if loads is None:
         return []
     items = list(loads) if isinstance(loads, list | tuple) else [loads]
     for k, load in enumerate(items):
         if isinstance(load, type) or not any(hasattr(load, name) for name in _MEMBERS):
-            raise ValueError(f"loads[{k}]: {type(load).__name__} is not a load")
+            raise ValueError(f"loads[{k}]: {type(load).__name__} is not a load{_hint(load)}")
     return items

@@ -21,6 +21,19 @@ class SelfWeight:
 
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
+
+    Example:
+        Two cables of 60 m and 30 N/m that hang: half of each weight acts at each of its ends.
+
+        >>> x = 200.0 * np.arcsinh(0.3) + 0.006  # half of the span (see `Catenaries`), m
+        >>> nodes = [[-x, 0.0, 9.0], [0.0, 0.0, 0.0], [x, 0.0, 9.0]]
+        >>> cables = jc.Catenaries(
+        ...     [[0, 1], [1, 2]], axial_stiffness=60e6, weight=30.0, rest_length=60.0
+        ... )
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+        >>> print(solution.status, jnp.round(solution.load[:, 2], 6))
+        0 [ -900. -1800.  -900.]
     """
 
     direction: object = (0.0, 0.0, -1.0)
@@ -28,7 +41,9 @@ class SelfWeight:
     def __post_init__(self):
         direction = _check.floats(self.direction, "direction")
         if direction.shape != (3,):
-            raise ValueError(f"direction: expected shape (3,), got {direction.shape}")
+            raise ValueError(
+                f"direction: expected shape (3,) such as (0, 0, -1), got {direction.shape}"
+            )
         object.__setattr__(self, "direction", direction)
 
     def check(self, structure):
@@ -74,6 +89,17 @@ class LineLoads:
             force has no direction to look along, and no sensible derivative by itself: scale a
             load with `factor`.
         factor: of the forces.
+
+    Example:
+        Snow of 100 N per metre of plan on two cables that go 4 m each in plan:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> snow = jc.LineLoads((0.0, 0.0, -100.0), per="projected")
+        >>> solution = jc.solve(structure, jc.Phase(loads=snow))
+        >>> print(solution.status, solution.load[:, 2])
+        0 [-200. -400. -200.]
     """
 
     forces: object

@@ -31,12 +31,7 @@ def checked(faces):
 
 def known(faces, structure):
     """Raise ValueError if a node of the faces is unknown to the structure."""
-    unknown = (faces.array >= structure.n_node).any(axis=1)
-    if unknown.any():
-        k = int(unknown.argmax())
-        raise ValueError(
-            f"faces[{k}] = {faces[k].tolist()}: the structure has nodes 0 to {structure.n_node - 1}"
-        )
+    _check.known(faces.array, structure.n_node, "faces")
 
 
 def area_vectors(corners):

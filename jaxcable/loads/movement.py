@@ -15,6 +15,20 @@ class SupportMovement:
         nodes: node numbers, [n].
         displacements: [3] or [n, 3], m, or None; along freedoms that are held in the phase.
         rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
+
+    Example:
+        Both supports come down by 0.5 m, and all the rest with them:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> settling = jc.SupportMovement([0, 2], (0.0, 0.0, -0.5))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=[weight, settling]))
+        >>> print(solution.status, jnp.round(solution.displacement[:, 2], 6))
+        0 [-0.5 -0.5 -0.5]
+        >>> print(jnp.round(solution.tension, 6))
+        [500. 500.]
     """
 
     nodes: object
@@ -39,13 +53,7 @@ class SupportMovement:
 
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
-        unknown = self.nodes.array >= structure.n_node
-        if unknown.any():
-            k = int(unknown.argmax())
-            raise ValueError(
-                f"moved nodes[{k}] = {self.nodes[k]}: "
-                f"the structure has nodes 0 to {structure.n_node - 1}"
-            )
+        _check.known(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None and not structure.turns()[self.nodes.array].all():
             k = int((~structure.turns()[self.nodes.array]).argmax())
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")

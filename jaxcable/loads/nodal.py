@@ -16,6 +16,15 @@ class NodalLoads:
         moments: moments [3] or [n, 3], N m, on nodes that a beam is joined to rigidly. They keep
             their direction in space; such moments have no potential (unless they turn about a fixed
             axis) and make the tangent unsymmetric.
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> print(solution.status, solution.load[1], jnp.round(solution.reactions[2], 6))
+        0 [   0.    0. -600.] [400.   0. 300.]
     """
 
     nodes: object
@@ -28,7 +37,8 @@ class NodalLoads:
         forces = _check.floats(self.forces, "forces")
         if forces.shape not in ((3,), (len(self.nodes), 3)):
             raise ValueError(
-                f"forces: expected shape (3,) or ({len(self.nodes)}, 3), got {forces.shape}"
+                f"forces: expected shape (3,) or ({len(self.nodes)}, 3), got {forces.shape}; give "
+                "(x, y, z) for all nodes, or for each of them"
             )
         object.__setattr__(self, "forces", forces)
         if self.moments is not None:
@@ -41,13 +51,7 @@ class NodalLoads:
 
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
-        unknown = self.nodes.array >= structure.n_node
-        if unknown.any():
-            k = int(unknown.argmax())
-            raise ValueError(
-                f"load nodes[{k}] = {self.nodes[k]}: "
-                f"the structure has nodes 0 to {structure.n_node - 1}"
-            )
+        _check.known(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
             turns = structure.turns()[self.nodes.array]
             if not turns.all():

@@ -46,6 +46,17 @@ class Polygonal:
         ValueError: wrong shapes, strain not increasing, a curve that misses the origin, a slope at
             the origin that is not positive, elastic unloading of a curve without a parallel model.
             Values are checked while they are concrete.
+
+    Example:
+        200 GPa to a strain of 0.001, then a tenth of it, tension only:
+
+        >>> law = jc.Polygonal([0.0, 0.001, 0.011], [0.0, 200e6, 400e6])
+        >>> print(jnp.round(law.stress_at(jnp.array([0.0005, 0.006, 0.02])) / 1e6, 3))  # MPa
+        [100. 300.   0.]
+        >>> print(f"{law.strain_at(300e6):.4f}, {law.corner_distance(0.006):.4f}")
+        0.0060, 0.0050
+        >>> bool(law.beyond(0.02))  # failed, not slack
+        True
     """
 
     strain: object
@@ -283,6 +294,9 @@ def _check_strain(e):
         raise ValueError(f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}")
     if e[0] > 0 or e[-1] <= 0:
         raise ValueError(f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin")
+    if np.abs(e).max() > 1:
+        k = int(np.abs(e).argmax())
+        _check.suspect(f"strain[{k}] = {e[k]:.6g}: more than 1; it is a ratio, not a percentage")
 
 
 def _through_origin(e, s):

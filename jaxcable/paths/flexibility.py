@@ -29,14 +29,21 @@ def flexibility(structure, state, nodes, axes="xyz", fixed=None):
 
     Raises:
         ValueError: unknown nodes or axes.
+
+    Example:
+        How far a node between two cables gives way (stiffness 14600 N/m, see `forms.tangent_of`):
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> given = jc.paths.flexibility(structure, solution, [1], axes="z")
+        >>> print(solution.status, f"{1 / given[0, 0]:.3f} N/m")
+        0 14600.000 N/m
     """
     nodes = _check.integers(nodes, "nodes")
-    unknown = nodes >= structure.n_node
-    if unknown.any():
-        k = int(unknown.argmax())
-        raise ValueError(
-            f"nodes[{k}] = {nodes[k]}: the structure has nodes 0 to {structure.n_node - 1}"
-        )
+    _check.known(nodes, structure.n_node, "nodes")
     if not isinstance(axes, str) or not axes or set(axes) - set(AXES):
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
     freedoms = prepared(structure, state, fixed)[-1]

@@ -11,8 +11,7 @@ from jax import lax
 from .. import _check, implicit
 from .._tree import copy, fill
 from ..equilibrium import Newton
-from ..phases import Phase
-from ..preparation import prepare, ready
+from ..preparation import as_phases, prepare, ready
 from ..ramp import Ramp
 from ..results import on_nodes
 from ..solver import solve
@@ -24,7 +23,7 @@ from .run import Settings
 
 def trace_path(
     structure,
-    phases,
+    phases=None,
     method=None,
     start=None,
     *,
@@ -79,10 +78,20 @@ def trace_path(
 
     Source: Riks, Int. J. Solids Structures 15 (1979); Keller, in Applications of Bifurcation Theory
     (1977); Crisfield, Non-linear Finite Element Analysis of Solids and Structures 1 (1991), ch. 9.
+
+    Example:
+        A shallow truss of von Mises: limit point at ``l = (b^2 l0)^(1/3)``.
+
+        >>> structure, phases = jc.scenes.von_mises_truss(rise=0.1, load=500.0)
+        >>> path = jc.trace_path(structure, phases)
+        >>> print(path.status, path.events.names[0])
+        0 limit point
+        >>> start, limit = np.sqrt(1.01), 1.01 ** (1 / 6)  # lengths l0 and l
+        >>> load = 2 * 1e6 * (start - limit) / start * np.sqrt(limit**2 - 1) / limit
+        >>> print(f"{500 * path.failure_load:.6f} N, {load:.6f} N")
+        381.087190 N, 381.087190 N
     """
-    if not isinstance(phases, Phase | list | tuple):
-        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}")
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    phases = as_phases(structure, phases)
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")

@@ -29,6 +29,15 @@ class Section:
         counts: how many fibres each law has.
         torsion: Saint-Venant torsion constant that goes with each law, [n_law], m4, or None.
         points, cells: mesh for pictures, [n_point, 2] and [n_fibre, 4]; None if there is none.
+
+    Example:
+        A rod of 50 mm, as in the paper's saddle net:
+
+        >>> section = jc.Section.disc(0.05, jc.Elastic(210e9), shape=(10, 10))
+        >>> print(f"{section.n_fibre} fibres, {1e4 * section.total_area:.2f} cm2")
+        100 fibres, 19.63 cm2
+        >>> print(f"{section.stiffness()[0, 0] / 1e6:.1f} MN")  # EA
+        412.3 MN
     """
 
     y: object
@@ -50,8 +59,7 @@ class Section:
         _check.require(self.area, lambda v: v > 0, "area", "a fibre's area must be positive")
         put(self, "laws", tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
         for k, law in enumerate(self.laws):
-            if not hasattr(law, "stress_at"):
-                raise ValueError(f"laws[{k}]: {type(law).__name__} is not a uniaxial law")
+            _check.uniaxial(law, f"laws[{k}]")
         put(self, "counts", (len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
@@ -69,7 +77,13 @@ class Section:
     composite = staticmethod(shapes.composite)
 
     def shifted(self, y=0.0, z=0.0):
-        """The section moved by `y`, `z`, m, against the axis of the element."""
+        """The section moved by `y`, `z`, m, against the axis of the element.
+
+        Example:
+            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0)).shifted(z=0.1)
+            >>> print(f"{section.z.min():.2f} to {section.z.max():.2f} m")  # middles of ten layers
+            0.01 to 0.19 m
+        """
         points = None if self.points is None else self.points + np.array([y, z])
         return copy(self, y=self.y + y, z=self.z + z, points=points)
 
@@ -86,7 +100,13 @@ class Section:
         return jnp.sum(self.area)
 
     def inertia(self):
-        """Second moments of area about the axes: ``sum A z^2, sum A y^2, sum A y z``, m4."""
+        """Second moments of area about the axes: ``sum A z^2, sum A y^2, sum A y z``, m4.
+
+        Example:
+            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0), shape=(10, 10))
+            >>> print(f"{section.inertia()[0] / (0.1 * 0.2**3 / 12):.2f}")  # 1 - 1/n^2
+            0.99
+        """
         return (
             jnp.sum(self.area * self.z**2),
             jnp.sum(self.area * self.y**2),
@@ -94,13 +114,26 @@ class Section:
         )
 
     def stiffness(self):
-        """Initial stiffness, N, N m and N m2: forces per (e0, ky, kz), [3, 3]."""
+        """Initial stiffness, N, N m and N m2: forces per (e0, ky, kz), [3, 3].
+
+        Example:
+            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
+            >>> EA, EIy, EIz = jnp.diagonal(section.stiffness()) / 1e6
+            >>> print(f"{EA:.0f} MN, {EIy:.2f} MN m2, {EIz:.2f} MN m2")
+            4000 MN, 13.20 MN m2, 3.30 MN m2
+        """
         lever = self._levers()
         modulus = self._per_fibre([law.modulus for law in self.laws])
         return lever.T @ ((self.area * modulus)[:, None] * lever)
 
     def torsional_stiffness(self, poisson=0.3):
-        """Initial torsional stiffness ``sum G J``, N m2, with ``G = E / 2 (1 + poisson)``."""
+        """Initial torsional stiffness ``sum G J``, N m2, with ``G = E / 2 (1 + poisson)``.
+
+        Example:
+            >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
+            >>> print(f"{section.torsional_stiffness() / 1e3:.2f} kN m2")  # G pi d^4 / 32
+            49.56 kN m2
+        """
         if self.torsion is None:
             raise ValueError(
                 "torsional_stiffness: missing; this section has no known torsion constant"
@@ -109,7 +142,14 @@ class Section:
         return jnp.sum(shear * self.torsion)
 
     def axial(self):
-        """Area, m2, and the one law that axial force sees (all fibres at the same strain)."""
+        """Area, m2, and the one law that axial force sees (all fibres at the same strain).
+
+        Example:
+            >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
+            >>> area, law = section.axial()
+            >>> print(f"{1e6 * area:.1f} mm2, {law.modulus / 1e9:.0f} GPa")
+            1963.5 mm2, 210 GPa
+        """
         areas = [jnp.sum(self.area[part]) for part in self._parts()]
         area = sum(areas)
         if len(self.laws) == 1:
@@ -148,7 +188,14 @@ class Section:
         return e0 + ky * self.z.reshape(shape) - kz * self.y.reshape(shape)
 
     def fibre_stress(self, e0, ky, kz, plastic=None):
-        """Stress of every fibre, [..., n_fibre], Pa."""
+        """Stress of every fibre, [..., n_fibre], Pa.
+
+        Example:
+            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(1, 4))
+            >>> stress = section.fibre_stress(0.0, 0.01, 0.0)  # 0.01/m about y: E ky z
+            >>> print(jnp.round(stress / 1e6, 1))  # MPa
+            [-150.  -50.   50.  150.]
+        """
         return self._stress(self.fibre_strain(e0, ky, kz), plastic)
 
     def _stress(self, strain, plastic):
@@ -164,6 +211,14 @@ class Section:
 
         Returns:
             ``N, My, Mz``, N, N m, N m. Fibres beyond their curve count zero.
+
+        Example:
+            A strain of 1e-4 and a curvature of 0.01/m in a rectangle whose EI is 13.2 MN m2:
+
+            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
+            >>> N, My, Mz = section.forces(1e-4, 0.01, 0.0)
+            >>> print(f"{N / 1e3:.1f} kN, {My / 1e3:.1f} kN m, {abs(Mz):.1f} N m")
+            400.0 kN, 132.0 kN m, 0.0 N m
         """
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
@@ -232,11 +287,33 @@ class Section:
     # --- equilibrium of the section
 
     def strains(self, N, My, Mz, plastic=None, tol=None, max_steps=100):
-        """Strains from forces, by iteration to equilibrium; see `strains.equilibrium`."""
+        """Strains from forces, by iteration to equilibrium; see `strains.equilibrium`.
+
+        Example:
+            Half of the 2 MN that it can carry is half of its strain of failure; and more than that:
+
+            >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
+            >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
+            >>> state = section.strains(N=1e6, My=0.0, Mz=0.0)
+            >>> print(f"{jc.describe(state.status)}: {state.strain[0]:.6f}")
+            converged: 0.000500
+            >>> print(jc.describe(section.strains(N=3e6, My=0.0, Mz=0.0).status)[:37])
+            the section cannot carry these forces
+        """
         return strains.equilibrium(self, N, My, Mz, plastic, tol, max_steps)
 
     def interaction(self, n_angle=24, n_axial=21):
-        """Interaction surface N-My-Mz of first fibre failure; see `capacity.interaction`."""
+        """Interaction surface N-My-Mz of first fibre failure; see `capacity.interaction`.
+
+        Example:
+            The largest axial forces of 20 000 mm2 that carries 100 MPa:
+
+            >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
+            >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
+            >>> N, My, Mz = section.interaction(n_angle=4, n_axial=3)  # [3, 4] each
+            >>> print(f"{N[0, 0] / 1e6:.2f} MN, {N[-1, 0] / 1e6:.2f} MN")
+            -2.00 MN, 2.00 MN
+        """
         return capacity.interaction(self, n_angle, n_axial)
 
     # --- helpers

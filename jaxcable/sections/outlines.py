@@ -1,0 +1,62 @@
+"""What is wrong with the outlines of a section: an edge that crosses, a hole outside, no area."""
+
+import numpy as np
+
+
+def fault(outline, holes):
+    """Say what is wrong with a polygon and its holes, [n, 2] each, whose areas do not add up."""
+    named = {"points": outline} | {f"holes[{k}]": hole for k, hole in enumerate(holes)}
+    for name, ring in named.items():
+        if np.linalg.matrix_rank(ring - ring[0], tol=1e-12 * np.abs(ring - ring[0]).max()) < 2:
+            return f"{name}: all on one line, which has no area"
+    for name, ring in named.items():
+        if (pair := _crossing(ring, ring)) is not None:
+            what = "the outline" if name == "points" else "a hole"
+            where = _edges(name, ring, name, ring, pair)
+            return f"{name}: {what} crosses itself: {where}; name its corners in turn"
+    names = list(named)
+    for number, name in enumerate(names):
+        for other in names[:number]:
+            pair = _crossing(named[other], named[name])
+            if pair is not None:
+                where = _edges(other, named[other], name, named[name], pair)
+                return f"{other}: a hole crosses it or another hole: {where}"
+    for name, hole in list(named.items())[1:]:
+        outside = ~_inside(hole, outline)
+        if outside.any():
+            k = int(outside.argmax())
+            return f"{name}[{k}] = {hole[k].tolist()}: outside of the outline"
+    return "points, holes: the outline crosses itself, or a hole crosses it or another hole"
+
+
+def _crossing(one, other):
+    """Numbers of the first two edges that cross within their lengths, or None."""
+    a, b = one[:, None], np.roll(one, -1, axis=0)[:, None]
+    c, d = other[None], np.roll(other, -1, axis=0)[None]
+    apart = _side(a, b, c) * _side(a, b, d) < 0
+    found = np.argwhere(apart & (_side(c, d, a) * _side(c, d, b) < 0))
+    return tuple(int(k) for k in found[0]) if len(found) else None
+
+
+def _side(a, b, c):
+    """On which side of the line from a to b the point c lies: 1, 0 or -1."""
+    ab, ac = b - a, c - a
+    return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
+
+
+def _edges(name, ring, other, around, pair):
+    (i, j), n, m = pair, len(ring), len(around)
+    return (
+        f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from {other}[{j}] to "
+        f"{other}[{(j + 1) % m}]"
+    )
+
+
+def _inside(places, ring):
+    """Whether places are inside of a ring, by the crossings of a ray, [n] bool."""
+    a, b = ring[None], np.roll(ring, -1, axis=0)[None]
+    y, z = places[:, None, 0], places[:, None, 1]
+    spans = (a[..., 1] > z) != (b[..., 1] > z)
+    rise = np.where(b[..., 1] == a[..., 1], 1.0, b[..., 1] - a[..., 1])
+    at = a[..., 0] + (z - a[..., 1]) / rise * (b[..., 0] - a[..., 0])
+    return (spans & (y < at)).sum(axis=1) % 2 == 1
