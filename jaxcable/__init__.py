@@ -1,7 +1,14 @@
 """Two-phase analysis of prestressed cable structures in JAX, with exact gradients.
 
+All examples in these pages assume double precision and four names:
+
 >>> import jax; jax.config.update("jax_enable_x64", True)
+>>> import jax.numpy as jnp
+>>> import numpy as np
 >>> import jaxcable as jc
+
+A net is prestressed, then loaded:
+
 >>> structure, phases = jc.scenes.flat_net(load=15.0)
 >>> solution = jc.solve(structure, phases)
 >>> jc.describe(solution.status)

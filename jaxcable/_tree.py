@@ -102,6 +102,14 @@ def replace(obj, **changes):
     """Return a copy of a structure, group, phase or load with some fields changed.
 
     The constructor's checks run again. Example: ``replace(structure, nodes=new_nodes)``.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net()
+        >>> lifted = jc.replace(structure, nodes=structure.nodes + np.array([[0.0, 0.0, 5.0]]))
+        >>> print(structure.nodes[0], lifted.nodes[0])
+        [0.4 0.  0. ] [0.4 0.  5. ]
+        >>> jc.replace(phases[1], increments=4).increments
+        4
     """
     unknown = set(changes) - {f.name for f in dataclasses.fields(obj) if f.init}
     if unknown:

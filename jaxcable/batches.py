@@ -38,6 +38,18 @@ def batched(function, chunk=None, devices=None):
     Raises:
         ValueError: `chunk` is no positive integer, `devices` is empty, or the arguments have no
             common leading axis.
+
+    Example:
+        Heights of a net's node under three loads, ``3 - F / 2 q``:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 3.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> def height(force):
+        ...     return jc.force_density(structure, 100.0, jc.NodalLoads([1], force))[1, 2]
+        >>> forces = jnp.array([[0.0, 0.0, -300.0], [0.0, 0.0, -500.0], [0.0, 0.0, -900.0]])  # N
+        >>> print(jnp.round(jc.batched(height, chunk=2)(forces), 6))  # m
+        [ 1.5  0.5 -1.5]
     """
     if chunk is not None and (
         isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1

@@ -61,6 +61,12 @@ def only(elements, values):
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
         values: one value for all of them, or [n].
+
+    Example:
+        >>> stated = jc.only([0, 3], 200.0)
+        >>> phase = jc.Phase(pretension=stated)  # nothing is said of the others
+        >>> print(stated.spread(np.zeros(5)))
+        [200.   0.   0. 200.   0.]
     """
     count = None
     if not isinstance(elements, Indices):

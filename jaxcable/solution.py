@@ -37,6 +37,17 @@ class State:
         reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
         section_forces: ``N, My, Mz`` and torque at the integration points of beams, in the shape of
             `elements`, each [n_elem, n_point, 4] or None for other groups; None without beams.
+
+    Example:
+        Where an analysis stopped that did not converge:
+
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
+        >>> jc.describe(failed.status)[:20]
+        'no equilibrium found'
+        >>> last = failed.last  # the end of phase 0, prestress
+        >>> print(last.phase, last.load_factor, jnp.round(last.tension[0], 6))
+        0 1.0 200.0
     """
 
     displacement: object
@@ -76,6 +87,20 @@ class Path:
             cables with a law or section [n_inc, n_elem]; of beams ``e0, ky, kz`` at the integration
             points, [n_inc, n_elem, n_point, 3]. None for a group with a mere stiffness, and None
             altogether if there is nothing else. `fibre_stress` makes stresses of them.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> int(solution.status)
+        0
+        >>> path = solution.phases[1].path
+        >>> for k in (0, 4, 9):
+        ...     print(f"{path.load_factor[k]:.1f} {1e3 * path.displacement[k, 3, 2]:.3f} mm")
+        0.1 -1.497 mm
+        0.5 -7.130 mm
+        1.0 -12.838 mm
+        >>> int(path.n_slack.max()), bool(path.relative_residual.max() < 1e-10)
+        (0, True)
     """
 
     load_factor: object
@@ -103,6 +128,16 @@ class PhaseResult:
             reaction_moments, section_forces.
         path: `Path`.
         began: plastic strains that the phase began with, in the shape of `elements`, or None.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> prestress, loading = jc.solve(structure, phases).phases
+        >>> int(prestress.status), int(loading.status)
+        (0, 0)
+        >>> print(f"{prestress.tension[0]:.3f} N, {loading.tension[0]:.3f} N")
+        200.000 N, 233.760 N
+        >>> print(f"{1e3 * loading.displacement[3, 2]:.3f} mm")
+        -12.838 mm
     """
 
     status: object
@@ -139,6 +174,18 @@ class Solution:
         phases: one `PhaseResult` per phase.
         links: node numbers of the elements, one [n_elem, n_end] per group.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> jc.describe(solution.status)
+        'converged'
+        >>> print(f"{solution.displacement[3, 2]:.9f} m")
+        -0.012838093 m
+        >>> print(f"{solution.rest_length[0]:.6f} m")  # 0.4 / (1 + 200 / 97970)
+        0.399185 m
+        >>> print(f"{solution.reactions[:, 2].sum():.6f} N")  # four loads of 15 N
+        60.000000 N
     """
 
     status: object

@@ -28,6 +28,18 @@ def tangent_of(structure, state, fixed=None):
 
     Raises:
         ValueError: not a state, or `fixed` of the wrong shape.
+
+    Example:
+        ``2 (EA/L0 c^2 + N/l (1 - c^2))`` along, across and down, with c the cosine to each:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> tangent = jc.forms.tangent_of(structure, solution)
+        >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
+        0 [25800.   200. 14600.]
     """
     return _tangent(*prepared(structure, state, fixed))
 

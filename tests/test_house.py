@@ -1,7 +1,6 @@
 """The rules of the house: imports go downward, modules are short, public names are documented."""
 
 import ast
-import doctest
 import json
 import os
 import subprocess
@@ -86,11 +85,6 @@ def test_modules_are_short_and_documented(path):
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
             assert ast.get_docstring(node), node.name
-
-
-def test_docstring_examples():
-    assert doctest.testmod(jc).attempted > 3
-    assert doctest.testmod(jc).failed == 0
 
 
 def test_interface_calls_work_as_spelled():

@@ -24,6 +24,13 @@ class Confidence:
             with a largest entry of 1.
         rank: number of combinations that are determined.
         degrees: degrees of freedom, n_residual - rank.
+
+    Example:
+        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
+        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
+        >>> told = jc.design.confidence(found)
+        >>> print(found.status, told.rank, told.degrees, f"{told.deviation:.3f} N")
+        0 1 2 1.165 N
     """
 
     half_width: object
@@ -54,6 +61,16 @@ def confidence(fit, level=0.95, deviation=None, rcond=1e-6):
     Raises:
         ValueError: a fit that has not converged, a level that is none, or no more residuals than
             determined combinations and no `deviation`.
+
+    Example:
+        An axial stiffness from three measured forces, with ``s / sqrt(sum(e^2))`` and Student's
+        t = 4.303 of two degrees of freedom:
+
+        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
+        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
+        >>> told = jc.design.confidence(found)
+        >>> print(found.status, f"{found.params:.0f} +- {told.half_width:.0f} N")
+        0 100143 +- 1340 N
     """
     if not 0 < level < 1:
         raise ValueError(f"level = {level}: must be between 0 and 1")

@@ -31,6 +31,14 @@ class ConstrainedDesign:
         rounds: updates of the multipliers.
         evaluations: of loss, constraints and gradient, in all rounds.
         failures: trial points at which the inner analysis failed.
+
+    Example:
+        >>> problem = lambda area: (area, jnp.array([50e3 / (area * 200.0) - 1.0]))
+        >>> found = jc.design.minimize_subject_to(problem, jnp.array(400.0), bounds=(10.0, 1000.0))
+        >>> print(jc.describe(found.status), bool((found.constraints <= 0).all()))
+        converged True
+        >>> print(f"{found.multipliers[0]:.0f} mm2")  # saved if c = 1 were allowed, to 1st order
+        250 mm2
     """
 
     params: object
@@ -67,6 +75,14 @@ def minimize_subject_to(
 
     Raises:
         ValueError: as `minimize`.
+
+    Example:
+        The least area, mm2, that carries 50 kN with at most 200 N/mm2:
+
+        >>> problem = lambda area: (area, jnp.array([50e3 / (area * 200.0) - 1.0]))
+        >>> found = jc.design.minimize_subject_to(problem, jnp.array(400.0), bounds=(10.0, 1000.0))
+        >>> print(f"{jc.describe(found.status)}: {found.params:.2f} mm2")
+        converged: 250.00 mm2
     """
     args = checked_call(problem, args, rounds, "problem")
     params = numbers(params)

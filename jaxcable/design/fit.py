@@ -22,6 +22,13 @@ class FitHistory:
         accepted: 1 if the point was accepted, else 0, [steps + 1].
         damping: that led to it, [steps + 1].
         status: code of the inner analysis, [steps + 1].
+
+    Example:
+        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
+        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
+        >>> history = found.history
+        >>> print(found.status, f"{history.misfit[0]:.1f} N", int(history.accepted[1]))
+        0 187.6 N 1
     """
 
     misfit: object
@@ -44,6 +51,14 @@ class Fit:
         history: `FitHistory`.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, accepted or not.
+
+    Example:
+        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
+        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
+        >>> print(jc.describe(found.status), jnp.round(found.residual, 2), f"{found.misfit:.3f} N")
+        converged [-0.86  1.29 -0.57] 1.648 N
+        >>> found.jacobian.shape, bool(found.free)
+        ((3, 1), True)
     """
 
     params: object
@@ -88,6 +103,14 @@ def fit(residuals, params, bounds=None, steps=100, tol=None, *, args=()):
 
     A trial point at which the analysis fails is never accepted: the damping grows until a shorter
     step works, or the status is STALLED. Parameters that nothing depends on stay where they are.
+
+    Example:
+        The axial stiffness of a cable from three measured forces, ``sum(e F) / sum(e^2)``:
+
+        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
+        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
+        >>> print(f"{jc.describe(found.status)}: {found.params:.1f} N")
+        converged: 100142.9 N
     """
     args = checked_call(residuals, args, steps, "residuals")
     params = numbers(params)

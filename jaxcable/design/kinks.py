@@ -28,6 +28,14 @@ def slack_distance(structure, solution):
     Returns:
         In the shape of the elements, [n_elem] each, with the leading axes of a batch; None for
         groups that are not tension-only. NaN for a `Solution` that failed.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> distance = jc.design.slack_distance(structure, solution)
+        >>> strain = solution.tension / 97.97e3
+        >>> print(solution.status, f"{distance.min():.6f}, {strain.min():.6f}")
+        0 0.002384, 0.002384
     """
     if jnp.ndim(solution.displacement) > 2:
         return jax.vmap(lambda one: slack_distance(structure, one))(solution)
@@ -53,6 +61,14 @@ def slack_margin(structure, solution, width):
     Args:
         structure, solution: as for `slack_distance`.
         width: strain; the bound lies at most ``width log(n)`` below.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> smallest = jc.design.slack_distance(structure, solution).min()
+        >>> margin = jc.design.slack_margin(structure, solution, width=1e-5)
+        >>> print(solution.status, bool(smallest - 1e-5 * np.log(12) <= margin <= smallest))
+        0 True
     """
     return smooth_min(slack_distance(structure, solution), width)
 
@@ -71,6 +87,14 @@ def nearest_kink(distance, params, direction):
     Returns:
         t >= 0 in the shape of what `distance` gives; infinite for cables that move away, NaN if the
         analysis failed.
+
+    Example:
+        A cable of strain ``e = T / EA``, loosened by 50 N a step from 200 N:
+
+        >>> distance = lambda tension: tension / 97.97e3
+        >>> steps = jc.design.nearest_kink(distance, jnp.array([200.0]), jnp.array([-50.0]))
+        >>> print(jnp.round(steps, 6))
+        [4.]
     """
     values, rates = jax.jvp(distance, (params,), (direction,))
 

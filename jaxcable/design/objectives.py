@@ -14,18 +14,36 @@ def smooth_max(values, width):
 
     At most ``width log(n)`` above it (Kreisselmeier and Steinhauser, 1979). Order of the axes does
     not matter; `values` may be a pytree.
+
+    Example:
+        >>> values = jnp.array([1.0, 2.0, 3.0])
+        >>> print(f"{jc.design.smooth_max(values, width=0.1):.4f}")
+        3.0000
+        >>> print(f"{jc.design.smooth_max(jnp.ones(3), width=0.1):.4f}")  # 1 + 0.1 log(3)
+        1.1099
     """
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(values)])
     return width * jax.nn.logsumexp(flat / width)
 
 
 def smooth_min(values, width):
-    """Smooth lower bound of the smallest entry, at most ``width log(n)`` below it."""
+    """Smooth lower bound of the smallest entry, at most ``width log(n)`` below it.
+
+    Example:
+        >>> print(f"{jc.design.smooth_min(jnp.ones(3), width=0.1):.4f}")  # 1 - 0.1 log(3)
+        0.8901
+    """
     return -smooth_max(jax.tree.map(jnp.negative, values), width)
 
 
 def mean_over_cases(values):
-    """Mean over load cases, the leading axis; a pytree in the shape of one case."""
+    """Mean over load cases, the leading axis; a pytree in the shape of one case.
+
+    Example:
+        >>> cases = {"net": jnp.array([[100.0, 200.0], [300.0, 400.0]])}  # two cases
+        >>> print(jc.design.mean_over_cases(cases)["net"])
+        [200. 300.]
+    """
     return jax.tree.map(lambda v: jnp.mean(v, axis=0), values)
 
 
@@ -36,6 +54,13 @@ def shape_distance(solution, positions, nodes=None):
         solution: `Solution`.
         positions: target, [n_node, 3], or [n, 3] of the chosen `nodes`, m.
         nodes: node numbers, [n]; default all.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> distance = jc.design.shape_distance(solution, structure.nodes[[3]], nodes=[3])
+        >>> print(solution.status, f"{1e3 * jnp.sqrt(distance):.3f} mm")
+        0 12.838 mm
     """
     found = solution.positions if nodes is None else solution.positions[..., jnp.asarray(nodes), :]
     return jnp.sum((found - _for_all(positions, found)) ** 2)
@@ -45,6 +70,12 @@ def tension_distance(solution, tension):
     """Sum of the squared differences of the tensions from `tension`, N2.
 
     `tension` is a scalar or a pytree of the shape of the elements (arrays [n_elem] or scalars).
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> prestressed = jc.solve(structure, phases[:1])  # 12 cables of 200 N
+        >>> print(prestressed.status, f"{jc.design.tension_distance(prestressed, 210.0):.3f} N2")
+        0 1200.000 N2
     """
     target = jax.tree.broadcast(tension, solution.tension)
     gaps = jax.tree.map(
@@ -56,7 +87,14 @@ def tension_distance(solution, tension):
 
 
 def tension_spread(solution):
-    """Variance of the tensions over the square of their mean, -; zero if all are equal."""
+    """Variance of the tensions over the square of their mean, -; zero if all are equal.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> prestressed = jc.solve(structure, phases[:1])  # 12 cables of 200 N
+        >>> print(prestressed.status, f"{jc.design.tension_spread(prestressed):.6f}")
+        0 0.000000
+    """
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(solution.tension)])
     mean = jnp.mean(flat)
     return jnp.mean((flat - mean) ** 2) / mean**2
@@ -72,6 +110,14 @@ def largest_deflection(solution, width, phase=-1):
         solution: `Solution`.
         width: m; a few per cent of the deflections of interest.
         phase: number of the phase, default the last; the deflection is from where it began.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> bound = jc.design.largest_deflection(solution, width=1e-3)
+        >>> largest = jnp.linalg.norm(solution.displacement, axis=1).max()
+        >>> print(solution.status, f"{1e3 * largest:.2f} mm, at most {1e3 * bound:.2f} mm")
+        0 12.84 mm, at most 12.89 mm
     """
     moved = solution.phases[phase].displacement
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
@@ -82,6 +128,12 @@ def total_prestress(solution, phase=0):
 
     Of load cases from `solve_cases` the first phase is their loading: take the solution that they
     start from.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> print(solution.status, f"{jc.design.total_prestress(solution):.3f} N")  # 12 of 200 N
+        0 2400.000 N
     """
     return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(solution.phases[phase].tension))
 
@@ -94,6 +146,13 @@ def material_use(solution, stress):
     Args:
         solution: `Solution`; of several load cases the largest force of every element counts.
         stress: allowed stress, Pa, a scalar or a pytree of the shape of the elements.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> prestressed = jc.solve(structure, phases[:1])
+        >>> volume = jc.design.material_use(prestressed, stress=100e6)  # 12 T L0 / stress
+        >>> print(prestressed.status, f"{1e9 * volume:.1f} mm3")
+        0 9580.4 mm3
     """
     stress = jax.tree.broadcast(stress, solution.tension)
 

@@ -22,6 +22,18 @@ def solve_cases(structure, phases, cases, method=None, start=None):
 
     Raises:
         ValueError: cases that differ in more than numbers.
+
+    Example:
+        Two small loads on a node between two cables (stiffness 14600 N/m, see `forms.tangent_of`):
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> hung = jc.Phase(pretension=500.0, loads=jc.NodalLoads([1], (0.0, 0.0, -600.0)))
+        >>> cases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -load))) for load in (1.46, 2.92)]
+        >>> solutions = jc.design.solve_cases(structure, hung, cases)
+        >>> print(solutions.status, jnp.round(1e3 * solutions.displacement[:, 1, 2], 4))  # mm
+        [0 0] [-0.1 -0.2]
     """
     first = solve(structure, phases, method, start)
     if not isinstance(cases, Phase):
@@ -49,6 +61,12 @@ class Envelope:
     Attributes:
         lowest, highest: values; NaN where the analysis of a case has failed.
         lowest_case, highest_case: numbers of the cases that govern.
+
+    Example:
+        >>> tension = jnp.array([[200.0, 250.0], [230.0, 210.0]])  # [n_case, n_elem], N
+        >>> extremes = jc.design.envelope(tension)
+        >>> print(extremes.lowest, extremes.lowest_case)
+        [200. 210.] [0 1]
     """
 
     lowest: object
@@ -58,7 +76,14 @@ class Envelope:
 
 
 def envelope(values):
-    """Extremes of any result over load cases, its leading axis: ``envelope(solution.tension)``."""
+    """Extremes of any result over load cases, its leading axis: ``envelope(solution.tension)``.
+
+    Example:
+        >>> tension = {"net": jnp.array([[200.0, 250.0], [230.0, 210.0]])}  # [n_case, n_elem], N
+        >>> extremes = jc.design.envelope(tension)
+        >>> print(extremes.highest["net"], extremes.highest_case["net"])
+        [230. 250.] [1 0]
+    """
     functions = (jnp.min, jnp.max, jnp.argmin, jnp.argmax)
     return Envelope(*(jax.tree.map(lambda v, f=f: f(v, axis=0), values) for f in functions))
 
@@ -75,6 +100,13 @@ def utilisation(structure, tension):
 
     Raises:
         ValueError: no group has a strength.
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, strength=2e3)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> print(jc.design.utilisation(structure, jnp.array([500.0, 1000.0])))
+        [0.25 0.5 ]
     """
     groups = structure.groups
     leaves = jax.tree.leaves(tension)

@@ -56,6 +56,20 @@ class Beams(Prestressed):
 
     Raises:
         ValueError: wrong shapes, non-positive values, `up` along an element, both ends hinged.
+
+    Example:
+        Cantilever of 2 m with 100 N at its tip: ``P L^3 / 3 EI`` = 4 mm, and 1 % more because ten
+        layers of fibres have 1 % less inertia:
+
+        >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
+        >>> nodes = np.linspace([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], 3)
+        >>> beam = jc.Beams([[0, 1], [1, 2]], section=section)
+        >>> structure = jc.Structure(nodes, beam, supports=jc.clamped([0]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0))))
+        >>> print(f"{jc.describe(solution.status)}: {1e3 * solution.displacement[2, 2]:.2f} mm")
+        converged: -4.04 mm
+        >>> print(f"{solution.reaction_moments[0, 1]:.1f} N m")  # about y, at the clamp
+        -200.0 N m
     """
 
     links: object

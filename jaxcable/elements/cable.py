@@ -14,7 +14,23 @@ from .prestress import held_or
 
 @pytree(indices=("links",))
 class Cables(Bars):
-    """A group of straight two-node cables: tension only; arguments as `Bars`."""
+    """A group of straight two-node cables: tension only; arguments as `Bars`.
+
+    Example:
+        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> jc.describe(solution.status)
+        'converged'
+        >>> print(jnp.round(solution.tension, 6), jnp.round(solution.displacement[1], 6))  # N, m
+        [500. 500.] [0. 0. 0.]
+        >>> print(jnp.round(solution.rest_length, 6))  # 5 m / (1 + 500 / 1e5)
+        [4.975124 4.975124]
+    """
 
     tension_only = True
     rounding = None  # without tension it is slack; its residual is judged by its tension alone

@@ -37,6 +37,18 @@ class Catenaries(Cables):
 
     Raises:
         ValueError: as of `Bars`; and for a law or a section, which have no closed form.
+
+    Example:
+        Two cables of 60 m that meet in the middle are one catenary: w s / H is the slope at an end.
+
+        >>> s, H, w, EA = 60.0, 6000.0, 30.0, 60e6  # m, N, N/m, N
+        >>> x = H / w * np.arcsinh(w * s / H) + H * s / EA  # half of the span, m
+        >>> nodes = [[-x, 0.0, 9.0], [0.0, 0.0, 0.0], [x, 0.0, 9.0]]
+        >>> cables = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=EA, weight=w, rest_length=s)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+        >>> print(solution.status, jnp.round(solution.reactions[2], 4))  # H, 0, w s
+        0 [6000.    0. 1800.]
     """
 
     lock = None  # no jack: what it holds depends on where along the cable it pulls

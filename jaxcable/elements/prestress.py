@@ -21,6 +21,14 @@ class AxialState:
         plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
             makes, or None.
+
+    Example:
+        A cable of 4.98 m between ends that are 5 m apart, before its first phase:
+
+        >>> cable = jc.Cables([[0, 1]], axial_stiffness=1e5, rest_length=4.98)
+        >>> state = cable.start(jnp.array([[[0.0, 0.0, 0.0], [3.0, 4.0, 0.0]]]))
+        >>> print(state.rest_length, jnp.round(state.elongation, 6))
+        [4.98] [0.02]
     """
 
     rest_length: object

@@ -35,6 +35,19 @@ class SlidingCables(Cables):
     Raises:
         ValueError: as of `Cables`; and for a chain with less than two nodes or a node twice in
             succession.
+
+    Example:
+        A rope over a pulley that carries 600 N has one tension on both sides:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, rope, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> print(solution.status, jnp.round(solution.tension, 6))
+        0 [500.]
+        >>> print(jnp.round(solution.rest_length, 6))  # 10 m / (1 + 500 / 1e5)
+        [9.950249]
     """
 
     secant = None  # a piece that shortens while another one lengthens has none of its own

@@ -28,6 +28,14 @@ class Prestress:
             rounding where the geometry has the symmetry of the groups.
         modes: integral prestress modes, an orthonormal basis, [n_mode, n_group]; None if the nodes
             were traced.
+
+    Example:
+        >>> structure, _ = jc.scenes.simplex()
+        >>> found = jc.forms.feasible_prestress(structure, group=9, tension=1e3)
+        >>> found.n_mode, bool(found.unbalanced < 1e-12)
+        (1, True)
+        >>> print(np.round(found.tension["verticals"], 6))
+        [1000. 1000. 1000.]
     """
 
     tension: object
@@ -67,6 +75,16 @@ def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None
     Raises:
         ValueError: no state of self-stress is equal within the groups, or none has all cables taut;
             names the group; wrong group numbers.
+
+    Example:
+        A prism with 1 kN in its verticals; struts have the same force density and are longer:
+
+        >>> structure, _ = jc.scenes.simplex()
+        >>> groups = jc.forms.symmetric_groups(structure, fold=3)
+        >>> number = int(groups["verticals"][0])
+        >>> found = jc.forms.feasible_prestress(structure, groups, group=number, tension=1e3)
+        >>> print({kind: round(float(force[0]), 1) for kind, force in found.tension.items()})  # N
+        {'struts': -1541.4, 'triangles': 630.2, 'verticals': 1000.0}
     """
     links, cable = members(structure)
     number = _numbers(structure, groups, len(links))

@@ -28,6 +28,21 @@ class Form:
         relative_residual: the same over the largest, over nodes, of the sum of the absolute end
             forces plus the load.
         iterations: linear solves, or steps of a relaxation.
+
+    Example:
+        600 N on two cables of 500 N: a 3-4-5 triangle, wherever the search begins.
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> form = jc.find_form(structure, tension=500.0, loads=weight)
+        >>> jc.describe(form.status)
+        'converged'
+        >>> print(jnp.round(form.length, 6), jnp.round(form.force_density, 6))  # m, N/m
+        [5. 5.] [100. 100.]
+        >>> print(jnp.round(form.rest_length, 6))  # 5 m / (1 + 500 / 1e5)
+        [4.975124 4.975124]
     """
 
     positions: object

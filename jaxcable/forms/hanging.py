@@ -22,6 +22,20 @@ def catenary_curves(structure, solution, n=21):
 
     Returns:
         In the shape of `elements`, each [n_elem, n, 3], m; None for other groups.
+
+    Example:
+        Half of a catenary (see `Catenaries`), ``H/w (cosh(w x/H) - 1)`` deep but for its strain:
+
+        >>> s, H, w, EA = 60.0, 6000.0, 30.0, 60e6  # m, N, N/m, N
+        >>> x = H / w * np.arcsinh(w * s / H) + H * s / EA  # half of the span, m
+        >>> nodes = [[-x, 0.0, 9.0], [0.0, 0.0, 0.0], [x, 0.0, 9.0]]
+        >>> cables = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=EA, weight=w, rest_length=s)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+        >>> curves = jc.forms.catenary_curves(structure, solution, n=5)  # [n_elem, n, 3]
+        >>> depth = curves[0, 0, 2] - curves[0, -1, 2]
+        >>> print(solution.status, f"{depth:.3f} m, {H / w * (np.cosh(w * x / H) - 1):.3f} m")
+        0 8.807 m, 8.808 m
     """
     return _of_catenaries(structure, solution, "curve", jnp.linspace(0.0, 1.0, n))
 
@@ -31,6 +45,18 @@ def end_tensions(structure, solution):
 
     Returns:
         In the shape of `elements`, each [n_elem, 2], N; None for other groups.
+
+    Example:
+        ``sqrt(H^2 + (w s)^2)`` at the support and H in the middle of a catenary (see `Catenaries`):
+
+        >>> s, H, w, EA = 60.0, 6000.0, 30.0, 60e6  # m, N, N/m, N
+        >>> x = H / w * np.arcsinh(w * s / H) + H * s / EA  # half of the span, m
+        >>> nodes = [[-x, 0.0, 9.0], [0.0, 0.0, 0.0], [x, 0.0, 9.0]]
+        >>> cables = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=EA, weight=w, rest_length=s)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+        >>> print(solution.status, jnp.round(jc.forms.end_tensions(structure, solution)[0], 1))
+        0 [6264.2 6000. ]
     """
     return _of_catenaries(structure, solution, "end_tensions")
 
@@ -77,6 +103,15 @@ def hanging_chain(first, second, n, sag, weight, axial_stiffness):
 
     Raises:
         ValueError: wrong shapes, or values that are not positive.
+
+    Example:
+        >>> nodes, rest_length = jc.forms.hanging_chain(
+        ...     (0.0, 0.0, 0.0), (120.0, 0.0, 0.0), n=20, sag=9.0, weight=30.0, axial_stiffness=60e6
+        ... )
+        >>> print(nodes.shape, f"{nodes[10, 2]:.6f} m")
+        (21, 3) -9.000000 m
+        >>> print(f"{rest_length.sum():.2f} m")  # near L + 8 f^2 / 3 L = 121.8 m
+        121.76 m
     """
     if n < 2:
         raise ValueError(f"n = {n}: a chain that sags has at least 2 elements")

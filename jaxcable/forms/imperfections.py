@@ -21,6 +21,16 @@ class Modes:
         stiffness: eigenvalues, [n], N/m: force over displacement of a unit vector of all freedoms.
             Positive all, the state is stable.
         shapes: displacements, the largest of a node 1, [n, n_node, 3].
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.forms.modes(structure, solution)
+        >>> print(solution.status, np.round(found.stiffness, 3), found.shapes.shape)
+        0 [  200. 14600. 25800.] (3, 3, 3)
     """
 
     stiffness: object
@@ -46,6 +56,18 @@ def modes(structure, state, n=6, fixed=None):
 
     Raises:
         ValueError: `n` below 1, a traced state, or one that is not finite.
+
+    Example:
+        The softest mode of two cables is across their plane, ``2 N / l`` = 200 N/m:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.forms.modes(structure, solution, n=1)
+        >>> print(solution.status, np.round(found.stiffness, 3), f"{found.shapes[0, 1, 1]:.6f}")
+        0 [200.] 1.000000
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
@@ -89,6 +111,13 @@ def imperfect(structure, shapes, amplitudes):
 
     Raises:
         ValueError: wrong shapes.
+
+    Example:
+        >>> structure, _ = jc.scenes.von_mises_truss(sway=True)
+        >>> sway = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        >>> leaning = jc.forms.imperfect(structure, sway, 0.01)
+        >>> print(leaning.nodes[1])
+        [0.01 0.   0.1 ]
     """
     shapes = _check.floats(shapes, "shapes")
     if shapes.ndim == 2:

@@ -52,6 +52,15 @@ class SelfStress:
         tension_only: which elements are cables, [n_elem] bool.
         links: node numbers, [n_elem, 2].
         structure: what was asked about.
+
+    Example:
+        >>> structure, _ = jc.scenes.simplex()
+        >>> found = jc.forms.self_stress(structure)
+        >>> found.s, found.m, found.kind
+        (1, 1, 'IV')
+        >>> q = found.force_densities[0] / found.force_densities[0, 9]
+        >>> print(np.round(q[[0, 3, 9]], 6))  # struts, triangles, verticals
+        [-1.       0.57735  1.     ]
     """
 
     tensions: object
@@ -93,7 +102,12 @@ class SelfStress:
         return float(values[self.rank - 1]) / top, below / top
 
     def describe(self):
-        """The classification in words."""
+        """The classification in words.
+
+        Example:
+            >>> print(jc.forms.self_stress(jc.scenes.simplex().structure).describe())
+            kind IV: statically indeterminate (s = 1), kinematically indeterminate (m = 1)
+        """
         return (
             f"kind {self.kind}: statically {_WORDS[self.s > 0]} (s = {self.s}), "
             f"kinematically {_WORDS[self.m > 0]} (m = {self.m})"
@@ -103,6 +117,12 @@ class SelfStress:
         """Largest force that a prestress leaves at a free freedom over its largest tension.
 
         `tension`, N: of all elements in a row [n_elem], or in the shape of the elements.
+
+        Example:
+            >>> structure, _ = jc.scenes.simplex()
+            >>> found = jc.forms.self_stress(structure)
+            >>> found.unbalanced(found.tensions[0]) < 1e-12
+            True
         """
         tension = self._row(tension)
         largest = np.abs(tension).max()
@@ -112,6 +132,13 @@ class SelfStress:
         """Eigenvalues of the stiffness that a prestress gives the mechanisms, rising, [m], N/m.
 
         `tension` as in `unbalanced`. All positive: it stiffens every mechanism.
+
+        Example:
+            >>> structure, _ = jc.scenes.simplex()
+            >>> found = jc.forms.self_stress(structure)
+            >>> tension = found.tensions[0] * np.sign(found.tensions[0, 9])  # verticals taut
+            >>> (found.mechanism_stiffness(tension) > 0).tolist()
+            [True]
         """
         density = self._row(tension) / self.length
         joins = incidence(self.links, self.mechanisms.shape[1])
@@ -119,7 +146,15 @@ class SelfStress:
         return np.linalg.eigvalsh(np.einsum("mek,e,nek->mn", apart, density, apart))
 
     def stiffens(self, tension, tol=1e-9):
-        """Whether a prestress stiffens every mechanism; `tol` is relative to the largest |q|."""
+        """Whether a prestress stiffens every mechanism; `tol` is relative to the largest |q|.
+
+        Example:
+            >>> structure, _ = jc.scenes.simplex()
+            >>> found = jc.forms.self_stress(structure)
+            >>> tension = found.tensions[0] * np.sign(found.tensions[0, 9])  # verticals taut
+            >>> found.stiffens(tension), found.stiffens(-tension)
+            (True, False)
+        """
         density = np.abs(self._row(tension) / self.length).max()
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
@@ -142,6 +177,14 @@ def self_stress(structure, tol=None):
 
     Raises:
         ValueError: other elements, traced or infinite nodes, no free freedom.
+
+    Example:
+        A prism of three struts and nine cables has one mechanism, which its one prestress stiffens:
+
+        >>> structure, _ = jc.scenes.simplex()
+        >>> found = jc.forms.self_stress(structure)
+        >>> found.s, found.m
+        (1, 1)
     """
     links, cable = members(structure)
     nodes = host_nodes(structure, "self_stress")

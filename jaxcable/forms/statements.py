@@ -28,6 +28,16 @@ class Statements:
         temperature: change that would do the same by contraction, K.
         sag: of catenaries, how far the middle hangs below that of the chord, along the load, m.
         length: between the ends, m.
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> said = jc.forms.statements(structure, solution)
+        >>> print(solution.status, jnp.round(said.shortening, 6), jnp.round(said.length, 6))  # m
+        0 [0.024876 0.024876] [5. 5.]
     """
 
     pretension: object
@@ -52,6 +62,16 @@ def statements(structure, solution):
 
     Returns:
         `Statements`; differentiable like the solution.
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> said = jc.forms.statements(structure, solution)
+        >>> print(solution.status, jnp.round(said.force_density, 6), jnp.round(said.prestrain, 6))
+        0 [100. 100.] [0.005 0.005]
     """
     thawed, arrays, _ = prepared(structure, solution)
     per_group = _say(thawed, arrays)

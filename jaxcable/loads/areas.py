@@ -27,6 +27,16 @@ class AreaLoads:
         per: which area: "projected", as seen along the force (plan area, for snow), or "initial",
             the surface itself. A zero force has no direction to look along: see `LineLoads`.
         factor: of the forces.
+
+    Example:
+        Snow of 1 kN/m2 on a net that spans an area of 1.12 m2:
+
+        >>> structure, _ = jc.scenes.flat_net()
+        >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
+        >>> snow = jc.AreaLoads(faces, (0.0, 0.0, -1000.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=snow))
+        >>> print(f"{jc.describe(solution.status)}: {solution.load[:, 2].sum():.3f} N")
+        converged: -1120.000 N
     """
 
     faces: object
@@ -96,6 +106,14 @@ def net_faces(nodes, links, largest=4):
 
     Raises:
         ValueError: two nodes at one place in plan, or a node without link.
+
+    Example:
+        Three by three cells without corner nodes: five quadrilaterals and four triangles.
+
+        >>> structure, _ = jc.scenes.flat_net()
+        >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
+        >>> faces.shape, int((faces[:, 2] == faces[:, 3]).sum())
+        ((9, 4), 4)
     """
     plan = np.asarray(nodes, float)[:, :2]
     edges = {tuple(sorted(link)) for link in np.asarray(links).tolist()}

@@ -25,6 +25,14 @@ def combine(cases, factors):
 
     Raises:
         ValueError: no case, or another number of factors than of cases.
+
+    Example:
+        >>> dead = jc.NodalLoads([1], (0.0, 0.0, -400.0))
+        >>> snow = jc.NodalLoads([1], (0.0, 0.0, -1000.0))
+        >>> loads = jc.combine({"dead": dead, "snow": snow}, [[1.35, 1.5], [1.0, 0.0]])
+        >>> dead, snow = loads
+        >>> print(dead.forces[:, 2] + snow.forces[:, 2])  # N, by combination
+        [-2040.  -400.]
     """
     if not isinstance(cases, dict | list | tuple):
         raise ValueError(f"cases: expected a dict or a list of loads, got {type(cases).__name__}")

@@ -12,6 +12,13 @@ class Elastic:
 
     Attributes:
         E: Young's modulus, scalar, Pa, positive.
+
+    Example:
+        >>> law = jc.Elastic(210e9)
+        >>> print(f"{law.stress_at(1e-3) / 1e6:.1f} MPa, {law.energy_at(1e-3) / 1e3:.1f} kJ/m3")
+        210.0 MPa, 105.0 kJ/m3
+        >>> print(f"{law.strain_at(-105e6):.4f}")
+        -0.0005
     """
 
     E: object

@@ -13,6 +13,14 @@ class Parallel:
     Attributes:
         laws: tuple of laws.
         shares: part of the area that each has, [n_law], summing to 1.
+
+    Example:
+        Concrete in a steel tube, a quarter of the area, at one strain:
+
+        >>> laws = jc.Elastic(30e9), jc.Elastic(210e9)
+        >>> law = jc.materials.Parallel(laws, np.array([0.75, 0.25]))
+        >>> print(f"{law.modulus / 1e9:.1f} GPa, {law.stress_at(1e-4) / 1e6:.1f} MPa")
+        75.0 GPa, 7.5 MPa
     """
 
     laws: object

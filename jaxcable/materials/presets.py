@@ -15,6 +15,11 @@ def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unl
         hardening: slope after yield, relative to E; E/100 (EN 1993-1-5, C.6 c).
         ultimate_strain: strain at which the fibre counts as failed; 5 % (EN 1993-1-5, C.8).
         unloading: as in `Polygonal`.
+
+    Example:
+        >>> law = jc.materials.steel(355e6)
+        >>> print(jnp.round(law.stress_at(jnp.array([0.001, -0.001, 0.01])) / 1e6, 1))  # MPa
+        [ 210.  -210.   372.4]
     """
     _positive(yield_stress=yield_stress, E=E, ultimate_strain=ultimate_strain)
     e = yield_stress / E
@@ -34,6 +39,11 @@ def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, unloading="elas
         E: Young's modulus, Pa.
         ultimate_strain: strain at the strength.
         unloading: as in `Polygonal`.
+
+    Example:
+        >>> law = jc.materials.strand()
+        >>> print(f"{law.stress_at(0.005) / 1e6:.0f}, {law.capacity[1] / 1e6:.0f} MPa")
+        975, 1860 MPa
     """
     _positive(strength=strength, E=E, ultimate_strain=ultimate_strain)
     proof = 0.9 * strength
@@ -48,6 +58,11 @@ def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible
         strength: Pa; infinite means: up to a strain of 1.
         ultimate_strain: if given, the strength is held up to this strain.
         unloading: as in `Polygonal`.
+
+    Example:
+        >>> law = jc.materials.tension_only(E=165e9, strength=1500e6)
+        >>> print(jnp.round(law.stress_at(jnp.array([-0.001, 0.001, 0.01])) / 1e6, 1))  # MPa
+        [  0. 165.   0.]
     """
     _positive(strength=strength, E=E)
     e = min(strength / E, 1.0)

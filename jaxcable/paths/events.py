@@ -48,6 +48,16 @@ class Events:
             phase adds: zero at a branch point, not zero at a limit point, [n].
         elements: which elements slackened, tightened or failed, in the shape of `elements`, each
             [n, n_elem] bool.
+
+    Example:
+        >>> path = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))
+        >>> print(path.status, path.events.names)
+        0 ['limit point', 'limit point']
+        >>> print(jnp.round(500 * path.events.load_factor, 6))  # N: down, and up again
+        [ 381.08719 -381.08719]
+        >>> first = path.events[0]
+        >>> print(jnp.round(first.mode[1], 6), f"{first.displacement[1, 2]:.6f} m")
+        [0. 0. 1.] -0.042361 m
     """
 
     kind: object

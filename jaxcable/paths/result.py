@@ -28,6 +28,15 @@ class TracedPath(Path):
             an unsymmetric one its smallest singular value with the sign of the determinant.
         rise: the tangent's part of load factor, 1 to -1; changes its sign at limit points, [n].
         events: `Events`.
+
+    Example:
+        >>> structure, phases = jc.scenes.von_mises_truss(rise=0.1, load=500.0)
+        >>> path = jc.trace_path(structure, phases)
+        >>> unstable = path.n_negative > 0
+        >>> print(path.status, bool(unstable[0]), bool(unstable.any()), bool(unstable[-1]))
+        0 False True False
+        >>> print(f"{path.load_factor[-1]:.1f}: {path.displacement[-1, 1, 2]:.3f} m")  # through
+        1.0: -0.219 m
     """
 
     n_negative: object = None
@@ -40,6 +49,11 @@ class TracedPath(Path):
         """Load factor of the first limit point, bifurcation or material failure; NaN if none.
 
         Differentiable where the event's load factor is, see `Events.load_factor`.
+
+        Example:
+            >>> path = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))
+            >>> print(path.status, f"{500 * path.failure_load:.6f} N")
+            0 381.087190 N
         """
         kind = jnp.asarray(self.events.kind)
         fails = jnp.isin(kind, jnp.asarray(FAILURES))

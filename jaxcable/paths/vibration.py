@@ -21,6 +21,16 @@ class Vibration:
             a mechanism: see `squared`).
         squared: squared circular frequencies, [n], 1/s2; negative where the state is unstable.
         shapes: displacements, the largest of a node 1, [n, n_node, 3].
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.paths.natural_frequencies(structure, solution, masses=50.0)  # kg
+        >>> print(solution.status, jnp.round(found.squared, 6))  # K / m: 200, 14600, 25800 N/m
+        0 [  4. 292. 516.]
     """
 
     frequency: object
@@ -61,6 +71,18 @@ def natural_frequencies(
         ValueError: wrong arguments, or no mass at all.
 
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
+
+    Example:
+        50 kg between two cables swing across their plane with ``sqrt(2 N / l m) / 2 pi``:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.paths.natural_frequencies(structure, solution, masses=50.0)
+        >>> print(solution.status, f"{found.frequency[0]:.6f} Hz, {2 / (2 * np.pi):.6f} Hz")
+        0 0.318310 Hz, 0.318310 Hz
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")

@@ -25,6 +25,12 @@ def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), increments=(1, 1)):
         increments: of the two phases.
 
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 4 (Millar and Barghian's cable).
+
+    Example:
+        >>> structure, _ = jc.scenes.accuracy_cable(n_elements=5)
+        >>> lengths = np.linalg.norm(np.diff(structure.nodes, axis=0), axis=1)
+        >>> print(np.round(lengths, 6), f"{structure.nodes[-1, 0]:.2f} m")
+        [3. 3. 3. 3. 3.] 14.90 m
     """
     if n_elements not in (5, 10):
         raise ValueError(f"n_elements = {n_elements}: the study has 5 or 10 elements")

@@ -28,6 +28,11 @@ def isolated_cable(n=0, load=8000 * POUND, increments=(1, 1)):
         `Scene`; the loaded node is number n, or 1 of the catenaries.
 
     Source: Michalos and Birnstiel (1962); Jayaraman and Knudson (1981).
+
+    Example:
+        >>> structure, phases = jc.scenes.isolated_cable()
+        >>> print(np.round(structure.elements.rest_length, 2), np.ptp(structure.nodes[:, 0]))  # m
+        [125.85 186.86] 304.8
     """
     lengths = np.array([412.8837, 613.0422]) * FOOT
     corners = np.array([[0.0, 0, 0], [400.0, 0, -30.0], [1000.0, 0, 0]]) * FOOT
@@ -74,6 +79,11 @@ def suspended_cable(
         increments: of the two phases.
 
     A scene of our own.
+
+    Example:
+        >>> structure, phases = jc.scenes.suspended_cable(span=120.0, rise=0.0, sag=9.0, n=20)
+        >>> print(f"{structure.nodes[10, 2]:.6f} m")  # the middle, as it starts: in equilibrium
+        -9.000000 m
     """
     ends = np.array([[0.0, 0.0, 0.0], [span, 0.0, rise]])
     shared = {"axial_stiffness": axial_stiffness, "weight": weight}

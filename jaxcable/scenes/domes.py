@@ -76,6 +76,14 @@ def geiger_dome(
 
     A scene of our own, of the kind of Geiger, Stefaniuk and Chen (1986); the prestress follows Yuan
     and Dong (2003).
+
+    Example:
+        ``6 + 2 sectors (rings - 1)`` mechanisms, which the one state of self-stress stiffens:
+
+        >>> structure, phases = jc.scenes.geiger_dome(sectors=6)
+        >>> found = jc.forms.self_stress(structure)
+        >>> found.s, found.m
+        (1, 18)
     """
     parts = _dome(span, rise, sectors, rings, struts, staggered=False)
     return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)
@@ -101,6 +109,14 @@ def levy_dome(
     symmetry and is taken.
 
     Args, errors and phases as `geiger_dome`. A scene of our own, of the kind of Levy (1994).
+
+    Example:
+        ``2 sectors - 5`` states of self-stress and no mechanism:
+
+        >>> structure, phases = jc.scenes.levy_dome(sectors=6)
+        >>> found = jc.forms.self_stress(structure)
+        >>> found.s, found.m
+        (7, 0)
     """
     parts = _dome(span, rise, sectors, rings, struts, staggered=True)
     return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)

@@ -77,6 +77,11 @@ def hypar_net(disturbed=True, increments=(100, 10)):
         increments: of the two phases; the paper's are 100 and 10.
 
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.2; for the plan see the module.
+
+    Example:
+        >>> structure, phases = jc.scenes.hypar_net()
+        >>> structure.n_node, len(structure.elements.links), [phase.increments for phase in phases]
+        (26, 31, [100, 10])
     """
     nodes, links, free = plan()
     if disturbed:

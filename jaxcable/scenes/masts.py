@@ -41,6 +41,13 @@ def guyed_mast(
         increments: of the two phases.
 
     A scene of our own; the section is a catalogue tube (EN 10210-2).
+
+    Example:
+        >>> structure, phases = jc.scenes.guyed_mast(levels=3, per_level=4)
+        >>> {kind: len(group.links) for kind, group in structure.elements.items()}
+        {'mast': 12, 'guys': 9}
+        >>> print(f"{structure.nodes[12, 2]:.0f} m")
+        60 m
     """
     if levels < 1 or per_level < 1:
         raise ValueError(f"levels, per_level = {levels}, {per_level}: must be at least 1")
@@ -102,6 +109,13 @@ def strung_arch(
         increments: of the two phases.
 
     A scene of our own.
+
+    Example:
+        >>> structure, phases = jc.scenes.strung_arch(span=20.0, rise=4.0, n=16)
+        >>> {kind: len(group.links) for kind, group in structure.elements.items()}
+        {'arch': 16, 'net': 10}
+        >>> print(structure.nodes[8])  # crown
+        [0. 0. 4.]
     """
     if n < 4 or n % 4:
         raise ValueError(f"n = {n}: must be a multiple of 4")

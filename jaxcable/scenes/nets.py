@@ -11,7 +11,14 @@ from ..structure import Structure, pinned
 
 
 class Scene(NamedTuple):
-    """A structure and the phases of its analysis."""
+    """A structure and the phases of its analysis.
+
+    Example:
+        >>> scene = jc.scenes.flat_net(load=15.0)
+        >>> structure, phases = scene
+        >>> int(jc.solve(*scene).status), structure.n_node, len(phases)
+        (0, 12, 2)
+    """
 
     structure: Structure
     phases: list
@@ -44,6 +51,12 @@ def flat_net(load=150.0, increments=(1, 10)):
         increments: of the two phases.
 
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.1.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> print(f"{jc.describe(solution.status)}: {solution.displacement[3, 2]:.9f} m")
+        converged: -0.012838093 m
     """
     places, links, free = grid(2, 2)
     nodes = np.column_stack([0.4 * places, np.zeros(len(places))])
@@ -80,6 +93,12 @@ def saddle(
         pretension: of every cable in phase 1, N.
         load: downward force on every free node in phase 2, N.
         increments: of the two phases.
+
+    Example:
+        >>> structure, _ = jc.scenes.saddle(3, 3, spacing=1.0, rise=0.1)
+        >>> x, y, z = structure.nodes.T
+        >>> print(structure.n_node, f"{z.min():.1f} to {z.max():.1f} m")  # at the edges
+        21 -0.4 to 0.4 m
     """
     if n_x < 1 or n_y < 1:
         raise ValueError(f"n_x, n_y = {n_x}, {n_y}: a saddle has at least one free node a side")

@@ -41,6 +41,11 @@ def saddle_net(
         shape: cells of the section.
 
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.3.
+
+    Example:
+        >>> structure, phases = jc.scenes.saddle_net()
+        >>> structure.n_node, len(structure.elements.links), structure.elements.section.n_fibre
+        (132, 201, 100)
     """
     places, links, free = grid(15, 6)
     x, y = spacing * places.T

@@ -29,6 +29,12 @@ def von_mises_truss(
         sway: let the apex move in x; it is held out of plane in any case.
 
     Source: von Mises (1923).
+
+    Example:
+        >>> structure, phases = jc.scenes.von_mises_truss(rise=0.1, load=500.0)
+        >>> path = jc.trace_path(structure, phases)
+        >>> print(path.status, f"{500 * path.failure_load:.6f} N")  # the limit point
+        0 381.087190 N
     """
     nodes = np.array([[-half_span, 0, 0], [0, 0, rise], [half_span, 0, 0], [0, 0, rise - 1.0]])
     held = np.ones((4, 3), bool)
@@ -53,6 +59,13 @@ def toggle_frame(n=8, load=80.0):
         load: downward force on the apex.
 
     Source: Williams, Quarterly J. of Mechanics and Applied Mathematics 17 (1964).
+
+    Example:
+        >>> structure, phases = jc.scenes.toggle_frame(n=8)
+        >>> section = structure.elements.section
+        >>> inertia = section.inertia()[0]
+        >>> print(f"{section.total_area:.6f} in2, {inertia:.8f} in4")  # b h, b h^3 / 12
+        0.182979 in2, 0.00090039 in4
     """
     half_span, rise, width, height = 12.943, 0.386, 0.753, 0.243
     x = np.linspace(-half_span, half_span, 2 * n + 1)
@@ -76,6 +89,11 @@ def lee_frame(n=5, load=30.0):
 
     Source: Lee, Manuel, Rossow, J. Eng. Mech. Div. ASCE 94 (1968); the value 18.552 is that of
     Schweizerhof and Wriggers, Comp. Meth. Appl. Mech. Eng. 59 (1986).
+
+    Example:
+        >>> structure, phases = jc.scenes.lee_frame(n=5)
+        >>> print(structure.n_node, structure.nodes[25], structure.nodes[30])  # corner, load
+        51 [  0.   0. 120.] [ 24.   0. 120.]
     """
     along = np.linspace(0.0, 120.0, 5 * n + 1)
     column = np.column_stack([0 * along, 0 * along, along])

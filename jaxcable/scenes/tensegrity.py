@@ -52,6 +52,13 @@ def simplex(
 
     A scene of our own; form and force densities are classic (Connelly and Terrell 1995; Tibert and
     Pellegrino 2003).
+
+    Example:
+        >>> structure, phases = jc.scenes.simplex()
+        >>> found = jc.forms.self_stress(structure)
+        >>> q = found.force_densities[0] / found.force_densities[0, 9]
+        >>> print(found.m, np.round(q[[0, 3, 9]], 6))  # struts, triangles, verticals
+        1 [-1.       0.57735  1.     ]
     """
     for name, value in (("radius", radius), ("height", height), ("pretension", pretension)):
         if not value > 0:

@@ -48,6 +48,12 @@ def tent_edge(
         `Scene` with the groups "edge", "guys", "pylons"; nodes 0 and n are the tops.
 
     A scene of our own.
+
+    Example:
+        >>> structure, phases = jc.scenes.tent_edge(span=20.0, sag=2.0, n=16, pressure=3e3)
+        >>> radius = (20.0**2 / 4 + 2.0**2) / (2 * 2.0)  # of the arc, m
+        >>> print(f"{phases[0].pretension['edge'] / (3e3 * radius):.4f}")  # near T = p r
+        0.9997
     """
     if n < 2:
         raise ValueError(f"n = {n}: an edge that sags has at least 2 elements")

@@ -63,6 +63,14 @@ def cable_truss(
 
     A scene of our own; form and closed form as in books on cable roofs (Schleyer 1969; Buchholdt
     1999).
+
+    Example:
+        One state of self-stress and ``panels - 2`` mechanisms:
+
+        >>> structure, phases = jc.scenes.cable_truss(panels=10)
+        >>> found = jc.forms.self_stress(structure)
+        >>> found.s, found.m
+        (1, 8)
     """
     for name, value, known in (("form", form, FORMS), ("loaded", loaded, LOADED)):
         if value not in known:

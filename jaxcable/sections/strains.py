@@ -25,6 +25,14 @@ class SectionState:
             not; NOT_CONVERGED.
         residual: largest unbalanced force, moments over the radius of gyration, N.
         steps: iterations.
+
+    Example:
+        >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
+        >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
+        >>> state = section.strains(N=0.0, My=13.2e3, Mz=0.0)  # EI is 6.6 MN m2
+        >>> e0, ky, kz = state.strain
+        >>> print(f"{jc.describe(state.status)}: {ky:.6f} 1/m")
+        converged: 0.002000 1/m
     """
 
     strain: object
