@@ -6,7 +6,7 @@ BIN := .venv/bin
 STUDIES := accession_curves fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
 TIMED := work_precision
 
-.PHONY: demo test lint slow studies clean
+.PHONY: demo test lint slow studies docs clean
 
 demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
@@ -24,6 +24,11 @@ studies: .venv/installed-test
 study-%: .venv/installed-test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$*.py
 
+# the reference, from the docstrings: build/docs/index.html
+docs: .venv/installed-docs
+	$(BIN)/python -m pdoc --docformat google -o build/docs \
+		jaxcable jaxcable.loads jaxcable.sections jaxcable.elements '!jaxcable[.].+[.].+'
+
 lint: .venv/installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -36,6 +41,11 @@ lint: .venv/installed-test
 .venv/installed-test: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[test]"
+	touch $@
+
+.venv/installed-docs: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[docs]"
 	touch $@
 
 clean:
