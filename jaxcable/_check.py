@@ -15,6 +15,14 @@ class InputWarning(UserWarning):
     """Input that is legal but most likely not what is meant; the results are computed all the same.
 
     ``warnings.simplefilter("ignore", jc.InputWarning)`` silences it, "error" makes it an exception.
+
+    Example:
+        >>> import warnings
+        >>> with warnings.catch_warnings(record=True) as seen:
+        ...     warnings.simplefilter("always")
+        ...     law = jc.Polygonal([0, 0.2, 3.0], [0, 4e8, 5e8])
+        >>> print(seen[0].category.__name__, seen[0].message)
+        InputWarning strain[2] = 3: more than 1; it is a ratio, not a percentage
     """
 
 

@@ -207,7 +207,8 @@ def axial_stiffness(group):
         return None
     if getattr(group, "axial_stiffness", None) is not None:
         return _there(group.axial_stiffness)
-    area, modulus = _there(getattr(group, "area", None)), _there(getattr(group.law, "E", None))
+    law = getattr(group, "law", None)
+    area, modulus = _there(getattr(group, "area", None)), _there(getattr(law, "E", None))
     return None if area is None or modulus is None else area * modulus
 
 

@@ -14,11 +14,12 @@ from .solution import Solution, State
 from .structure import Structure, number_freedoms
 
 
-def prepare(structure, phases, method, start):
+def prepare(structure, phases, method, start, earlier=0):
     """Check the arguments of an analysis and take topology apart from numbers.
 
     Args:
         structure, phases, method, start: those of `solve`.
+        earlier: number of phases that are solved already.
 
     Returns:
         thawed, arrays: nodes, groups, carry and data of the phases, as `thaw` splits them.
@@ -53,7 +54,7 @@ def prepare(structure, phases, method, start):
     nodes = structure.nodes if rows is None else structure.nodes[rows.array]
 
     sets, data = [fixed], []
-    for number, phase in enumerate(phases):
+    for number, phase in enumerate(phases, earlier):
         if phase.supports is not None:
             fixed = Indices(structure.fixed(phase.supports))
         loads = as_list(phase.loads)

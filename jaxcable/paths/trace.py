@@ -102,7 +102,9 @@ def trace_path(
             raise ValueError(f"{name} = {count!r}: expected a whole number of at least 2")
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start)
-    thawed, arrays, method, code, _ = prepare(structure, phases[-1:], method, start)
+    thawed, arrays, method, code, _ = prepare(
+        structure, phases[-1:], method, start, len(phases) - 1
+    )
     room = int(steps), int(events)
     path, n_row, n_event = _trace(thawed, arrays, method, settings, code, room)
     path = on_nodes(structure, path, ("tension", "strain"))
