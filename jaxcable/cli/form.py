@@ -42,8 +42,8 @@ def run(options):
         np.linalg.norm(np.diff(np.asarray(positions)[g.links.array], axis=1), axis=2).sum(axis=1)
         for g in found.groups
     ]
-    print(f"nodes moved by up to {inputs.bounded(float(moved.max()))} m")
-    print(f"lengths {inputs.spread(lengths)} m, {inputs.bounded(sum(v.sum() for v in lengths))} m")
+    print(f"nodes moved by up to {inputs.short(float(moved.max()))} m")
+    print(f"lengths {inputs.spread(lengths)} m, {inputs.short(sum(v.sum() for v in lengths))} m")
     later = [phase for phase in (_without(phase) for phase in phases) if phase is not None]
     scene = Scene(found, [Phase(**stated, increments=phases[0].increments), *later])
     if options.save is not None:

@@ -23,14 +23,17 @@ def run(options):
 
 def _scene(structure, phases):
     nodes = np.asarray(structure.nodes)
-    print(f"scene of {structure.n_node} nodes, {len(phases)} phases, {nodes.dtype}")
+    print(
+        f"scene of {inputs.counted(structure.n_node, 'node')}, "
+        f"{inputs.counted(len(phases), 'phase')}, {nodes.dtype}"
+    )
     print(f"extent: {_extent(nodes)}")
     fixed = structure.supports.fixed(structure.n_node)
     pinned, clamped = fixed[:, :3].all(axis=1), fixed[:, 3:].any(axis=1)
     partly = fixed[:, :3].any(axis=1) & ~pinned
     print(
         f"supports: {int(pinned.sum())} nodes held, {int(partly.sum())} partly, "
-        f"{int((clamped).sum())} against rotation"
+        f"{int(clamped.sum())} against rotation"
     )
     free = int((~structure.fixed(structure.supports)).sum())
     print(f"unknowns: {free}")
@@ -39,7 +42,7 @@ def _scene(structure, phases):
         lengths = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
         print(
             f"{type(group).__name__} {label}".strip() + f": {len(lengths)} elements, "
-            f"lengths {inputs.spread(lengths)} m, {inputs.bounded(lengths.sum())} m in total"
+            f"lengths {inputs.spread(lengths)} m, {inputs.short(lengths.sum())} m in total"
         )
         for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
             value = getattr(group, field, None)
@@ -53,7 +56,7 @@ def _scene(structure, phases):
 
 
 def _phase(number, phase):
-    print(f"phase {number}: {phase.increments} increments")
+    print(f"phase {number}: {inputs.counted(phase.increments, 'increment')}")
     for field in (*ABSOLUTE, *INCREMENTS):
         value = getattr(phase, field)
         if value is not None:
@@ -63,7 +66,7 @@ def _phase(number, phase):
         text = f"  {type(load).__name__}"
         if hasattr(load, "nodes") and hasattr(load, "forces"):
             forces = np.broadcast_to(np.asarray(load.forces), (len(load.nodes), 3))
-            total = ", ".join(inputs.bounded(f) for f in forces.sum(axis=0))
+            total = ", ".join(inputs.short(f) for f in forces.sum(axis=0))
             text += f" on {len(load.nodes)} nodes, sum ({total}) N"
         print(text)
     if phase.supports is not None:
@@ -86,9 +89,9 @@ def _net(net):
         known = value[~np.isnan(value)]
         print(f"{name} {inputs.spread(known)} ({len(known)} links)")
     if net.loads is not None:
-        total = ", ".join(inputs.bounded(f) for f in net.loads.sum(axis=0))
+        total = ", ".join(inputs.short(f) for f in net.loads.sum(axis=0))
         print(f"loads: sum ({total}) N")
 
 
 def _extent(nodes):
-    return " x ".join(inputs.bounded(float(v)) for v in np.ptp(nodes, axis=0)) + " m"
+    return " x ".join(inputs.short(float(v)) for v in np.ptp(nodes, axis=0)) + " m"

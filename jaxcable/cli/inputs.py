@@ -78,7 +78,7 @@ def anchors(words):
     return found
 
 
-def bounded(value):
+def short(value):
     """A number of metres, newtons or the like as text."""
     return f"{value:.6g}"
 
@@ -86,5 +86,10 @@ def bounded(value):
 def spread(arrays):
     """The range of numbers as text: one number if all are equal."""
     flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
-    low, high = float(flat.min()), float(flat.max())
-    return bounded(low) if low == high else f"{bounded(low)} to {bounded(high)}"
+    low, high = short(float(flat.min())), short(float(flat.max()))
+    return low if low == high else f"{low} to {high}"
+
+
+def counted(number, word):
+    """A number and its noun: 1 increment, 2 increments."""
+    return f"{number} {word}" + ("" if number == 1 else "s")

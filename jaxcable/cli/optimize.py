@@ -25,7 +25,7 @@ def run(options):
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
         raise Refused(f"{options.scene}: no phase has a pretension to optimize")
-    start, spread_out = _parameters(structure, phases[number].pretension, options)
+    start, spread_out = _parameters(structure, phases[number], options)
 
     def analysed(parameters):
         own = replace(phases[number], pretension=spread_out(parameters))
@@ -47,7 +47,7 @@ def run(options):
     print(f"pretension {inputs.spread(found.params)} N")
     print(f"forces at the end {inputs.spread(solution.last.tension)} N")
     moved = np.linalg.norm(np.asarray(solution.last.displacement), axis=1).max()
-    print(f"largest displacement {inputs.bounded(float(moved))} m")
+    print(f"largest displacement {inputs.short(float(moved))} m")
     if options.save is not None:
         best = jax.tree.map(np.asarray, spread_out(found.params))
         own = replace(phases[number], pretension=best)
@@ -56,34 +56,33 @@ def run(options):
     status.raise_if_failed(found)
 
 
-def _parameters(structure, stated, options):
+def _parameters(structure, phase, options):
     """Start of the search and the function from its vector to a statement of pretension."""
-    sizes = [len(group.links) for group in structure.groups]
-    try:
-        leaves = [np.asarray(v, float) for v in jax.tree.leaves(stated)]
-        if len(leaves) not in (1, len(sizes)):
-            raise ValueError("a pretension for some groups or elements only")
-        leaves = leaves * (len(sizes) if len(leaves) == 1 else 1)
-        rows = [np.broadcast_to(v, (n,)) for v, n in zip(leaves, sizes, strict=True)]
-    except (ValueError, TypeError) as error:
-        raise Refused(
-            f"{options.scene}: its pretension cannot be optimized here: {error}"
-        ) from None
+    stated = [inputs.get("pretension") for inputs in phase.inputs(structure)]
+    if any(own is not None and own.chosen is not None for own in stated):
+        raise Refused(f"{options.scene}: a pretension of some elements only cannot be optimized")
+    sizes = [0 if own is None else len(group.links) for own, group in _pairs(stated, structure)]
     if options.one:
-        start = jnp.array([row.mean() for row in rows])
-
-        def spread_out(parameters):
-            return structure.arrange(
-                [jnp.broadcast_to(parameters[k], (n,)) for k, n in enumerate(sizes)]
-            )
-
-        return start, spread_out
-    ends = np.cumsum([0, *sizes])
+        start = [np.mean(np.asarray(own.values, float)) for own in stated if own is not None]
+        ends = np.cumsum([0, *(min(size, 1) for size in sizes)])
+    else:
+        start = np.concatenate([np.asarray(own.values, float) for own in stated if own is not None])
+        ends = np.cumsum([0, *sizes])
 
     def spread_out(parameters):
-        return structure.arrange([parameters[a:b] for a, b in itertools.pairwise(ends)])
+        parts = [parameters[a:b] for a, b in itertools.pairwise(ends)]
+        return structure.arrange(
+            [
+                jnp.broadcast_to(part, (size,)) if size else None
+                for part, size in zip(parts, sizes, strict=True)
+            ]
+        )
 
-    return jnp.asarray(np.concatenate(rows)), spread_out
+    return jnp.asarray(start), spread_out
+
+
+def _pairs(stated, structure):
+    return zip(stated, structure.groups, strict=True)
 
 
 def _to_target(analysed, start, bounds, options):

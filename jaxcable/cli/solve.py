@@ -28,11 +28,14 @@ def run(options):
         raise Refused(f"{options.scene}: {error}") from None
     jax.block_until_ready(solution)
     told = report(structure, solution, phases)
-    if not options.quiet:
-        print("\n".join((*told.summary, *highlights(structure, solution))))
     if options.report == "-":
-        print("\n" + told.text())
-    elif options.report is not None:
+        print(told.text())
+    elif not options.quiet:
+        print("\n".join(told.summary))
+    if not options.quiet:
+        for line in highlights(solution):
+            print(line)
+    if options.report not in (None, "-"):
         _wrote(told.save(options.report), options)
     for path in options.save:
         _wrote(outputs.result(path, structure, solution), options)
@@ -59,13 +62,13 @@ def _method(options):
     return Newton(tol=options.tol, linear_solver=options.linear_solver)
 
 
-def highlights(structure, solution):
+def highlights(solution):
     """Lines with the largest displacement of the last phase and the range of forces."""
     if int(solution.status) != status.OK:
         return []
     moved = np.linalg.norm(np.asarray(solution.phases[-1].displacement), axis=1)
     node = int(moved.argmax())
-    where = f"{inputs.bounded(float(moved[node]))} m at node {node}"
+    where = f"{inputs.short(float(moved[node]))} m at node {node}"
     name = "in phase 1" if len(solution.phases) == 1 else f"in phase {len(solution.phases)}"
     return [
         f"largest displacement {name}: {where}",

@@ -153,7 +153,7 @@ def _summary(structure, solution, failed):
     for number, phase in enumerate(solution.phases, 1):
         path = phase.path
         good = np.asarray(path.status) == status.OK
-        text = f"phase {number}: {int(good.sum())} of {good.size} increments"
+        text = f"phase {number}: {int(good.sum())} of {good.size} increments converged"
         if good.any():
             k = np.flatnonzero(good)[-1]
             text += (

@@ -78,7 +78,9 @@ def _cell(value, factor, unit, least):
         return ""
     if not isinstance(value, float):
         return str(value)
-    if unit in ("m", "-"):
-        return f"{value:.4f}"
+    if unit == "m":
+        return f"{value:.5f}"
+    if unit == "-":
+        return f"{value:.3f}"
     value = 0.0 if abs(value) < least else value * factor
     return f"{value:.3f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.1e}"

@@ -1,0 +1,108 @@
+"""Word of long work: what is told, when it is printed, and that it costs nothing unasked."""
+
+import io
+
+import jax
+import jax.numpy as jnp
+import pytest
+
+import jaxcable as jc
+from jaxcable.progress import Increment, Printer, Step, listener
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return jc.scenes.flat_net(load=15.0)
+
+
+@pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental(corrections=1)])
+def test_every_increment_is_told_as_the_path_has_it(method, scene):
+    told = []
+    solution = jc.solve(*scene, method, progress=told.append)
+    assert int(solution.status) == 0
+    jax.effects_barrier()
+    told.sort(key=lambda news: (news.phase, news.number))  # calls may come out of turn
+    assert [(n.phase, n.number) for n in told] == [(1, 1), *((2, k) for k in range(1, 11))]
+    path = solution.phases[1].path
+    assert [n.load_factor for n in told[1:]] == path.load_factor.tolist()
+    assert [n.residual for n in told[1:]] == path.residual.tolist()
+    assert [n.iterations for n in told[1:]] == path.iterations.tolist()
+    assert {n.status for n in told} == {0} and told[0].phases == 2 and told[1].count == 10
+
+
+def test_a_program_without_a_listener_has_nothing_of_it(scene):
+    structure, phases = scene
+
+    def text(progress):
+        return str(
+            jax.make_jaxpr(
+                lambda T: (
+                    jc.solve(
+                        structure, [jc.Phase(pretension=T), phases[1]], progress=progress
+                    ).tension
+                )
+            )(200.0)
+        )
+
+    assert "callback" not in text(None) and text(None) == text(False)
+    assert "callback" in text(True)
+
+
+def test_derivatives_are_the_same_with_a_listener(scene):
+    structure, (_, loading) = scene
+
+    def deflection(T, progress):
+        return jc.solve(
+            structure, [jc.Phase(pretension=T), loading], progress=progress
+        ).displacement[3, 2]
+
+    told = []
+    found = jax.grad(deflection)(200.0, told.append)
+    jax.effects_barrier()
+    assert len(told) == 11
+    assert float(found) == float(jax.grad(deflection)(200.0, None))
+
+
+def test_steps_of_an_optimization_are_told():
+    told = []
+    found = jc.minimize(lambda x: jnp.sum((x - 2.0) ** 4), jnp.zeros(2), progress=told.append)
+    jax.effects_barrier()
+    assert int(found.status) == 0
+    told.sort(key=lambda news: news.number)
+    assert [n.number for n in told] == list(range(int(found.steps) + 1))
+    assert [n.loss for n in told] == found.history.loss[: len(told)].tolist()
+    assert str(told[0]) == "step 0 of 100: loss 32, gradient 0.0e+00" or told[0].loss == 32.0
+
+
+def test_lines_come_with_long_work_only(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("jaxcable.progress.time.monotonic", lambda: now[0])
+    stream = io.StringIO()
+    show = Printer(stream=stream)
+
+    def news(number, code=0):
+        return Increment(1, 1, number, 9, number / 9, 3, 1e-7, 1e-12, code)
+
+    for number in range(1, 4):  # short work is silent
+        show(news(number))
+        now[0] += 0.1
+    assert stream.getvalue() == ""
+    now[0] += 0.5
+    show(news(4))
+    show(news(5))
+    line = "phase 1 of 1, increment 4 of 9: 3 iterations, residual 1.0e-07 N (1.0e-12)\n"
+    assert stream.getvalue() == line
+    now[0] += 60.0
+    show(news(1))  # other work begins
+    assert stream.getvalue() == line
+    now[0] += 1.0
+    show(news(2, 1))
+    assert "no equilibrium found" in stream.getvalue()
+    assert str(Step(2, 9, 1.5, 1e-3, 4)).endswith("loss 1.5, gradient 1.0e-03, 4 trials failed")
+
+
+def test_wrong_listeners_are_named(scene):
+    with pytest.raises(ValueError, match="progress = 3: expected True, or a function"):
+        jc.solve(*scene, progress=3)
+    assert listener(None) is None and listener(False) is None
+    assert listener(True) is listener(True)  # one object: no second compilation

@@ -1,0 +1,194 @@
+"""Reports: what they say is checked against statics and against the solution itself."""
+
+import csv
+import io
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+
+
+@pytest.fixture(scope="module")
+def net():
+    """A saddle with strengths, whose second case leaves cables slack and whose third fails."""
+    structure, (prestress, _) = jc.scenes.saddle(3, 3)
+    cables = jc.replace(structure.elements, strength=120e3, expansion=1.2e-5)
+    structure = jc.replace(structure, elements={"net": cables})
+    prestress = jc.replace(prestress, temperature=20.0)
+    free = np.flatnonzero(~structure.supports.fixed(structure.n_node)[:, 0])
+    forces = np.zeros((3, len(free), 3))
+    forces[0, :, 2] = -500.0
+    forces[1, :4, 2] = -25e3
+    forces[2, 0, 2] = np.nan
+    cases = [jc.Phase(loads=jc.NodalLoads(free, f)) for f in forces]
+    solution = jc.solve(structure, [prestress])
+    batch = jc.design.solve_cases(structure, [], cases, start=solution) if False else None
+    batch = jax.vmap(
+        lambda f: jc.solve(structure, [jc.Phase(loads=jc.NodalLoads(free, f))], start=solution)
+    )(forces)
+    assert int(solution.status) == 0 and batch.status.tolist()[:2] == [0, 0]
+    return structure, prestress, solution, batch
+
+
+@pytest.fixture(scope="module")
+def written(net):
+    structure, prestress, solution, batch = net
+    names = ["snow", "half", "broken"]
+    return jc.report(structure, solution, [prestress], cases=batch, names=names)
+
+
+def column(table, name, skip=0):
+    k = [c.strip() for c in table.columns].index(name)
+    return [row[k] for row in table.rows]
+
+
+def test_reactions_balance_the_loads(net):
+    structure, prestress, solution, batch = net
+    snow = jax.tree.map(lambda x: np.asarray(x)[0], batch)
+    table = jc.report(structure, snow).tables["equilibrium"]
+    rows = {row[0]: np.array(row[1:]) for row in table.rows}
+    np.testing.assert_allclose(rows["loads"], [0, 0, -9 * 500.0])
+    # the tolerance of the analysis, 1e-10 of the nodal forces, at some 20 nodes
+    assert np.abs(rows["loads"] + rows["reactions"]).max() < 1e-8 * 20e3
+    np.testing.assert_allclose(rows["sum of forces"], rows["loads"] + rows["reactions"], atol=1e-12)
+    reactions = jc.report(structure, snow).tables["reactions"]
+    assert (
+        sorted(column(reactions, "node"))
+        == np.flatnonzero(structure.supports.fixed(structure.n_node)[:, 0]).tolist()
+    )
+    by_hand = np.array([row[1:4] for row in reactions.rows]).sum(axis=0)
+    np.testing.assert_allclose(by_hand, rows["reactions"], atol=1e-9)
+
+
+def test_a_report_of_a_state_out_of_balance_says_so(net):
+    """The check of equilibrium is not that of the solver: a reaction that is wrong is noticed."""
+    structure, _, solution, _ = net
+    good = jc.report(structure, solution).tables["equilibrium"].notes[0]
+    assert float(good.split(": ")[1].split(" N")[0]) < 1e-6
+    last = jc.replace(solution.last, reactions=solution.last.reactions.at[0, 0].add(7.0))
+    bad = jc.report(structure, jc.replace(solution, last=last)).tables["equilibrium"].notes[0]
+    assert bad.startswith("forces out of balance: 7.0e+00 N")
+
+
+def test_forces_utilisation_and_envelope(net, written):
+    structure, _, solution, batch = net
+    table = written.tables["members"]
+    tensions = np.asarray(batch.tension["net"])[:2]
+    assert column(table, "force") == solution.tension["net"].tolist()
+    np.testing.assert_array_equal(column(table, "lowest"), tensions.min(axis=0))
+    np.testing.assert_array_equal(column(table, "highest"), tensions.max(axis=0))
+    governs = [("snow", "half")[k] for k in tensions.argmax(axis=0)]
+    assert [row[8] for row in table.rows] == governs
+    np.testing.assert_allclose(column(table, "used"), solution.tension["net"] / 120e3)
+    np.testing.assert_allclose(column(table, "most used"), tensions.max(axis=0) / 120e3)
+
+
+def test_failed_cases_are_named_and_left_out(written):
+    (line,) = [line for line in written.summary if line.startswith("left out")]
+    assert line.startswith("left out of envelopes: broken (status 3: ")
+    text = written.text()
+    assert "nan" not in text.replace("broken", "")
+
+
+def test_the_cutting_list_is_at_the_reference_temperature(net, written):
+    """20 K with 1.2e-5/K lengthen the cables by 2.4e-4 of what is cut."""
+    _, _, solution, _ = net
+    table = written.tables["cutting_list"]
+    cut = np.array(column(table, "unstressed length"))
+    np.testing.assert_allclose(cut * (1 + 2.4e-4), solution.rest_length["net"], rtol=1e-15)
+    assert table.notes[0] == "at the temperature before the first phase"
+    assert f"net: 24 pieces, {cut.sum():.3f} m in total" in table.notes
+    warm = jc.report(net[0], solution).tables["cutting_list"]
+    assert column(warm, "unstressed length") == solution.rest_length["net"].tolist()
+    assert "give the phases for the reference temperature" in warm.notes[0]
+
+
+def test_slack_cables_and_loose_nodes(net, written):
+    structure, _, _, batch = net
+    slack = np.flatnonzero(np.asarray(batch.tension["net"])[1] == 0)
+    assert len(slack) > 0
+    assert written.tables["slack"].rows == [["net", k, "half"] for k in slack.tolist()]
+    assert written.tables["loose"].rows == [] and written.tables["loose"].notes == ("none",)
+    hung = jc.Structure(
+        [[0.0, 0, 0], [1, 0, 0], [2, 0, 0]],
+        jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, rest_length=1.2),
+        jc.pinned([0, 2]),
+    )
+    found = jc.report(hung, jc.solve(hung, jc.Phase()))
+    assert found.status == 0
+    assert found.tables["slack"].rows == [["", 0, "end, phase 1"], ["", 1, "end, phase 1"]]
+    assert found.tables["loose"].rows == [[1, "end, phase 1"]]
+    assert found.tables["members"].notes == ("no group has a strength: no utilisation",)
+
+
+def test_a_failed_analysis_is_reported_as_failed(net):
+    structure, prestress, _, _ = net
+    heavy = jc.NodalLoads([5], (0.0, 0.0, np.nan))
+    solution = jc.solve(structure, [prestress, jc.Phase(loads=heavy, increments=2)])
+    told = jc.report(structure, solution, [prestress])
+    assert told.status == 3
+    assert any(line.startswith("FAILED: what follows is the last") for line in told.summary)
+    # the prestressed state is what converged last; its envelope is that of phase 1
+    forces = told.tables["members"]
+    assert column(forces, "force") == column(forces, "highest")
+    assert np.isfinite(column(forces, "force")).all()
+
+
+def test_text_csv_and_dict_say_the_same(written, tmp_path):
+    data = json.loads(json.dumps(written.dict(), allow_nan=False))
+    assert data["status"] == 0 and set(data["tables"]) == set(written.tables)
+    for name, text in written.csv().items():
+        head, *rows = list(csv.reader(io.StringIO(text)))
+        table = written.tables[name]
+        assert len(head) == len(table.columns) and len(rows) == len(table.rows)
+        for row, meant in zip(rows, table.rows, strict=True):
+            assert row == ["" if v is None else str(v) for v in meant]
+    assert "force (N)" in written.csv()["members"]
+    paths = written.save(tmp_path / "net.csv")
+    assert sorted(p.name for p in paths)[0] == "net-cutting_list.csv"
+    assert json.loads(written.save(tmp_path / "net.json")[0].read_text()) == data
+    assert written.save(tmp_path / "net.txt")[0].read_text() == written.text() == str(written)
+    with pytest.raises(ValueError, match=r"path = .*expected a name with .txt, .csv or .json"):
+        written.save(tmp_path / "net.pdf")
+
+
+def test_the_text_shows_what_governs_in_fitting_units(written):
+    text = written.text(rows=5)
+    assert "force (kN)" in text and "most used (-)" in text
+    assert "the largest 5 of 24; all are in the CSV table" in text
+    shown = text.split("Forces, tension positive")[1].split("Cutting list")[0].splitlines()[2:7]
+    used = [float(line.split()[-1]) for line in shown]
+    assert used == sorted(used, reverse=True)
+    assert used[0] == pytest.approx(max(column(written.tables["members"], "most used")), abs=5e-4)
+    assert max(map(len, text.splitlines()[4:])) < 120  # fits a page
+
+
+def test_wrong_arguments_are_named(net):
+    structure, _, solution, batch = net
+    with pytest.raises(ValueError, match="solution: is a batch"):
+        jc.report(structure, batch)
+    with pytest.raises(ValueError, match="names: 1 of them, but 3 cases"):
+        jc.report(structure, solution, cases=batch, names=["a"])
+    with pytest.raises(ValueError, match="cases: expected a leading axis"):
+        jc.report(structure, solution, cases=solution)
+
+
+@pytest.mark.slow
+def test_moments_at_the_foot_of_a_mast():
+    """Base moments and the sum over the guys balance wind and weight about the foot."""
+    structure, phases = jc.scenes.guyed_mast(levels=1, per_level=2, increments=(1, 2))
+    solution = jc.solve(structure, phases)
+    told = jc.report(structure, solution, phases)
+    assert told.status == 0
+    table = told.tables["reactions"]
+    assert table.columns[5:8] == ("Mx", "My", "Mz") and table.units[5] == "N m"
+    rows = {row[0]: row[1] for row in told.tables["equilibrium"].rows}
+    wind = (
+        sum(np.asarray(phases[1].loads.forces)[..., 0].ravel())
+        if np.ndim(phases[1].loads.forces) > 1
+        else len(phases[1].loads.nodes) * float(phases[1].loads.forces[0])
+    )
+    assert rows["reactions"] == pytest.approx(-wind, rel=1e-8)
