@@ -99,9 +99,17 @@ def copy(obj, **changes):
 
 
 def replace(obj, **changes):
-    """Return a copy of a structure, group, phase or load with some fields changed.
+    """A copy of a structure, group, phase or load with some fields changed; its checks run again.
 
-    The constructor's checks run again. Example: ``replace(structure, nodes=new_nodes)``.
+    Args:
+        obj: what is copied.
+        changes: new values by the names of its fields.
+
+    Returns:
+        An object of the same type.
+
+    Raises:
+        ValueError: no such field, or those of the constructor.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()

@@ -21,8 +21,6 @@ def batched(function, chunk=None, devices=None):
     be transformed like it. Devices do not wait for each other: each iterates until its own cases
     have converged.
 
-    Example: ``batched(lambda F: jc.solve(...).tension, chunk=256)(forces)``.
-
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
         chunk: cases that are solved at once on a device; None for all of its share. For small nets

@@ -39,6 +39,12 @@ class Incremental:
             nodes); beyond it the status is DRIFTED. The paper uses 0.05. `numpy.inf` never stops.
         linear_solver: as for `Newton`.
 
+    Raises:
+        ValueError: `corrections` below 0, an unknown `stiffness` or solver, a `tol` that is not
+            positive; in an analysis, "secant" for elements or loads that have no secant stiffness.
+
+    Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
+
     Example:
         The load ``P = 2 EA (l - L0)/L0 (3 + w)/l`` moves the node of two cables down by w = 0.3 m:
 

@@ -62,6 +62,12 @@ def only(elements, values):
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
         values: one value for all of them, or [n].
 
+    Returns:
+        `Only`, which stands for the values wherever a phase or form finding takes some.
+
+    Raises:
+        ValueError: an element twice, or as many values as do not fit.
+
     Example:
         >>> stated = jc.only([0, 3], 200.0)
         >>> phase = jc.Phase(pretension=stated)  # nothing is said of the others

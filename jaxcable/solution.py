@@ -124,8 +124,8 @@ class PhaseResult:
     Attributes:
         status: code at the end of the phase.
         displacement: from the geometry in which the phase began, [n_node, 3], m.
-        positions, tension, rest_length, reactions: as in `State`; likewise rotation,
-            reaction_moments, section_forces.
+        positions, tension, rest_length, reactions: as in `State`.
+        rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
         path: `Path`.
         began: plastic strains that the phase began with, in the shape of `elements`, or None.
 

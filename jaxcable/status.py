@@ -93,7 +93,16 @@ class AnalysisError(RuntimeError):
 
 
 def describe(code):
-    """Return the text for a status code: what happened and what to do next.
+    """The text for a status code: what happened and what to do next.
+
+    Args:
+        code: status, one integer.
+
+    Returns:
+        A string.
+
+    Raises:
+        ValueError: not one code, or none of jaxcable's.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -120,9 +129,13 @@ def first_failure(earlier, later):
 def raise_if_failed(solution):
     """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
 
-    Takes whatever has a status, results of `minimize` and `fit` too. Of an analysis the text names
-    the phase (counted from 1), the increment, its load factor, the residual in newtons and what to
-    try. Cannot be used while tracing.
+    Args:
+        solution: whatever has a status: `Solution`, results of form finding, `minimize`, `fit`.
+
+    Raises:
+        AnalysisError: of an analysis it names the phase (counted from 1), the increment, its load
+            factor, the residual in newtons and what to try.
+        ValueError: it has no status, or is being traced: outcomes are known outside of jit only.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)

@@ -18,6 +18,9 @@ def fibre_stress(structure, phase):
         [n_inc, n_elem, n_point, n_fibre], the fibres in the order of the section's `y` and `z`;
         None for a group with a mere stiffness.
 
+    Raises:
+        ValueError: `phase` is none of the results of a phase.
+
     Differentiable if the analysis was told to `differentiate_path`, else its derivative is NaN. A
     law that remembers is followed from the plastic strains that the phase began with.
 

@@ -62,6 +62,9 @@ def confidence(fit, level=0.95, deviation=None, rcond=1e-6):
         ValueError: a fit that has not converged, a level that is none, or no more residuals than
             determined combinations and no `deviation`.
 
+    Returns:
+        `Confidence`.
+
     Example:
         An axial stiffness from three measured forces, with ``s / sqrt(sum(e^2))`` and Student's
         t = 4.303 of two degrees of freedom:

@@ -147,6 +147,12 @@ def flat_matrix(jacobian, wrt):
         jacobian: result of `influence`.
         wrt: any pytree of the shape of what it is taken with respect to.
 
+    Returns:
+        [n_of, n_wrt].
+
+    Raises:
+        ValueError: the matrix was taken with respect to something of another shape.
+
     Example:
         >>> jacobian = {"net": {"net": np.ones((2, 2)), "guys": np.ones((2, 1))}}
         >>> jc.design.flat_matrix(jacobian, {"net": np.zeros(2), "guys": np.zeros(1)}).shape
@@ -182,6 +188,9 @@ def adjustment(jacobian, change, like=None, rcond=1e-10):
 
     Returns:
         Adjustments in the shape of `like`.
+
+    Raises:
+        ValueError: the matrix does not fit `change` or `like`.
 
     Example:
         Turns of two turnbuckles that bring 10 N more to both cables:
@@ -219,6 +228,9 @@ def scatter(jacobian, tolerance):
     Returns:
         (worst, random), each in the shape of what the influence is on: ``sum_j |J_ij| t_j``, when
         all conspire, and ``sqrt(sum_j (J_ij t_j)^2)``, when they are independent.
+
+    Raises:
+        ValueError: `tolerance` is not of the shape that the matrix was taken with respect to.
 
     Example:
         Two cables whose tensions, N, change with their lengths, cut to 0.1 mm and 0.2 mm:

@@ -62,6 +62,9 @@ def slack_margin(structure, solution, width):
         structure, solution: as for `slack_distance`.
         width: strain; the bound lies at most ``width log(n)`` below.
 
+    Returns:
+        Scalar, -.
+
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> solution = jc.solve(structure, phases)

@@ -12,8 +12,16 @@ import jax.numpy as jnp
 def smooth_max(values, width):
     """Smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
 
-    At most ``width log(n)`` above it (Kreisselmeier and Steinhauser, 1979). Order of the axes does
-    not matter; `values` may be a pytree.
+    At most ``width log(n)`` above it. Order of the axes does not matter.
+
+    Args:
+        values: array, or a pytree of arrays, of n entries in all.
+        width: in their unit.
+
+    Returns:
+        Scalar, in their unit.
+
+    Source: Kreisselmeier and Steinhauser (1979).
 
     Example:
         >>> values = jnp.array([1.0, 2.0, 3.0])
@@ -27,7 +35,16 @@ def smooth_max(values, width):
 
 
 def smooth_min(values, width):
-    """Smooth lower bound of the smallest entry, at most ``width log(n)`` below it.
+    """Smooth lower bound of the smallest entry; see `smooth_max`.
+
+    At most ``width log(n)`` below it.
+
+    Args:
+        values: array, or a pytree of arrays, of n entries in all.
+        width: in their unit.
+
+    Returns:
+        Scalar, in their unit.
 
     Example:
         >>> print(f"{jc.design.smooth_min(jnp.ones(3), width=0.1):.4f}")  # 1 - 0.1 log(3)
@@ -37,7 +54,13 @@ def smooth_min(values, width):
 
 
 def mean_over_cases(values):
-    """Mean over load cases, the leading axis; a pytree in the shape of one case.
+    """Mean over load cases.
+
+    Args:
+        values: a pytree of arrays with the cases on their leading axis.
+
+    Returns:
+        The same in the shape of one case.
 
     Example:
         >>> cases = {"net": jnp.array([[100.0, 200.0], [300.0, 400.0]])}  # two cases
@@ -55,6 +78,9 @@ def shape_distance(solution, positions, nodes=None):
         positions: target, [n_node, 3], or [n, 3] of the chosen `nodes`, m.
         nodes: node numbers, [n]; default all.
 
+    Returns:
+        Scalar, m2; NaN for a failed analysis.
+
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> solution = jc.solve(structure, phases)
@@ -67,9 +93,15 @@ def shape_distance(solution, positions, nodes=None):
 
 
 def tension_distance(solution, tension):
-    """Sum of the squared differences of the tensions from `tension`, N2.
+    """Sum of the squared differences of the tensions from wanted ones, N2.
 
-    `tension` is a scalar or a pytree of the shape of the elements (arrays [n_elem] or scalars).
+    Args:
+        solution: `Solution`.
+        tension: wanted, N, a scalar or a pytree of the shape of the elements (arrays [n_elem] or
+            scalars).
+
+    Returns:
+        Scalar, N2; NaN for a failed analysis.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -88,6 +120,12 @@ def tension_distance(solution, tension):
 
 def tension_spread(solution):
     """Variance of the tensions over the square of their mean, -; zero if all are equal.
+
+    Args:
+        solution: `Solution`.
+
+    Returns:
+        Scalar, -; NaN for a failed analysis.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -111,6 +149,9 @@ def largest_deflection(solution, width, phase=-1):
         width: m; a few per cent of the deflections of interest.
         phase: number of the phase, default the last; the deflection is from where it began.
 
+    Returns:
+        Scalar, m; NaN for a failed analysis.
+
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> solution = jc.solve(structure, phases)
@@ -129,6 +170,13 @@ def total_prestress(solution, phase=0):
     Of load cases from `solve_cases` the first phase is their loading: take the solution that they
     start from.
 
+    Args:
+        solution: `Solution`.
+        phase: number of the phase, from 0.
+
+    Returns:
+        Scalar, N; NaN for a failed analysis.
+
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> solution = jc.solve(structure, phases)
@@ -146,6 +194,9 @@ def material_use(solution, stress):
     Args:
         solution: `Solution`; of several load cases the largest force of every element counts.
         stress: allowed stress, Pa, a scalar or a pytree of the shape of the elements.
+
+    Returns:
+        Scalar, m3; NaN for a failed analysis.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)

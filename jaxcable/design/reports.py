@@ -76,7 +76,13 @@ class Envelope:
 
 
 def envelope(values):
-    """Extremes of any result over load cases, its leading axis: ``envelope(solution.tension)``.
+    """Extremes over load cases.
+
+    Args:
+        values: any result with the cases on its leading axis, a pytree: ``solution.tension``.
+
+    Returns:
+        `Envelope`, its entries in the shape of one case.
 
     Example:
         >>> tension = {"net": jnp.array([[200.0, 250.0], [230.0, 210.0]])}  # [n_case, n_elem], N

@@ -32,6 +32,9 @@ _PROPERTIES = (
 class Bars(Prestressed):
     """A group of straight two-node bars (struts, ties): tension and compression.
 
+    ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
+    rotation.
+
     Args:
         links: node numbers, [n_elem, 2].
         axial_stiffness: EA, scalar or [n_elem], N; or instead of it

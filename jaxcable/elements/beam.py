@@ -57,6 +57,8 @@ class Beams(Prestressed):
     Raises:
         ValueError: wrong shapes, non-positive values, `up` along an element, both ends hinged.
 
+    Source: Crisfield (1990); Battini and Pacoste (2002).
+
     Example:
         Cantilever of 2 m with 100 N at its tip: ``P L^3 / 3 EI`` = 4 mm, and 1 % more because ten
         layers of fibres have 1 % less inertia:

@@ -14,7 +14,10 @@ from .prestress import held_or
 
 @pytree(indices=("links",))
 class Cables(Bars):
-    """A group of straight two-node cables: tension only; arguments as `Bars`.
+    """A group of straight two-node cables: as `Bars`, but in tension only.
+
+    ``N = max(EA e, 0)`` or ``N = A s(e)`` with ``e = (l - L0) / L0``; at ``e = 0`` the tangent is
+    that of the taut cable. Arguments and errors are those of `Bars`.
 
     Example:
         Two cables, prestressed so that 600 N hang in a 3-4-5 triangle:

@@ -38,6 +38,8 @@ class Catenaries(Cables):
     Raises:
         ValueError: as of `Bars`; and for a law or a section, which have no closed form.
 
+    Source: Irvine, Cable Structures (1981); Jayaraman and Knudson (1981).
+
     Example:
         Two cables of 60 m that meet in the middle are one catenary: w s / H is the slope at an end.
 

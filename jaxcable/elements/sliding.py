@@ -36,6 +36,8 @@ class SlidingCables(Cables):
         ValueError: as of `Cables`; and for a chain with less than two nodes or a node twice in
             succession.
 
+    Source: Aufaure (1993); Zhou, Accorsi and Leonard (2004).
+
     Example:
         A rope over a pulley that carries 600 N has one tension on both sides:
 

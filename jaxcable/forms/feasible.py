@@ -76,6 +76,8 @@ def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None
         ValueError: no state of self-stress is equal within the groups, or none has all cables taut;
             names the group; wrong group numbers.
 
+    Source: Yuan and Dong (2002, 2003).
+
     Example:
         A prism with 1 kN in its verticals; struts have the same force density and are longer:
 

@@ -43,6 +43,8 @@ def force_density(structure, q, loads=None, linear_solver=None):
         ValueError: elements that are not straight members, other loads than nodal ones, a negative
             force density in a cable, an element without one.
 
+    Source: Schek (1974), after Linkwitz.
+
     Example:
         600 N on two cables of 100 N/m: ``2 q (3 - z) = 600`` gives z = 0.
 

@@ -23,6 +23,9 @@ def catenary_curves(structure, solution, n=21):
     Returns:
         In the shape of `elements`, each [n_elem, n, 3], m; None for other groups.
 
+    Raises:
+        ValueError: the structure has no catenaries.
+
     Example:
         Half of a catenary (see `Catenaries`), ``H/w (cosh(w x/H) - 1)`` deep but for its strain:
 
@@ -43,8 +46,15 @@ def catenary_curves(structure, solution, n=21):
 def end_tensions(structure, solution):
     """Tensions at both ends of the catenaries of a solution, in whose `tension` is their mean.
 
+    Args:
+        structure: the `Structure` that was analysed.
+        solution: `Solution` (its last converged state is meant) or `State`.
+
     Returns:
         In the shape of `elements`, each [n_elem, 2], N; None for other groups.
+
+    Raises:
+        ValueError: the structure has no catenaries.
 
     Example:
         ``sqrt(H^2 + (w s)^2)`` at the support and H in the middle of a catenary (see `Catenaries`):

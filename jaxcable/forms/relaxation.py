@@ -66,6 +66,8 @@ def dynamic_relaxation(
     Raises:
         ValueError: as `find_form`; both statements for one element.
 
+    Source: Day (1965); Cundall (1976) for the damping; Barnes (1999).
+
     Example:
         600 N on two cables of 500 N: a 3-4-5 triangle, wherever they are let go.
 

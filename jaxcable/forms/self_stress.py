@@ -104,6 +104,9 @@ class SelfStress:
     def describe(self):
         """The classification in words.
 
+        Returns:
+            A string: kind, s and m.
+
         Example:
             >>> print(jc.forms.self_stress(jc.scenes.simplex().structure).describe())
             kind IV: statically indeterminate (s = 1), kinematically indeterminate (m = 1)
@@ -116,7 +119,11 @@ class SelfStress:
     def unbalanced(self, tension):
         """Largest force that a prestress leaves at a free freedom over its largest tension.
 
-        `tension`, N: of all elements in a row [n_elem], or in the shape of the elements.
+        Args:
+            tension: of all elements in a row [n_elem], or in the shape of the elements, N.
+
+        Returns:
+            A number; of the order of rounding for a state of self-stress.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
@@ -129,9 +136,15 @@ class SelfStress:
         return float(np.abs(self.matrix @ tension).max(initial=0.0) / (largest or 1.0))
 
     def mechanism_stiffness(self, tension):
-        """Eigenvalues of the stiffness that a prestress gives the mechanisms, rising, [m], N/m.
+        """Eigenvalues of the stiffness that a prestress gives the mechanisms.
 
-        `tension` as in `unbalanced`. All positive: it stiffens every mechanism.
+        All positive: it stiffens every mechanism.
+
+        Args:
+            tension: of all elements in a row [n_elem], or in the shape of the elements, N.
+
+        Returns:
+            [m], rising, N/m.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
@@ -146,7 +159,14 @@ class SelfStress:
         return np.linalg.eigvalsh(np.einsum("mek,e,nek->mn", apart, density, apart))
 
     def stiffens(self, tension, tol=1e-9):
-        """Whether a prestress stiffens every mechanism; `tol` is relative to the largest |q|.
+        """Whether a prestress stiffens every mechanism.
+
+        Args:
+            tension: of all elements in a row [n_elem], or in the shape of the elements, N.
+            tol: eigenvalues up to this part of the largest force density count as zero.
+
+        Returns:
+            bool.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
@@ -177,6 +197,8 @@ def self_stress(structure, tol=None):
 
     Raises:
         ValueError: other elements, traced or infinite nodes, no free freedom.
+
+    Source: Pellegrino and Calladine (1986), Pellegrino (1993).
 
     Example:
         A prism of three struts and nine cables has one mechanism, which its one prestress stiffens:

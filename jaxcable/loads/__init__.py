@@ -48,7 +48,16 @@ def _hint(thing):
 
 
 def as_list(loads):
-    """Loads of a phase as a list: None, one load, or a list or tuple of loads.
+    """Loads of a phase as a list.
+
+    Args:
+        loads: None, one load, or a list or tuple of loads.
+
+    Returns:
+        A list of loads.
+
+    Raises:
+        ValueError: something in it is no load; names its place.
 
     Example:
         >>> snow = jc.NodalLoads([1], (0.0, 0.0, -600.0))

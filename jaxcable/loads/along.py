@@ -22,6 +22,10 @@ class SelfWeight:
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
 
+    Raises:
+        ValueError: `direction` of the wrong shape; where a phase is analysed, no group with a
+            weight.
+
     Example:
         Two cables of 60 m and 30 N/m that hang: half of each weight acts at each of its ends.
 
@@ -89,6 +93,10 @@ class LineLoads:
             force has no direction to look along, and no sensible derivative by itself: scale a
             load with `factor`.
         factor: of the forces.
+
+    Raises:
+        ValueError: `forces` of the wrong shape, an unknown `per`; where a phase is analysed, a
+            group that the structure does not have.
 
     Example:
         Snow of 100 N per metre of plan on two cables that go 4 m each in plan:

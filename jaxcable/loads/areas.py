@@ -28,6 +28,10 @@ class AreaLoads:
             the surface itself. A zero force has no direction to look along: see `LineLoads`.
         factor: of the forces.
 
+    Raises:
+        ValueError: wrong shapes, a face of less than three nodes, an unknown `per`; where a phase
+            is analysed, a node that the structure does not have.
+
     Example:
         Snow of 1 kN/m2 on a net that spans an area of 1.12 m2:
 

@@ -16,6 +16,10 @@ class SupportMovement:
         displacements: [3] or [n, 3], m, or None; along freedoms that are held in the phase.
         rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
 
+    Raises:
+        ValueError: wrong shapes; where a phase is analysed, an unknown node, one that is free in
+            the direction in which it is to move, or a rotation of one that is not clamped.
+
     Example:
         Both supports come down by 0.5 m, and all the rest with them:
 

@@ -17,6 +17,10 @@ class NodalLoads:
             their direction in space; such moments have no potential (unless they turn about a fixed
             axis) and make the tangent unsymmetric.
 
+    Raises:
+        ValueError: wrong shapes; where a phase is analysed, a node that the structure does not
+            have, or a moment on one without rotation.
+
     Example:
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)

@@ -34,6 +34,10 @@ class CablePressure:
         per: "current" length (as seen along the axis), or "unstressed": then it keeps its
             magnitude and only turns, which has no potential.
 
+    Raises:
+        ValueError: wrong shapes, a zero axis, an unknown `per`; where a phase is analysed, a group
+            that cannot be pressed.
+
     Example:
         150 N/m on two chords of 5 m, 4 m in plan: 600 N at the node, which 500 N in each balance:
 
@@ -131,6 +135,10 @@ class FacePressure:
     Args:
         faces: node numbers, [n_face, 3] or [n_face, 4], as of `AreaLoads`.
         pressure: N/m2, scalar or [n_face].
+
+    Raises:
+        ValueError: wrong shapes, a face of less than three nodes; where a phase is analysed, a node
+            that the structure does not have.
 
     Example:
         The lift of a pressure on a net with a level border is that on its plan area, 1.12 m2:

@@ -13,6 +13,9 @@ class Elastic:
     Attributes:
         E: Young's modulus, scalar, Pa, positive.
 
+    Raises:
+        ValueError: E is not a scalar, or not positive.
+
     Example:
         >>> law = jc.Elastic(210e9)
         >>> print(f"{law.stress_at(1e-3) / 1e6:.1f} MPa, {law.energy_at(1e-3) / 1e3:.1f} kJ/m3")

@@ -47,6 +47,8 @@ class Polygonal:
             the origin that is not positive, elastic unloading of a curve without a parallel model.
             Values are checked while they are concrete.
 
+    Source: of the elastic-plastic form Besseling (1958), with Masing's rule.
+
     Example:
         200 GPa to a strain of 0.001, then a tenth of it, tension only:
 

@@ -16,6 +16,12 @@ def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unl
         ultimate_strain: strain at which the fibre counts as failed; 5 % (EN 1993-1-5, C.8).
         unloading: as in `Polygonal`.
 
+    Returns:
+        `Polygonal`.
+
+    Raises:
+        ValueError: a number that is not positive, or those of `Polygonal`.
+
     Example:
         >>> law = jc.materials.steel(355e6)
         >>> print(jnp.round(law.stress_at(jnp.array([0.001, -0.001, 0.01])) / 1e6, 1))  # MPa
@@ -31,14 +37,22 @@ def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unl
 def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, unloading="elastic"):
     """Prestressing strand: bilinear, tension only.
 
-    Elastic to 0.9 of the strength, then inclined to the strength at the ultimate strain (EN
-    1992-1-1, 3.3.6 (6) E, (7) with the recommended values: 0.9, and 0.02 for 0.9 of that strain).
+    Elastic to 0.9 of the strength, then inclined to the strength at the ultimate strain.
 
     Args:
         strength: f_pk, Pa.
         E: Young's modulus, Pa.
         ultimate_strain: strain at the strength.
         unloading: as in `Polygonal`.
+
+    Returns:
+        `Polygonal`.
+
+    Raises:
+        ValueError: a number that is not positive, or those of `Polygonal`.
+
+    Source: EN 1992-1-1, 3.3.6 (6) for E, (7) with the recommended values: 0.9, and 0.02 for 0.9 of
+    the ultimate strain.
 
     Example:
         >>> law = jc.materials.strand()
@@ -58,6 +72,12 @@ def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible
         strength: Pa; infinite means: up to a strain of 1.
         ultimate_strain: if given, the strength is held up to this strain.
         unloading: as in `Polygonal`.
+
+    Returns:
+        `Polygonal`.
+
+    Raises:
+        ValueError: a number that is not positive, or those of `Polygonal`.
 
     Example:
         >>> law = jc.materials.tension_only(E=165e9, strength=1500e6)

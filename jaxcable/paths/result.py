@@ -15,6 +15,9 @@ class TracedPath(Path):
     and -1 in counts where nothing was reached.
 
     Attributes:
+        load_factor, displacement, tension, residual, relative_residual: as of a `Path`, a row a
+            point.
+        n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
             BIFURCATION if it was to end there; MATERIAL_FAILURE, MECHANISM, NOT_CONVERGED,
             OUT_OF_STEPS, or the status of the phases before.
@@ -49,6 +52,9 @@ class TracedPath(Path):
         """Load factor of the first limit point, bifurcation or material failure; NaN if none.
 
         Differentiable where the event's load factor is, see `Events.load_factor`.
+
+        Returns:
+            Scalar.
 
         Example:
             >>> path = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))

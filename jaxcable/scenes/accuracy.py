@@ -24,6 +24,12 @@ def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), increments=(1, 1)):
         loads: force on each loaded node that phase 1 and phase 2 add, N.
         increments: of the two phases.
 
+    Returns:
+        `Scene`.
+
+    Raises:
+        ValueError: another number of elements.
+
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 4 (Millar and Barghian's cable).
 
     Example:

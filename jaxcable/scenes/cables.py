@@ -27,6 +27,9 @@ def isolated_cable(n=0, load=8000 * POUND, increments=(1, 1)):
     Returns:
         `Scene`; the loaded node is number n, or 1 of the catenaries.
 
+    Raises:
+        ValueError: `n` below 0.
+
     Source: Michalos and Birnstiel (1962); Jayaraman and Knudson (1981).
 
     Example:
@@ -77,6 +80,9 @@ def suspended_cable(
         axial_stiffness: EA, N.
         weight, ice: N/m.
         increments: of the two phases.
+
+    Returns:
+        `Scene`.
 
     A scene of our own.
 

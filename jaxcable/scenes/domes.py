@@ -74,6 +74,9 @@ def geiger_dome(
     Raises:
         ValueError: numbers that give no dome, or no prestress with all cables taut.
 
+    Returns:
+        `Scene` with the groups "ridges", "diagonals", "hoops", "struts".
+
     A scene of our own, of the kind of Geiger, Stefaniuk and Chen (1986); the prestress follows Yuan
     and Dong (2003).
 

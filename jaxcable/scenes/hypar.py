@@ -76,6 +76,9 @@ def hypar_net(disturbed=True, increments=(100, 10)):
             in equilibrium already.
         increments: of the two phases; the paper's are 100 and 10.
 
+    Returns:
+        `Scene`.
+
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.2; for the plan see the module.
 
     Example:

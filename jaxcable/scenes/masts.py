@@ -40,6 +40,12 @@ def guyed_mast(
         law: uniaxial law of the tube; default steel of 355 MPa.
         increments: of the two phases.
 
+    Returns:
+        `Scene` with the groups "mast" and "guys".
+
+    Raises:
+        ValueError: no level of guys, or no element between two.
+
     A scene of our own; the section is a catalogue tube (EN 10210-2).
 
     Example:
@@ -107,6 +113,12 @@ def strung_arch(
         load: downward force on every loaded node, N.
         one_sided: load the left half only.
         increments: of the two phases.
+
+    Returns:
+        `Scene` with the groups "arch" and "net".
+
+    Raises:
+        ValueError: `n` is no multiple of 4.
 
     A scene of our own.
 

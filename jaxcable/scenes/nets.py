@@ -11,7 +11,11 @@ from ..structure import Structure, pinned
 
 
 class Scene(NamedTuple):
-    """A structure and the phases of its analysis.
+    """A structure and the phases of its analysis: ``jc.solve(*scene)``.
+
+    Attributes:
+        structure: `Structure`.
+        phases: list of `Phase`.
 
     Example:
         >>> scene = jc.scenes.flat_net(load=15.0)
@@ -49,6 +53,9 @@ def flat_net(load=150.0, increments=(1, 10)):
     Args:
         load: downward force on each free node, N; the paper's ultimate load is 150 N.
         increments: of the two phases.
+
+    Returns:
+        `Scene`.
 
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.1.
 
@@ -93,6 +100,12 @@ def saddle(
         pretension: of every cable in phase 1, N.
         load: downward force on every free node in phase 2, N.
         increments: of the two phases.
+
+    Returns:
+        `Scene`.
+
+    Raises:
+        ValueError: no free node along a side.
 
     Example:
         >>> structure, _ = jc.scenes.saddle(3, 3, spacing=1.0, rise=0.1)

@@ -40,6 +40,9 @@ def saddle_net(
         increments: of the two phases.
         shape: cells of the section.
 
+    Returns:
+        `Scene`.
+
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 5.3.
 
     Example:

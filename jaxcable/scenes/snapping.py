@@ -28,6 +28,10 @@ def von_mises_truss(
         hanger: stiffness of a bar of length 1 m from the apex to the load, N/m; None for no bar.
         sway: let the apex move in x; it is held out of plane in any case.
 
+    Returns:
+        `Scene`; the apex is node 1. With a hanger the groups are "bars" and "hanger", the load is
+        on node 3.
+
     Source: von Mises (1923).
 
     Example:
@@ -58,6 +62,9 @@ def toggle_frame(n=8, load=80.0):
         n: elements of each beam.
         load: downward force on the apex.
 
+    Returns:
+        `Scene`; the load is on node n, the apex.
+
     Source: Williams, Quarterly J. of Mechanics and Applied Mathematics 17 (1964).
 
     Example:
@@ -86,6 +93,9 @@ def lee_frame(n=5, load=30.0):
     Args:
         n: elements for each fifth of the beam, and as many as 5 n for the column.
         load: downward force.
+
+    Returns:
+        `Scene`; the load is on node 6 n.
 
     Source: Lee, Manuel, Rossow, J. Eng. Mech. Div. ASCE 94 (1968); the value 18.552 is that of
     Schweizerhof and Wriggers, Comp. Meth. Appl. Mech. Eng. 59 (1986).

@@ -50,6 +50,9 @@ def simplex(
     Raises:
         ValueError: a radius, height or pretension that is not positive.
 
+    Returns:
+        `Scene` with the groups "triangles", "verticals", "struts".
+
     A scene of our own; form and force densities are classic (Connelly and Terrell 1995; Tibert and
     Pellegrino 2003).
 

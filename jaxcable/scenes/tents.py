@@ -47,6 +47,9 @@ def tent_edge(
     Returns:
         `Scene` with the groups "edge", "guys", "pylons"; nodes 0 and n are the tops.
 
+    Raises:
+        ValueError: less than two elements, or proportions in which guys would push or pylons pull.
+
     A scene of our own.
 
     Example:

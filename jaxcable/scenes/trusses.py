@@ -61,6 +61,9 @@ def cable_truss(
     Raises:
         ValueError: unknown `form` or `loaded`, or a size that gives no truss.
 
+    Returns:
+        `Scene` with the groups "bearing", "stabilising", "ties".
+
     A scene of our own; form and closed form as in books on cable roofs (Schleyer 1969; Buchholdt
     1999).
 

@@ -30,6 +30,10 @@ class Section:
         torsion: Saint-Venant torsion constant that goes with each law, [n_law], m4, or None.
         points, cells: mesh for pictures, [n_point, 2] and [n_fibre, 4]; None if there is none.
 
+    Raises:
+        ValueError: wrong shapes, an area that is not positive, something that is no law, `counts`
+            that do not add up.
+
     Example:
         A rod of 50 mm, as in the paper's saddle net:
 
@@ -127,7 +131,16 @@ class Section:
         return lever.T @ ((self.area * modulus)[:, None] * lever)
 
     def torsional_stiffness(self, poisson=0.3):
-        """Initial torsional stiffness ``sum G J``, N m2, with ``G = E / 2 (1 + poisson)``.
+        """Initial torsional stiffness ``sum G J`` with ``G = E / 2 (1 + poisson)``.
+
+        Args:
+            poisson: Poisson's ratio of all laws.
+
+        Returns:
+            Scalar, N m2.
+
+        Raises:
+            ValueError: the section has no known torsion constant.
 
         Example:
             >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
@@ -188,7 +201,15 @@ class Section:
         return e0 + ky * self.z.reshape(shape) - kz * self.y.reshape(shape)
 
     def fibre_stress(self, e0, ky, kz, plastic=None):
-        """Stress of every fibre, [..., n_fibre], Pa.
+        """Stress of every fibre, ``s(e0 + ky z - kz y)``.
+
+        Args:
+            e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
+            plastic: plastic strains of the fibres, as from `virgin`; needed where laws remember
+                some.
+
+        Returns:
+            [..., n_fibre], Pa; zero beyond the end of a curve.
 
         Example:
             >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(1, 4))
@@ -287,7 +308,20 @@ class Section:
     # --- equilibrium of the section
 
     def strains(self, N, My, Mz, plastic=None, tol=None, max_steps=100):
-        """Strains from forces, by iteration to equilibrium; see `strains.equilibrium`.
+        """Strains from forces, by iteration to the equilibrium of the section.
+
+        Forces of any shape are taken in turn. Differentiable by the implicit function theorem.
+
+        Args:
+            N, My, Mz: arrays of one shape, N, N m, N m.
+            plastic: plastic strains of the fibres, as from `virgin`: one state for all forces, or
+                with the axes of the forces in front; None for an unused section.
+            tol: largest residual relative to the sum of absolute fibre forces and the load; default
+                64 eps.
+            max_steps: iterations allowed.
+
+        Returns:
+            `SectionState`; its status is BEYOND_CAPACITY where the section cannot carry the forces.
 
         Example:
             Half of the 2 MN that it can carry is half of its strain of failure; and more than that:
@@ -303,7 +337,17 @@ class Section:
         return strains.equilibrium(self, N, My, Mz, plastic, tol, max_steps)
 
     def interaction(self, n_angle=24, n_axial=21):
-        """Interaction surface N-My-Mz of first fibre failure; see `capacity.interaction`.
+        """Interaction surface N-My-Mz: where the first fibre reaches the end of its curve.
+
+        Args:
+            n_angle: directions of bending, evenly round.
+            n_axial: ratios of elongation to curvature, from pure compression to pure tension.
+
+        Returns:
+            ``N, My, Mz``, [n_axial, n_angle] each, N, N m, N m; infinite where no fibre ever fails.
+
+        Raises:
+            ValueError: no law of the section has an end.
 
         Example:
             The largest axial forces of 20 000 mm2 that carries 100 MPa:

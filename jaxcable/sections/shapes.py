@@ -14,7 +14,19 @@ _CELLS = ("quadrilaterals", "triangles")
 
 
 def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
-    """Solid circle of `diameter`, m, in ``shape[0] x shape[1]`` cells; exact area.
+    """Solid circle; area and torsion constant, ``pi d^4 / 32``, are exact.
+
+    Args:
+        diameter: scalar, m.
+        law: uniaxial law.
+        shape: cells of the square mesh that is drawn out to the circle, a pair.
+        cells: "quadrilaterals" or "triangles".
+
+    Returns:
+        `Section`.
+
+    Raises:
+        ValueError: a diameter that is not positive, or an impossible mesh.
 
     Example:
         >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
@@ -28,9 +40,20 @@ def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
 
 
 def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
-    """Circular tube of outer `diameter` and wall `thickness`, m; exact area.
+    """Circular tube; area and torsion constant, ``pi (d^4 - d_i^4) / 32``, are exact.
 
-    `shape`: cells through the wall and round it.
+    Args:
+        diameter: outer, scalar, m.
+        thickness: of the wall, scalar, m.
+        law: uniaxial law.
+        shape: cells through the wall and round it, a pair.
+        cells: "quadrilaterals" or "triangles".
+
+    Returns:
+        `Section`.
+
+    Raises:
+        ValueError: a length that is not positive, a wall that is too thick, or an impossible mesh.
 
     Example:
         >>> section = jc.Section.ring(0.4064, 0.0088, jc.Elastic(210e9), shape=(2, 24))
@@ -49,7 +72,22 @@ def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
 
 
 def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
-    """Rectangle, `width` along y and `height` along z, m, in ``shape`` cells along y and z.
+    """Rectangle; its torsion constant is Saint-Venant's series.
+
+    Args:
+        width: along y, scalar, m.
+        height: along z, scalar, m.
+        law: uniaxial law.
+        shape: cells along y and z, a pair.
+        cells: "quadrilaterals" or "triangles".
+
+    Returns:
+        `Section`.
+
+    Raises:
+        ValueError: a length that is not positive, or an impossible mesh.
+
+    Source: of the torsion constant Timoshenko and Goodier, Theory of Elasticity, art. 109.
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(5, 10))
@@ -65,10 +103,23 @@ def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
 
 
 def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
-    """Doubly symmetric I: `height` along z, flange `width` along y, thicknesses `web`, `flange`, m.
+    """Doubly symmetric I without fillets.
 
-    `shape`: cells along a flange, through a flange, and along the web. The torsion constant is that
-    of thin walls, ``sum b t^3 / 3``; warping is not modelled.
+    The torsion constant is that of thin walls, ``sum b t^3 / 3``; warping is not modelled.
+
+    Args:
+        height: whole, along z, scalar, m.
+        width: of the flanges, along y, scalar, m.
+        web, flange: thicknesses, scalars, m.
+        law: uniaxial law.
+        shape: cells along a flange, through a flange, and along the web, a triple.
+
+    Returns:
+        `Section`.
+
+    Raises:
+        ValueError: a length that is not positive, flanges or a web that are too thick, or an
+            impossible mesh.
 
     Example:
         An IPE 200 without its fillets:
@@ -92,10 +143,24 @@ def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
 
 
 def polygon(points, holes, law, size, cells="quadrilaterals"):
-    """Polygon [n, 2] (y, z) with `holes`, a list of polygons, in cells up to `size`, m.
+    """Polygon with holes.
 
     The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
     is not known: an element has to state its torsional stiffness.
+
+    Args:
+        points: corners (y, z) of the outline, [n, 2], m.
+        holes: list of such polygons, or None.
+        law: uniaxial law.
+        size: of the cells, at most, m.
+        cells: "quadrilaterals" or "triangles".
+
+    Returns:
+        `Section`; its axis is at the origin of the points.
+
+    Raises:
+        ValueError: wrong shapes, traced points, a size that is not positive, an outline that
+            crosses itself or a hole.
 
     Example:
         A box of 1 m with walls of a quarter:
@@ -130,6 +195,12 @@ def mesh(points, cells, laws):
         cells: point numbers, [n_cell, 3] triangles or [n_cell, 4] quadrilaterals (a triangle among
             them names its last point twice), either way round.
         laws: one law, or a list of one per cell.
+
+    Returns:
+        `Section` without torsion constant; its axis is at the origin of the points.
+
+    Raises:
+        ValueError: wrong shapes, unknown points, a number of laws that is not that of the cells.
 
     Example:
         Two triangles of different stiffness make a square of 0.1 m:
@@ -166,6 +237,16 @@ def composite(sections):
     """Several sections side by side as one; overlapping parts are not subtracted.
 
     A concrete-filled tube is a disc and a ring; a strand with a soft core a disc and a ring too.
+
+    Args:
+        sections: list of `Section`, each where it is (see `Section.shifted`).
+
+    Returns:
+        `Section`, its fibres in the order of the laws; with a torsion constant, the sum, if all
+        parts have one.
+
+    Raises:
+        ValueError: no section.
 
     Example:
         A concrete-filled tube:
