@@ -15,20 +15,21 @@ import jaxcable as jc
 def net():
     """A saddle with strengths, whose second case leaves cables slack and whose third fails."""
     structure, (prestress, _) = jc.scenes.saddle(3, 3)
-    cables = jc.replace(structure.elements, strength=120e3, expansion=1.2e-5)
+    cables = jc.replace(structure.elements, strength=400e3, expansion=1.2e-5)
     structure = jc.replace(structure, elements={"net": cables})
     prestress = jc.replace(prestress, temperature=20.0)
     free = np.flatnonzero(~structure.supports.fixed(structure.n_node)[:, 0])
     forces = np.zeros((3, len(free), 3))
     forces[0, :, 2] = -500.0
-    forces[1, :4, 2] = -25e3
+    forces[1, :4, 2] = -90e3
     forces[2, 0, 2] = np.nan
-    cases = [jc.Phase(loads=jc.NodalLoads(free, f)) for f in forces]
     solution = jc.solve(structure, [prestress])
-    batch = jc.design.solve_cases(structure, [], cases, start=solution) if False else None
-    batch = jax.vmap(
-        lambda f: jc.solve(structure, [jc.Phase(loads=jc.NodalLoads(free, f))], start=solution)
-    )(forces)
+
+    def case(force):
+        loads = jc.NodalLoads(free, force)
+        return jc.solve(structure, [jc.Phase(loads=loads)], start=solution)
+
+    batch = jax.vmap(case)(forces)
     assert int(solution.status) == 0 and batch.status.tolist()[:2] == [0, 0]
     return structure, prestress, solution, batch
 
@@ -46,7 +47,7 @@ def column(table, name, skip=0):
 
 
 def test_reactions_balance_the_loads(net):
-    structure, prestress, solution, batch = net
+    structure, _, _, batch = net
     snow = jax.tree.map(lambda x: np.asarray(x)[0], batch)
     table = jc.report(structure, snow).tables["equilibrium"]
     rows = {row[0]: np.array(row[1:]) for row in table.rows}
@@ -74,7 +75,7 @@ def test_a_report_of_a_state_out_of_balance_says_so(net):
 
 
 def test_forces_utilisation_and_envelope(net, written):
-    structure, _, solution, batch = net
+    _, _, solution, batch = net
     table = written.tables["members"]
     tensions = np.asarray(batch.tension["net"])[:2]
     assert column(table, "force") == solution.tension["net"].tolist()
@@ -82,8 +83,8 @@ def test_forces_utilisation_and_envelope(net, written):
     np.testing.assert_array_equal(column(table, "highest"), tensions.max(axis=0))
     governs = [("snow", "half")[k] for k in tensions.argmax(axis=0)]
     assert [row[8] for row in table.rows] == governs
-    np.testing.assert_allclose(column(table, "used"), solution.tension["net"] / 120e3)
-    np.testing.assert_allclose(column(table, "most used"), tensions.max(axis=0) / 120e3)
+    np.testing.assert_allclose(column(table, "used"), solution.tension["net"] / 400e3)
+    np.testing.assert_allclose(column(table, "most used"), tensions.max(axis=0) / 400e3)
 
 
 def test_failed_cases_are_named_and_left_out(written):
@@ -107,7 +108,7 @@ def test_the_cutting_list_is_at_the_reference_temperature(net, written):
 
 
 def test_slack_cables_and_loose_nodes(net, written):
-    structure, _, _, batch = net
+    _, _, _, batch = net
     slack = np.flatnonzero(np.asarray(batch.tension["net"])[1] == 0)
     assert len(slack) > 0
     assert written.tables["slack"].rows == [["net", k, "half"] for k in slack.tolist()]
@@ -186,9 +187,6 @@ def test_moments_at_the_foot_of_a_mast():
     table = told.tables["reactions"]
     assert table.columns[5:8] == ("Mx", "My", "Mz") and table.units[5] == "N m"
     rows = {row[0]: row[1] for row in told.tables["equilibrium"].rows}
-    wind = (
-        sum(np.asarray(phases[1].loads.forces)[..., 0].ravel())
-        if np.ndim(phases[1].loads.forces) > 1
-        else len(phases[1].loads.nodes) * float(phases[1].loads.forces[0])
-    )
-    assert rows["reactions"] == pytest.approx(-wind, rel=1e-8)
+    forces, nodes = np.asarray(phases[1].loads.forces), phases[1].loads.nodes
+    wind = np.broadcast_to(forces, (len(nodes), 3))[:, 0].sum()
+    assert wind > 0 and rows["reactions"] == pytest.approx(-wind, rel=1e-8)
