@@ -104,8 +104,7 @@ def tension_distance(solution, tension):
         Scalar, N2; NaN for a failed analysis.
 
     Example:
-        >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> prestressed = jc.solve(structure, phases[:1])  # 12 cables of 200 N
+        >>> prestressed = jc.solve(*jc.scenes.flat_net(load=0.0))  # 12 cables of 200 N
         >>> print(prestressed.status, f"{jc.design.tension_distance(prestressed, 210.0):.3f} N2")
         0 1200.000 N2
     """
@@ -128,8 +127,7 @@ def tension_spread(solution):
         Scalar, -; NaN for a failed analysis.
 
     Example:
-        >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> prestressed = jc.solve(structure, phases[:1])  # 12 cables of 200 N
+        >>> prestressed = jc.solve(*jc.scenes.flat_net(load=0.0))  # 12 cables of 200 N
         >>> print(prestressed.status, f"{jc.design.tension_spread(prestressed):.6f}")
         0 0.000000
     """
@@ -199,8 +197,7 @@ def material_use(solution, stress):
         Scalar, m3; NaN for a failed analysis.
 
     Example:
-        >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> prestressed = jc.solve(structure, phases[:1])
+        >>> prestressed = jc.solve(*jc.scenes.flat_net(load=0.0))
         >>> volume = jc.design.material_use(prestressed, stress=100e6)  # 12 T L0 / stress
         >>> print(prestressed.status, f"{1e9 * volume:.1f} mm3")
         0 9580.4 mm3

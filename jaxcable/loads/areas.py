@@ -33,14 +33,14 @@ class AreaLoads:
             is analysed, a node that the structure does not have.
 
     Example:
-        Snow of 1 kN/m2 on a net that spans an area of 1.12 m2:
+        Snow of 1 kN/m2 under wind that lifts with 0.4 kN/m2, on a net that spans 1.12 m2:
 
         >>> structure, _ = jc.scenes.flat_net()
         >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
-        >>> snow = jc.AreaLoads(faces, (0.0, 0.0, -1000.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=snow))
+        >>> snow, wind = jc.AreaLoads(faces, (0.0, 0.0, -1000.0)), jc.FacePressure(faces, 400.0)
+        >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=[snow, wind]))
         >>> print(f"{jc.describe(solution.status)}: {solution.load[:, 2].sum():.3f} N")
-        converged: -1120.000 N
+        converged: -672.000 N
     """
 
     faces: object

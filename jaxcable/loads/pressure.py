@@ -141,14 +141,14 @@ class FacePressure:
             that the structure does not have.
 
     Example:
-        The lift of a pressure on a net with a level border is that on its plan area, 1.12 m2:
+        Wind lifts a net with a level border by its pressure on the plan area, 1.12 m2; snow lies on it:
 
         >>> structure, _ = jc.scenes.flat_net()
         >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
-        >>> wind = jc.FacePressure(faces, 500.0)
-        >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=wind))
+        >>> snow, wind = jc.AreaLoads(faces, (0.0, 0.0, -1000.0)), jc.FacePressure(faces, 400.0)
+        >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=[snow, wind]))
         >>> print(f"{jc.describe(solution.status)}: {solution.load[:, 2].sum():.3f} N")
-        converged: 560.000 N
+        converged: -672.000 N
     """
 
     faces: object

@@ -55,8 +55,8 @@ class Polygonal:
         >>> law = jc.Polygonal([0.0, 0.001, 0.011], [0.0, 200e6, 400e6])
         >>> print(jnp.round(law.stress_at(jnp.array([0.0005, 0.006, 0.02])) / 1e6, 3))  # MPa
         [100. 300.   0.]
-        >>> print(f"{law.strain_at(300e6):.4f}, {law.corner_distance(0.006):.4f}")
-        0.0060, 0.0050
+        >>> print(f"{law.corner_distance(0.006):.4f}")
+        0.0050
         >>> bool(law.beyond(0.02))  # failed, not slack
         True
     """
