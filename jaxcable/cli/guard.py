@@ -3,8 +3,10 @@
 import os
 import sys
 import threading
+import warnings
 from pathlib import Path
 
+from .._check import InputWarning
 from .._interrupt import INTERRUPTED
 from ..files import FileError
 from ..files.reading import written
@@ -27,7 +29,10 @@ def guarded(command, options):
 
     def work():
         try:
-            outcome.append(command(options) or OK)
+            with warnings.catch_warnings():
+                warnings.simplefilter("always", InputWarning)
+                warnings.showwarning = _warn
+                outcome.append(command(options) or OK)
         except BaseException as error:
             outcome.append(error)
 
@@ -63,6 +68,11 @@ def _told(error):
         say("not enough memory for this analysis")
         return FAILED
     raise error
+
+
+def _warn(message, category, *_, **__):
+    """What is suspicious, as one line and not with a place in this program."""
+    say(f"warning: {message}" if issubclass(category, InputWarning) else f"{message}")
 
 
 def say(line):

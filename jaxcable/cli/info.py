@@ -8,6 +8,7 @@ from ..files.reading import read_json
 from ..files.scene import FORMAT
 from ..loads import as_list
 from ..phases import ABSOLUTE, INCREMENTS
+from ..preparation import prepare
 from . import inputs
 
 
@@ -22,6 +23,7 @@ def run(options):
 
 
 def _scene(structure, phases):
+    prepare(structure, phases, None, None)  # warns of what is suspicious
     nodes = np.asarray(structure.nodes)
     print(
         f"scene of {inputs.counted(structure.n_node, 'node')}, "

@@ -16,6 +16,9 @@ Fields are the arguments of the classes of this package, in SI units; node numbe
 object with a "type" is one of `codec.TYPES`; without one it is a dict (of element groups, say).
 """
 
+import warnings
+
+from .._check import InputWarning
 from ..phases import Phase
 from ..preparation import prepare
 from ..scenes import Scene
@@ -127,7 +130,9 @@ def _scene(data):
         if phases[-1].increments > _MOST_INCREMENTS:
             raise FileError(f"phases[{k}].increments: more than {_MOST_INCREMENTS}")
     try:
-        prepare(structure, phases, None, None)
+        with warnings.catch_warnings():  # what is suspicious is said when it is analysed
+            warnings.simplefilter("ignore", InputWarning)
+            prepare(structure, phases, None, None)
     except ValueError as error:
         raise FileError(f"phases: {error}") from None
     return Scene(structure, phases)

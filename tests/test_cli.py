@@ -1,0 +1,346 @@
+"""The command line: what it prints and writes, exit statuses, one line for what goes wrong."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.cli import main
+
+ROOT = Path(__file__).parent.parent
+COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert")
+
+
+def environment(**changes):
+    return {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg", **changes}
+
+
+def process(*arguments, cwd, **changes):
+    return subprocess.run(
+        [sys.executable, "-m", "jaxcable", *arguments],
+        cwd=cwd,
+        env=environment(**changes),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def one_line(text):
+    """What was printed on stderr: one line that names the program."""
+    (line,) = text.strip().splitlines()
+    assert line.startswith("jaxcable: ")
+    return line
+
+
+@pytest.fixture
+def scene(tmp_path, monkeypatch):
+    """A folder with a scene, which is the working directory."""
+    monkeypatch.chdir(tmp_path)
+    jc.save_scene("net.json", jc.scenes.flat_net(load=15.0))
+    return tmp_path
+
+
+# --- what the commands do
+
+
+def test_demo_prints_its_table_and_writes_its_picture(tmp_path):
+    """Without a display, as on a server."""
+    changes = {"DISPLAY": "", "MPLBACKEND": "TkAgg"}
+    result = process("demo", cwd=tmp_path, **changes)
+    assert result.returncode == 0, result.stderr
+    assert "status    0: converged" in result.stdout
+    assert "identified from these deflections" in result.stdout
+    for node in jc.scenes.hypar.NODE_NAMES:
+        assert any(line.startswith(f"  {node:4d}  ") for line in result.stdout.splitlines())
+    picture = (tmp_path / "hypar_net.png").read_bytes()
+    assert picture.startswith(b"\x89PNG") and len(picture) > 20_000
+
+
+def test_solve_writes_what_it_is_asked_for(scene, capsys):
+    names = ["r.json", "r.npz", "r.csv", "r.vtk", "r.py"]
+    saves = [word for name in names for word in ("--save", name)]
+    assert main(["solve", "net.json", *saves, "--plot", "net.svg", "--report", "net.txt"]) == 0
+    out, err = capsys.readouterr()
+    assert err == "" and out.startswith("status 0: converged\n")
+    assert "largest displacement in phase 2: 0.0128" in out and "wrote net.svg" in out
+    solution = jc.solve(*jc.load_scene("net.json"))
+    for name in ("r.json", "r.npz"):
+        np.testing.assert_array_equal(jc.files.load_result(name)["tension"], solution.tension)
+    assert (scene / "net.svg").read_text().rstrip().endswith("</svg>")
+    assert "Global equilibrium" in (scene / "net.txt").read_text()
+    assert (scene / "r-elements.csv").exists() and (scene / "r.vtk").exists()
+    assert not [path for path in scene.iterdir() if path.name.startswith(".")]
+
+
+def test_solve_can_be_quiet_or_report_on_the_screen(scene, capsys):
+    assert main(["solve", "net.json", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+    assert main(["solve", "net.json", "--report", "--corrections", "2"]) == 0
+    out = capsys.readouterr().out
+    assert out.count("status 0: converged") == 1 and "Cutting list" in out
+
+
+def test_an_analysis_that_fails_ends_with_status_1_and_its_text(scene, capsys):
+    structure, (prestress, _) = jc.scenes.flat_net()
+    loose = jc.NodalLoads([3], (0.0, 0.0, -1e30))
+    jc.save_scene("bad.json", (structure, [prestress, jc.Phase(loads=loose)]))
+    assert main(["solve", "bad.json", "--save", "r.npz", "--save", "r.py", "--plot", "p.png"]) == 1
+    out, err = capsys.readouterr()
+    assert "FAILED: what follows is the last converged state, phase 1" in out
+    lines = [line.removeprefix("jaxcable: ") for line in err.splitlines()]
+    assert lines[0].startswith("warning: loads of phases[1]: 1e+30 N on node 3")
+    assert lines[1] == "r.py: not written: a failed analysis has no state to compute again"
+    assert lines[2] == "p.png: not drawn: the analysis failed"
+    assert lines[3].startswith("bad.json: phase 2, increment 1 of 1 (load factor 1)")
+    assert np.isfinite(jc.files.load_result("r.npz")["last.tension"]).all()
+
+
+def test_form_writes_a_scene_in_equilibrium(scene, capsys):
+    structure, phases = jc.scenes.saddle(2, 2)
+    jc.save_scene("saddle.json", (structure, phases))
+    for words in (["--tension", "5000"], ["--force-density", "4000"]):
+        assert main(["form", "saddle.json", *words, "--save", "form.json"]) == 0
+        assert "wrote form.json" in capsys.readouterr().out
+        found, (prestress, loading) = jc.load_scene("form.json")
+        assert loading.loads is not None and loading.pretension is None
+        solution = jc.solve(found, [prestress])
+        assert int(solution.status) == 0
+        assert np.abs(solution.displacement).max() < 1e-8  # it was in equilibrium already
+    np.testing.assert_allclose(solution.tension / found_lengths(found), 4000.0, rtol=1e-8)
+
+
+def found_lengths(structure):
+    ends = structure.nodes[structure.elements.links.array]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def test_form_takes_groups_by_name(scene, capsys):
+    structure, phases = jc.scenes.flat_net()
+    both = (
+        jc.Cables(structure.elements.links[:6], 1e5),
+        jc.Cables(structure.elements.links[6:], 1e5),
+    )
+    grouped = jc.replace(structure, elements=dict(zip("ab", both, strict=True)))
+    jc.save_scene("groups.json", (grouped, phases))
+    words = ["--force-density", "a=100", "b=300", "--save", "form.json"]
+    assert main(["form", "groups.json", *words]) == 0
+    assert jc.load_scene("form.json").phases[0].force_density == {"a": 100.0, "b": 300.0}
+    capsys.readouterr()
+    assert main(["form", "groups.json", "--tension", "a=100", "c=3"]) == 2
+    assert one_line(capsys.readouterr().err).endswith("--tension: no group 'c'; there are a, b")
+    assert main(["form", "groups.json", "--tension", "much"]) == 2
+    assert "expected a number, or group=number: much" in one_line(capsys.readouterr().err)
+
+
+def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys):
+    """Without load the tension is the pretension: 321 N."""
+    structure, (prestress, _) = jc.scenes.flat_net()
+    jc.save_scene("bare.json", (structure, [prestress]))
+    assert main(["optimize", "bare.json", "--target", "321", "--save", "tuned.json"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("status 0: converged") and "pretension 321 N" in out
+    tuned = jc.load_scene("tuned.json")
+    np.testing.assert_allclose(tuned.phases[0].pretension, 321.0, rtol=1e-6)
+    assert main(["optimize", "bare.json"]) == 2
+    assert "give --target, or --deflection" in one_line(capsys.readouterr().err)
+    jc.save_scene("none.json", (structure, [jc.Phase(rest_length=0.3)]))
+    assert main(["optimize", "none.json", "--target", "1"]) == 2
+    assert "no phase has a pretension" in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.slow
+def test_optimize_keeps_its_limits(scene, capsys):
+    assert main(["optimize", "net.json", "--deflection", "0.012", "--one", "--save", "t.json"]) == 0
+    solution = jc.solve(*jc.load_scene("t.json"))
+    largest = float(np.linalg.norm(solution.phases[1].displacement, axis=1).max())
+    assert 0.0115 < largest <= 0.012  # of a smooth bound of it, which lies above by up to 4 %
+
+
+def test_info_tells_what_is_in_a_file(scene, capsys):
+    assert main(["info", "net.json"]) == 0
+    out = capsys.readouterr().out
+    assert "scene of 12 nodes, 2 phases, float64" in out and "unknowns: 12" in out
+    assert "Cables: 12 elements, lengths 0.4 m, 4.8 m in total" in out
+    assert "axial_stiffness 97970" in out and "phase 2: 10 increments" in out
+    assert "NodalLoads on 4 nodes, sum (0, 0, -60) N" in out
+
+
+def test_convert_makes_a_scene_of_a_net(scene, capsys):
+    (scene / "net.obj").write_text("v 0 0 0\nv 1000 0 0\nv 2000 0 0\nl 1 2 3\n")
+    options = ["--scale", "0.001", "--anchors", "0", "2-2", "--axial-stiffness", "1e5"]
+    words = ["convert", "net.obj", *options, "--pretension", "300", "--save", "obj.json"]
+    assert main(words) == 0
+    structure, phases = jc.load_scene("obj.json")
+    assert (
+        structure.nodes[:, 0].tolist() == [0, 1, 2] and phases[0].pretension.tolist() == [300] * 2
+    )
+    (scene / "n.csv").write_text("x,y,z,support\n0,0,0,1\n1,0,0,1\n")
+    (scene / "l.csv").write_text("first,last,axial_stiffness\n0,1,1e5\n")
+    assert main(["convert", "n.csv", "l.csv", "--save", "csv.json"]) == 0
+    capsys.readouterr()
+    assert main(["info", "net.obj"]) == 0
+    assert "net of 3 nodes, 2 links: 2 cables" in capsys.readouterr().out
+    for words, message in (
+        (["net.obj"], 'anchors: the file names no supports; give node numbers or "ends"'),
+        (
+            ["net.obj", "--anchors", "ends"],
+            "axial_stiffness: the file has none; give --axial",
+        ),
+        (["net.obj", "--anchors", "two"], "anchors: 'two' is no node number"),
+        (["net.json"], "net.json: is a scene of jaxcable already"),
+        (["net.stl"], "net.stl: expected .obj, .json, or two .csv"),
+        (["n.csv"], "n.csv: expected .obj, .json, or two .csv"),
+        (["n.csv", "l.csv", "net.obj"], "expected one file, or two CSV tables"),
+    ):
+        stiff = ["--axial-stiffness", "1"] if "ends" not in words else []
+        assert main(["convert", *words, *stiff, "--save", "x.json"]) == 2
+        assert message in one_line(capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("command", [None, *COMMANDS])
+def test_help_has_an_example_that_parses(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"] if command is None else [command, "--help"])
+    assert ended.value.code == 0
+    out = capsys.readouterr().out
+    (example,) = [line for line in out.splitlines() if line.startswith("example: jaxcable ")]
+    from jaxcable.cli.parser import parser
+
+    options = parser().parse_args(example.split()[2:])
+    assert options.command == (command or "solve")
+    assert "exit status: 0 done, 1 the analysis failed, 2 bad input" in out
+
+
+# --- what goes wrong
+
+
+def test_wrong_words_end_with_status_2(scene, capsys):
+    for words in ([], ["nonsense"], ["solve"], ["solve", "net.json", "--tol", "-1"]):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 2
+    capsys.readouterr()
+    for words, message in (
+        (["solve", "nothing.json"], "nothing.json: No such file or directory"),
+        (["solve", "."], ".: Is a directory"),
+        (["info", "nothing.json"], "nothing.json: No such file or directory"),
+        (["solve", "net.json", "--save", "r.xls"], "--save r.xls: expected a name that ends with"),
+        (["solve", "net.json", "--plot", "r.doc"], "--plot r.doc: expected a name that ends with"),
+        (["solve", "net.json", "--report", "r.doc"], "--report r.doc: expected a name that ends"),
+        (["solve", "net.json", "--save", "no/r.json"], "no/r.json: No such file or directory"),
+        (["solve", "net.json", "--save", "net.json/r.json"], "net.json/r.json: Not a directory"),
+        (["demo", "--plot", "no/p.png"], "no/p.png: No such file or directory"),
+    ):
+        assert main(words) == 2
+        assert message in one_line(capsys.readouterr().err)
+
+
+def test_a_wrong_file_names_its_field(scene, capsys):
+    text = Path("net.json").read_text()
+    Path("bad.json").write_text(text.replace("[8, 11]", "[8, 12]"))
+    for command in (["solve"], ["info"], ["form", "--tension", "1"], ["optimize", "--target", "1"]):
+        assert main([command[0], "bad.json", *command[1:]]) == 2
+        assert "bad.json: structure: elements.links[11]" in one_line(capsys.readouterr().err)
+    structure, phases = jc.scenes.flat_net()
+    many = [jc.Phase(increments=1_000_000)] * 40
+    jc.save_scene("many.json", (structure, [*phases, *many]))
+    assert main(["solve", "many.json"]) == 2
+    assert "its increments would need 15 GB" in one_line(capsys.readouterr().err)
+
+
+def test_a_folder_that_cannot_be_written_to(scene, capsys, monkeypatch):
+    """Told before the analysis, not after it."""
+
+    def denied(*_, **__):
+        raise PermissionError(13, "Permission denied", "x")
+
+    monkeypatch.setattr("jaxcable.files.reading.tempfile.mkstemp", denied)
+    monkeypatch.setattr("jaxcable.cli.solve.solver.solve", pytest.fail)
+    assert main(["solve", "net.json", "--save", "r.json"]) == 2
+    assert one_line(capsys.readouterr().err) == "jaxcable: r.json: Permission denied"
+    assert main(["demo"]) == 2
+    assert one_line(capsys.readouterr().err) == "jaxcable: hypar_net.png: Permission denied"
+
+
+def test_a_hundred_megabytes_of_nonsense(tmp_path):
+    """Neither read to the end nor parsed; also if more is allowed."""
+    block = np.random.default_rng(0).bytes(1_000_000)
+    with (tmp_path / "junk.json").open("wb") as stream:
+        for _ in range(100):
+            stream.write(block)
+    result = process("solve", "junk.json", cwd=tmp_path)
+    assert result.returncode == 2
+    assert one_line(result.stderr).startswith("jaxcable: junk.json: larger than 64 MB")
+    begin = time.monotonic()
+    assert main(["solve", str(tmp_path / "junk.json"), "--largest", "200"]) == 2
+    assert time.monotonic() - begin < 5.0  # reading 100 MB once takes a fraction of a second
+
+
+def test_nonsense_that_begins_like_a_scene(scene, capsys):
+    Path("junk.json").write_text('{"format": "jaxcable scene", "version": 1, ' + "[{" * 1_000_000)
+    assert main(["solve", "junk.json"]) == 2
+    assert "junk.json: line 1, column" in one_line(capsys.readouterr().err)
+
+
+def test_a_reader_that_goes_away(scene):
+    """``jaxcable info net.json | head -1`` ends in silence."""
+    command = f"{sys.executable} -m jaxcable info net.json | head -c 1"
+    done = subprocess.run(
+        command, shell=True, capture_output=True, text=True, env=environment(), check=False
+    )
+    assert done.stdout == "s" and done.stderr == ""
+
+
+@pytest.mark.parametrize("after", [0.3, 5.0])
+def test_ctrl_c_ends_with_one_line(after, tmp_path):
+    """While jax still loads, and in the middle of a long analysis."""
+    structure, phases = jc.scenes.flat_net()
+    long = [jc.Phase(loads=phases[1].loads, increments=200_000)]
+    jc.save_scene(tmp_path / "long.json", (structure, [phases[0], *long]))
+    words = ["solve", "long.json", "--save", "r.json"]
+    running = subprocess.Popen(
+        [sys.executable, "-m", "jaxcable", *words],
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(after)
+    assert running.poll() is None  # it had enough to do
+    running.send_signal(signal.SIGINT)
+    begin = time.monotonic()
+    out, err = running.communicate(timeout=60)
+    assert time.monotonic() - begin < 5.0
+    assert running.returncode == 130 and out == ""
+    lines = err.strip().splitlines()
+    assert lines[-1] == "jaxcable: interrupted"
+    assert all(line.startswith("phase ") for line in lines[:-1])  # progress
+    assert [path.name for path in tmp_path.iterdir()] == ["long.json"]  # no half of a result
+
+
+def test_an_error_of_the_program_is_not_hidden(scene, monkeypatch):
+    """A defect has its traceback: nothing is swallowed."""
+
+    def broken(*_, **__):
+        raise ZeroDivisionError("a defect")
+
+    monkeypatch.setattr("jaxcable.cli.solve.solver.solve", broken)
+    with pytest.raises(ZeroDivisionError, match="a defect"):
+        main(["solve", "net.json"])
+
+
+def test_json_of_a_result_can_be_read_by_others(scene, capsys):
+    assert main(["solve", "net.json", "--save", "r.json", "--quiet"]) == 0
+    data = json.loads(Path("r.json").read_text())
+    assert data["format"] == "jaxcable result" and data["description"] == "converged"
+    assert matplotlib.get_backend().lower() == "agg"
