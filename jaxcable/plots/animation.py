@@ -1,0 +1,207 @@
+"""Both phases, increment by increment: `animation`."""
+
+import base64
+import io
+from pathlib import Path
+
+import jax
+import numpy as np
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from .glyphs import draw_supports, support_keys, supports
+from .layout import arrange, settle
+from .members import Forces, Members, Scale, ghost, keys, pieces
+from .stages import check, start_of
+from .style import SLACK, colour_map
+from .views import View, choose
+
+_HOLD = 10  # frames that the last one stays
+
+
+def animation(
+    solution,
+    path,
+    *,
+    magnify=1.0,
+    colour="tension",
+    structure=None,
+    view=None,
+    frames=60,
+    rate=10.0,
+    dpi=110,
+):
+    """Save the increments of all phases as moving pictures, in space or in their plane.
+
+    Limits of the axes and colours are the same in all frames.
+
+    Args:
+        solution: `Solution`; of a failed analysis the increments that have converged are shown.
+        path: where to save it, with the suffix ".gif", or ".html" for a page with a slider, which
+            needs nothing outside of it.
+        magnify: factor on the displacement after the first phase (or in it, if there is no other).
+        colour, structure: as for `net`.
+        view: "plan", "elevation" or "space"; default: elevation of what lies in a vertical plane,
+            space for others.
+        frames: at most, evenly taken from all increments, the last one among them.
+        rate: frames a second.
+        dpi: pixels an inch, of a picture some 5 inches wide.
+
+    Returns:
+        The `pathlib.Path` of the file.
+
+    Raises:
+        ValueError: another suffix, no converged increment, a batch, or an unknown option.
+
+    >>> import pathlib, tempfile
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> solution = jc.solve(*jc.scenes.flat_net())
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = jc.plots.animation(solution, pathlib.Path(folder) / "net.gif", frames=3)
+    >>> made.name
+    'net.gif'
+    """
+    path = Path(path)
+    if path.suffix not in (".gif", ".html"):
+        raise ValueError(f'path = {str(path)!r}: expected the suffix ".gif" or ".html"')
+    if not (isinstance(frames, int) and frames > 0):
+        raise ValueError(f"frames = {frames}: must be a positive integer")
+    if not rate > 0:
+        raise ValueError(f"rate = {rate}: must be positive")
+    check(solution, structure, colour)
+    begin = start_of(solution, solution.last)
+    shots = _shots(solution, begin, structure, magnify, colour, frames)
+    everything = np.concatenate([begin, *(shot.positions for shot in shots)])
+    seen = choose(everything, view)
+    if view is None and not seen.plane:
+        seen = View("space")
+    images = _draw(shots, begin, seen, everything, solution, structure, colour, dpi)
+    (_gif if path.suffix == ".gif" else _html)(images, path, rate)
+    return path
+
+
+class _Shot:
+    """What a frame shows: number of the phase, title, positions, `Forces`."""
+
+    def __init__(self, phase, title, positions, forces):
+        self.phase, self.title, self.positions, self.forces = phase, title, positions, forces
+
+
+def _shots(solution, begin, structure, magnify, colour, frames):
+    """The increments that are shown."""
+    rows = [
+        (k, row)
+        for k, phase in enumerate(solution.phases)
+        for row in np.flatnonzero(np.asarray(phase.path.status) == 0)
+    ]
+    if not rows:
+        raise ValueError("solution: has no converged increment to draw; see raise_if_failed")
+    origin = begin if len(solution.phases) == 1 else np.asarray(solution.phases[0].positions)
+    paths = [jax.tree.map(np.asarray, phase.path) for phase in solution.phases]
+    shots = []
+    for k, row in (rows[j] for j in evenly(len(rows), frames)):
+        own = paths[k]
+        base = begin if k == 0 else np.asarray(solution.phases[k - 1].positions)
+        place = base + own.displacement[row]
+        if k > 0 or len(solution.phases) == 1:
+            place = origin + magnify * (place - origin)
+        tension = jax.tree.map(lambda t, row=row: t[row], own.tension)
+        title = f"Phase {k + 1}, load factor {own.load_factor[row]:.2f}"
+        shots.append(_Shot(k, title, place, Forces(tension, structure, colour)))
+    return shots
+
+
+def evenly(n, most):
+    """At most so many of `n` numbers from 0, evenly, the last one among them."""
+    return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
+
+
+def _draw(shots, begin, seen, everything, solution, structure, colour, dpi):
+    """The frames as images, all with one palette, so that no colour flickers."""
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(_palette())
+    links = pieces(solution.links)
+    scale = Scale([shot.forces for shot in shots], colour)
+    figure, slots = arrange([seen.ratio(everything)], [seen.flat])
+    figure.set_dpi(dpi)
+    axes = seen.add_axes(figure, everything, shots[0].title)
+    ghost(axes, seen, begin, links)
+    lines = Members(axes, seen, links, scale)
+    lines.show(shots[0].positions, shots[0].forces)
+    turns = None if structure is None else structure.turns()
+    kinds = [
+        supports(fixed.array[: len(shots[0].positions)], turns, seen.normal)
+        for fixed in solution.last.fixed[1:]
+    ]
+    handles = keys([shot.forces for shot in shots], before=True, counted=False)
+    handles += support_keys(np.any([kinds[shot.phase] for shot in shots], axis=0))
+    settle(figure, slots, lines.taut, scale.label, handles)
+    images = []
+    for shot in shots:
+        lines.show(shot.positions, shot.forces)
+        axes.title.set_text(shot.title)
+        marks = draw_supports(axes, seen, shot.positions, kinds[shot.phase])
+        figure.canvas.draw()
+        image = Image.fromarray(np.array(figure.canvas.buffer_rgba())[..., :3])
+        images.append(image.quantize(palette=palette, dither=Image.Dither.NONE))
+        for mark in marks:
+            mark.remove()
+    return images
+
+
+def _gif(images, path, rate):
+    """All frames one after the other, the last one for longer."""
+    times = [round(1000 / rate)] * len(images)
+    times[-1] *= _HOLD
+    images[0].save(path, save_all=True, append_images=images[1:], duration=times, loop=0)
+
+
+def _palette():
+    """Greys, and what the lines have, whole and on the way to white; 256 colours, flat."""
+    lines = np.concatenate([colour_map()(np.linspace(0, 1, 54))[:, :3], [to_rgb(SLACK)]])
+    grey = np.linspace(0.0, 1.0, 36)[:, None] * np.ones(3)
+    faded = [1.0 - part * (1.0 - lines) for part in (1.0, 0.75, 0.5, 0.25)]
+    return np.round(255 * np.concatenate([grey, *faded])).astype(int).ravel().tolist()
+
+
+def _html(images, path, rate):
+    """A page with all frames in it."""
+    frames = []
+    for image in images:
+        buffer = io.BytesIO()
+        image.save(buffer, format="PNG", optimize=True)
+        frames.append(f'"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"')
+    page = _PAGE.replace("WIDTH", str(images[0].width)).replace("LAST", str(len(images) - 1))
+    page = page.replace("WAIT", str(round(1000 / rate))).replace("FRAMES", ",\n".join(frames))
+    path.write_text(page, encoding="utf-8")
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8"><title>jaxcable</title></head>
+<body style="font-family: sans-serif; max-width: WIDTHpx; margin: auto">
+<img id="frame" alt="a frame" style="width: 100%">
+<div style="display: flex; gap: 1em">
+<button id="play" type="button">Pause</button>
+<input id="place" type="range" min="0" max="LAST" value="0" aria-label="frame" style="flex: 1">
+</div>
+<script>
+const frames = [FRAMES];
+const image = document.getElementById("frame"), place = document.getElementById("place");
+const button = document.getElementById("play");
+let playing = true;
+function show() { image.src = frames[place.value]; }
+function play(on) { playing = on; button.textContent = on ? "Pause" : "Play"; }
+button.onclick = () => play(!playing);
+place.oninput = () => { play(false); show(); };
+setInterval(() => {
+  if (!playing) return;
+  place.value = (Number(place.value) + 1) % frames.length;
+  show();
+}, WAIT);
+show();
+</script>
+</body>
+</html>
+"""

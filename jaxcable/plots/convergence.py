@@ -1,0 +1,185 @@
+"""Errors against size and against time: `convergence`, `work_precision`."""
+
+import numpy as np
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from .style import GRID, below, finish, series_style, start
+
+_ROOM = 2.0  # factor on the outermost values, between them and the edge
+_DECADES = 60.0  # ratio of values below which powers of ten are too few numbers
+_EDGE = 0.03  # of the axes: where marks at the edge are
+
+
+def convergence(
+    sizes, errors, path=None, *, counts=False, floor=0.0, xlabel=None, ylabel="error (-)"
+):
+    """Draw errors against element size or number of elements, with the fitted orders.
+
+    Args:
+        sizes: steps or element sizes, [n], or for several series a dict of them.
+        errors: [n], or a dict from labels to errors; errors that are not finite are marked as
+            failed at the upper edge, zeros at the lower one.
+        path: where to save a picture (the suffix says in which format), or None.
+        counts: whether sizes are numbers of elements: then errors fall with them.
+        floor: errors up to it are rounding: drawn with open marks, and not fitted.
+        xlabel, ylabel: of the axes, with units.
+
+    Returns:
+        The matplotlib `Figure`; see `jaxcable.plots` for what it is not. Orders are slopes of
+        least squares in logarithms.
+
+    Raises:
+        ValueError: shapes or labels that do not match, sizes that are not positive, negative
+            errors.
+
+    >>> import jaxcable as jc
+    >>> figure = jc.plots.convergence([0.1, 0.05, 0.025], {"secant": [0.4, 0.2, 0.1]})
+    >>> figure.axes[0].get_legend().get_texts()[0].get_text()
+    'secant: order 1.00'
+    """
+    series = _series(sizes, errors, "sizes", "errors")
+    if xlabel is None:
+        xlabel = "number of elements (-)" if counts else "step (-)"
+    figure, axes = _axes(series, xlabel, ylabel)
+    for k, (label, (size, error)) in enumerate(series.items()):
+        if not (np.isfinite(size) & (size > 0)).all():
+            raise ValueError(f"sizes{_key(label)}: must be positive and finite")
+        own = series_style(k)
+        real = np.isfinite(error) & (error > 0)
+        fitted = real & (error > floor)
+        name = [] if label is None else [label]
+        if len(np.unique(size[fitted])) > 1:
+            slope = np.polyfit(np.log(size[fitted]), np.log(error[fitted]), 1)[0]
+            name.append(f"order {-slope if counts else slope:.2f}")
+        order = np.argsort(size[real], kind="stable")
+        axes.plot(size[real][order], error[real][order], **{**own, "marker": ""})
+        filled = {**own, "linestyle": ""}
+        axes.plot(size[fitted], error[fitted], **filled)
+        axes.plot(size[real & ~fitted], error[real & ~fitted], **filled, markerfacecolor="white")
+        axes.plot([], [], label=": ".join(name), **own)
+    marks = _edges(axes, series)
+    if any((e[np.isfinite(e)] <= floor).any() for _, e in series.values()) and floor > 0:
+        look = {"marker": "o", "color": "0.3", "markerfacecolor": "white", "markersize": 5}
+        marks.append(Line2D([], [], linestyle="", label="rounding", **look))
+    below(axes, columns=2, handles=[*axes.get_legend_handles_labels()[0], *marks])
+    return finish(figure, path)
+
+
+def work_precision(times, errors, path=None, *, xlabel="time (s)", ylabel="relative error (-)"):
+    """Draw errors against the time that they cost, failures at the edge.
+
+    Args:
+        times: [n], or for several series a dict of them.
+        errors: [n], or a dict from labels to errors. Where the error is not finite, the run has
+            failed: its mark is at the upper edge (at the right one if the time is not finite
+            either); where it is zero, at the lower edge.
+        path: where to save a picture (the suffix says in which format), or None.
+        xlabel, ylabel: of the axes, with units.
+
+    Returns:
+        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+
+    Raises:
+        ValueError: shapes or labels that do not match, times that are not positive, negative
+            errors.
+
+    >>> import jaxcable as jc
+    >>> errors = {"Newton": [1e-9, 1e-12], "secant": [1e-3, float("nan")]}
+    >>> figure = jc.plots.work_precision([0.002, 0.003], errors)
+    >>> [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    ['Newton', 'secant', 'failed']
+    """
+    series = _series(times, errors, "times", "errors")
+    figure, axes = _axes(series, xlabel, ylabel)
+    for k, (label, (time, error)) in enumerate(series.items()):
+        if (time <= 0).any():
+            raise ValueError(f"times{_key(label)}: must be positive")
+        real = np.isfinite(time) & np.isfinite(error) & (error > 0)
+        order = np.argsort(time[real], kind="stable")
+        axes.plot(time[real][order], error[real][order], label=label, **series_style(k))
+    marks = _edges(axes, series)
+    named = [h for h in axes.get_legend_handles_labels()[0] if h.get_label() != "None"]
+    below(axes, columns=3, handles=[*named, *marks])
+    return finish(figure, path)
+
+
+def _series(places, values, first, second):
+    """A dict from labels to pairs of arrays [n]; one series has the label None."""
+    values = values if isinstance(values, dict) else {None: values}
+    if not values:
+        raise ValueError(f"{second}: expected at least one series")
+    if isinstance(places, dict) and set(places) != set(values):
+        raise ValueError(f"{first}: expected the labels {list(values)}, got {list(places)}")
+    series = {}
+    for label, value in values.items():
+        place = places[label] if isinstance(places, dict) else places
+        place, value = np.asarray(place, float), np.asarray(value, float)
+        if place.ndim != 1 or len(place) == 0:
+            raise ValueError(f"{first}{_key(label)}: expected shape [n], got {place.shape}")
+        if value.shape != place.shape:
+            raise ValueError(
+                f"{second}{_key(label)}: expected shape {place.shape}, got {value.shape}"
+            )
+        if (value < 0).any():
+            raise ValueError(f"{second}{_key(label)}: must not be negative")
+        series[label] = place, value
+    return series
+
+
+def _key(label):
+    return "" if label is None else f"[{label!r}]"
+
+
+def _axes(series, xlabel, ylabel):
+    """Figure and logarithmic axes with room for all that can be drawn in them."""
+    figure = start(4.8, 4.0)
+    axes = figure.add_subplot()
+    axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
+    for k, name in enumerate("xy"):
+        seen = np.concatenate([pair[k] for pair in series.values()])
+        seen = seen[np.isfinite(seen) & (seen > 0)]
+        if len(seen):
+            axes.set(**{f"{name}lim": (seen.min() / _ROOM, seen.max() * _ROOM)})
+            axis = getattr(axes, f"{name}axis")
+            axis.set_minor_formatter(NullFormatter())
+            if seen.max() < _DECADES * seen.min():
+                axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.grid(color=GRID)
+    return figure, axes
+
+
+def _edges(axes, series):
+    """Mark at the edges what has no place in the axes; the legend entries of what there is."""
+    found = {"failed": False, "exact": False}
+    both = axes.transAxes
+    for k, (place, value) in enumerate(series.values()):
+        look = {**series_style(k), "linestyle": "", "markersize": 7, "zorder": 5}
+        for kind, own, height in (
+            ("failed", ~np.isfinite(value) | ~np.isfinite(place), 1 - _EDGE),
+            ("exact", (value == 0) & np.isfinite(place), _EDGE),
+        ):
+            for x, y in zip(place[own], value[own], strict=True):
+                found[kind] = True
+                across = _share(axes.get_xlim(), x) if np.isfinite(x) else 1 - _EDGE
+                up = _share(axes.get_ylim(), y) if np.isfinite(y) and y > 0 else height
+                fill = {"markerfacecolor": "white", "markeredgewidth": 1.6}
+                axes.plot([across], [up], transform=both, **look, **fill)
+                if kind == "failed":
+                    dot = {"marker": "x", "color": "black", "markersize": 4, "zorder": 6}
+                    axes.plot([across], [up], transform=both, linestyle="", **dot)
+    keys = []
+    grey = {"linestyle": "", "color": "0.3", "markersize": 7, "markeredgewidth": 1.6}
+    if found["failed"]:
+        keys.append(Line2D([], [], marker="x", label="failed", **{**grey, "color": "black"}))
+    if found["exact"]:
+        label = "no error at all"
+        keys.append(Line2D([], [], marker="o", markerfacecolor="white", label=label, **grey))
+    return keys
+
+
+def _share(limits, value):
+    """Where a value is between limits, in logarithms, from 0 to 1."""
+    low, high = np.log(limits)
+    return (np.log(value) - low) / (high - low)

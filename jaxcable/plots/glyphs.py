@@ -1,0 +1,102 @@
+"""Signs on nodes: supports, and loads and reactions as arrows."""
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from .style import INK, LOAD, REACTION, force_text
+
+_ARROW = 0.14  # of the extent of the structure: length of the longest arrow, if they are few
+_SMALL = 1e-9  # of the largest force: too small to draw
+HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in part"))
+"""Mark, filling and name of the kinds of supports."""
+
+
+def supports(fixed, turns=None, normal=None):
+    """Which nodes are clamped, pinned, held in part, [3, n_node] bool.
+
+    Args:
+        fixed: held freedoms, [n_node, 3 or 6].
+        turns: which nodes have rotations, [n_node] bool; None if that is not known: then none is
+            clamped.
+        normal: unit vector of the plane of the picture, [3]: what is held along it alone does not
+            count.
+    """
+    all_three = fixed[:, :3].all(axis=1)
+    clamped = np.zeros_like(all_three)
+    if turns is not None and fixed.shape[1] == 6:
+        clamped = all_three & turns & fixed[:, 3:].all(axis=1)
+    in_part = fixed[:, :3].any(axis=1) & ~all_three
+    if normal is not None:
+        in_part &= (fixed[:, :3] & (np.abs(normal) < 0.5)).any(axis=1)
+    return np.stack([clamped, all_three & ~clamped, in_part])
+
+
+def draw_supports(axes, view, positions, kinds):
+    """Marks at the supports, a list; `kinds` as `supports` gives them."""
+    marks = []
+    seen, size = view.project(positions), mark_size(len(positions))
+    for (mark, filling, _), own in zip(HELD, kinds, strict=True):
+        if own.any():
+            look = {"markerfacecolor": filling, "markeredgecolor": INK, "markersize": size}
+            marks += axes.plot(*seen[own].T, mark, markeredgewidth=0.8, zorder=5, **look)
+    return marks
+
+
+def support_keys(kinds):
+    """Legend entries of the kinds of supports that occur."""
+    return [
+        Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
+               markersize=6, label=name)
+        for (mark, filling, name), own in zip(HELD, kinds, strict=True)
+        if own.any()
+    ]  # fmt: skip
+
+
+class Arrows:
+    """Forces on nodes, drawn to a common scale.
+
+    Args:
+        name: in the legend.
+        forces: [n_node, 3], N.
+        positions: nodes, [n_node, 3], m.
+        extent: of the structure, m.
+        push: whether the arrows end at their nodes (loads) or begin there (reactions).
+    """
+
+    def __init__(self, name, forces, positions, extent, push):
+        forces = np.asarray(forces)
+        size = np.linalg.norm(forces, axis=1)
+        self.largest = float(size.max(initial=0.0))
+        shown = size > _SMALL * self.largest
+        self.name, self.colour = name, LOAD if push else REACTION
+        length = extent * min(_ARROW, 0.8 / np.sqrt(max(shown.sum(), 1)))
+        self.vectors = forces[shown] * (length / max(self.largest, 1e-300))
+        self.tails = positions[shown] - (self.vectors if push else 0.0)
+        self.ends = np.concatenate([self.tails, self.tails + self.vectors])
+
+    def draw(self, axes, view):
+        """Draw them in axes of a view."""
+        if not len(self.tails):
+            return
+        tails, vectors = view.project(self.tails), view.project(self.vectors)
+        width = float(np.clip(1.4 * np.sqrt(40.0 / len(tails)), 0.3, 1.4))
+        if view.flat:
+            look = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "units": "dots"}
+            dots = width * axes.figure.dpi / 72
+            axes.quiver(*tails.T, *vectors.T, color=self.colour, width=dots, zorder=6, **look)
+        else:
+            look = {"arrow_length_ratio": 0.3, "linewidth": width, "zorder": 6}
+            axes.quiver(*tails.T, *vectors.T, color=self.colour, **look)
+
+    def keys(self):
+        """Its legend entry: the length of the longest arrow."""
+        if not len(self.tails):
+            return []
+        label = f"{self.name}, longest {force_text(self.largest)}"
+        look = {"color": self.colour, "marker": "$\\rightarrow$", "markersize": 14}
+        return [Line2D([], [], linestyle="", label=label, **look)]
+
+
+def mark_size(n):
+    """Size of marks, points, of a structure of `n` nodes."""
+    return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

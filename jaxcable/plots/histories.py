@@ -1,0 +1,106 @@
+"""How a design was found: `history`."""
+
+import numpy as np
+
+from .style import GRID, SERIES, below, finish, start
+
+_FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
+_LOG = 30.0  # ratio of values from which the axis is logarithmic
+
+
+def history(design, path=None, *, tol=None):
+    """Draw what `minimize` or `fit` did step by step, failed trials marked.
+
+    Args:
+        design: `Design`: loss and gradient norm of the accepted steps; those on whose way the
+            analysis failed are marked. Or `Fit`: misfit and damping of all trial points, accepted
+            or not; those where the analysis failed are marked at the upper edge.
+        path: where to save a picture (the suffix says in which format), or None.
+        tol: of `minimize`, drawn as a line under the gradient norm; None for no line.
+
+    Returns:
+        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+
+    Raises:
+        ValueError: no history (`minimize_subject_to` keeps none), a batch, or not one finite value.
+
+    >>> import jax.numpy as jnp
+    >>> import jaxcable as jc
+    >>> found = jc.minimize(lambda x: jnp.sum((x - 3.0) ** 2), jnp.zeros(2))
+    >>> figure = jc.plots.history(found)
+    >>> [axes.get_ylabel() for axes in figure.axes]
+    ['loss', 'gradient norm (-)']
+    """
+    record = getattr(design, "history", None)
+    if record is None:
+        raise ValueError(
+            f"design: a {type(design).__name__} has no history; expected a Design or a Fit"
+        )
+    if np.ndim(design.status) != 0:
+        raise ValueError("design: is a batch; draw one, jax.tree.map(lambda a: a[k], design)")
+    figure = start(4.8, 4.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    (_trials if hasattr(record, "misfit") else _steps)(record, int(design.steps), upper, lower)
+    if tol is not None:
+        lower.axhline(tol, color="black", linestyle="--", linewidth=1.0, label=f"tol = {tol:.1g}")
+    for axes in (upper, lower):
+        axes.grid(color=GRID)
+    lower.xaxis.get_major_locator().set_params(integer=True)
+    handles = upper.get_legend_handles_labels()[0] + lower.get_legend_handles_labels()[0]
+    below(lower, columns=3, handles=handles, drop=0.55)
+    figure.align_ylabels()
+    return finish(figure, path)
+
+
+def _steps(record, n, upper, lower):
+    """Accepted steps of `minimize`."""
+    loss, norm, failures = (
+        np.asarray(values, float)[: n + 1]
+        for values in (record.loss, record.gradient_norm, record.failures)
+    )
+    if not np.isfinite(loss).any():
+        raise ValueError("design: not one finite loss in its history; look at history.status")
+    number = np.arange(n + 1)
+    _line(upper, number, loss, "accepted step")
+    _line(lower, number, norm, None)
+    marked = (failures > 0) & np.isfinite(loss)
+    if marked.any():
+        label = f"failed trials ({int(failures[failures > 0].sum())})"
+        upper.plot(number[marked], loss[marked], label=label, **_FAILED)
+    upper.set_ylabel("loss")
+    lower.set(ylabel="gradient norm (-)", xlabel="step (-)")
+
+
+def _trials(record, n, upper, lower):
+    """All trial points of `fit`."""
+    misfit, damping = (np.asarray(v, float)[: n + 1] for v in (record.misfit, record.damping))
+    accepted = np.asarray(record.accepted)[: n + 1] > 0
+    finite = np.isfinite(misfit)
+    if not finite.any():
+        raise ValueError("design: not one finite misfit in its history; look at history.status")
+    accepted[0] |= finite[0]  # the start
+    number = np.arange(n + 1)
+    _line(upper, number, np.where(accepted, misfit, np.nan), "accepted trial")
+    refused = ~accepted & finite
+    if refused.any():
+        open_dots = {"linestyle": "", "marker": "o", "markerfacecolor": "white", "markersize": 5}
+        upper.plot(number[refused], misfit[refused], color="0.4", label="not accepted", **open_dots)
+    if (~finite).any():
+        edge = {"transform": upper.get_xaxis_transform(), "clip_on": False}
+        upper.plot(
+            number[~finite], np.ones((~finite).sum()), label="failed trial", **_FAILED, **edge
+        )
+    _line(lower, number, damping, None)
+    upper.set_ylabel("misfit")
+    lower.set(ylabel="damping", xlabel="trial (-)")
+
+
+def _line(axes, number, values, label):
+    """A line with dots through what is finite, on a logarithmic axis if that shows more."""
+    real = np.isfinite(values)
+    values, number = values[real], number[real]
+    look = {"color": SERIES[0], "marker": "o", "linewidth": 1.3}
+    look["markersize"] = float(np.clip(120.0 / max(len(values), 1), 1.5, 3.5))
+    axes.plot(number, values, label=label, **look)
+    if len(values) and values.min() > 0 and values.max() > _LOG * values.min():
+        axes.set_yscale("log")

@@ -1,0 +1,133 @@
+"""Where axes, colour bar and legend of a structure are: measured, so that nothing is cut off."""
+
+import numpy as np
+from mpl_toolkits.mplot3d import proj3d
+
+from .style import SIZE, resize, start
+
+_GAP = 0.1  # inches, around everything
+_BAR = 0.68  # inches, height of the colour bar with its numbers and label
+_TITLE = 0.25  # inches, height of a title
+_ROUNDS = 3
+"""Measuring and placing again: labels keep their size when axes change theirs."""
+
+
+def arrange(ratios, flat):
+    """A figure for one or two pictures of a structure, side by side if they are high.
+
+    Args:
+        ratios: heights over widths of the pictures.
+        flat: whether each has two directions.
+
+    Returns:
+        The figure, without room for a legend, and the slots of the pictures: left, top, width,
+        height, in inches from the upper left corner.
+    """
+    if len(ratios) == 2 and all(r >= 0.6 or not own for r, own in zip(ratios, flat, strict=True)):
+        widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if own else 3.6 for own in flat]
+    else:
+        widths = [4.8 for _ in ratios]
+    heights = [
+        min(0.85 + (wide - 0.85) * ratio, 6.5) for wide, ratio in zip(widths, ratios, strict=True)
+    ]
+    if widths[0] < 4.8:
+        lefts, tops = np.array([0.0, widths[0]]), np.zeros(2)
+        heights = [max(heights)] * 2
+    else:
+        lefts, tops = np.zeros(len(ratios)), np.concatenate([[0.0], np.cumsum(heights)[:-1]])
+    slots = list(zip(lefts, tops, widths, heights, strict=True))
+    size = max(lefts + widths), max(tops + heights)
+    return start(size[0], size[1] + _BAR, None), slots
+
+
+def settle(figure, slots, mappable, label, handles):
+    """Put colour bar and legend below the axes of a figure, and these into their slots.
+
+    Args:
+        figure, slots: of `arrange`, with one axes a slot.
+        mappable: what the colour bar belongs to.
+        label: of the colour bar.
+        handles: legend entries.
+    """
+    width, height = figure.get_size_inches()
+    views = list(figure.axes)
+    room = _legend(figure, handles, width)
+    figure.set_size_inches(width, height + room)
+    total = height + room
+    bar = figure.add_axes([0.2, (room + 0.42) / total, 0.6, 0.12 / total])
+    figure.colorbar(mappable, cax=bar, orientation="horizontal", label=label)
+    resize(figure)
+    for axes, (left, top, wide, high) in zip(views, slots, strict=True):
+        axes.set_position([left / width, 1 - (top + high) / total, wide / width, high / total])
+    for _ in range(_ROUNDS):
+        figure.draw_without_rendering()
+        for axes, (left, top, wide, high) in zip(views, slots, strict=True):
+            _fit(axes, (left + _GAP, total - top - high, wide - 2 * _GAP, high - _GAP))
+    figure.draw_without_rendering()
+    for axes in views:
+        if axes.name == "3d":
+            top, place = seen(axes)[3] * figure.dpi, axes.get_window_extent()
+            axes.title.set_y((top + 0.06 * figure.dpi - place.y0) / place.height)
+
+
+def _legend(figure, handles, width):
+    """Put the legend at the lower edge in as many columns as there is room for; its height."""
+    if not handles:
+        return 0.0
+    for columns in range(min(4, len(handles)), 0, -1):
+        legend = figure.legend(
+            handles=handles,
+            loc="lower center",
+            ncols=columns,
+            frameon=False,
+            fontsize=SIZE,
+            borderaxespad=0.4,
+            columnspacing=1.4,
+            handletextpad=0.6,
+        )
+        size = legend.get_window_extent()
+        if columns == 1 or size.width / figure.dpi <= width - 2 * _GAP:
+            return size.height / figure.dpi + 0.05
+        legend.remove()
+
+
+def _fit(axes, slot):
+    """Move and scale axes that have been drawn, so that all that belongs to them fills a slot.
+
+    Args:
+        axes: flat or not.
+        slot: left, bottom, width, height, inches.
+    """
+    figure = axes.figure
+    size = figure.get_size_inches()
+    drawn = seen(axes)
+    now = axes.get_position().extents * np.tile(size, 2)
+    corner, room = np.array(slot[:2]), np.array(slot[2:])
+    if axes.name == "3d":
+        room = room - np.array([0.0, _TITLE])
+        factor = (room / (drawn[2:] - drawn[:2])).min()
+        middle, at = 0.5 * (drawn[:2] + drawn[2:]), 0.5 * (now[:2] + now[2:])
+        half = 0.5 * factor * (now[2:] - now[:2])
+        centre = corner + 0.5 * room + factor * (at - middle)
+        new = np.concatenate([centre - half, centre + half])
+    else:
+        new = np.concatenate([corner, corner + room]) + (now - drawn)
+    left, bottom, right, top = new / np.tile(size, 2)
+    axes.set_position([left, bottom, right - left, top - bottom])
+
+
+def seen(axes):
+    """Left, bottom, right, top of what is to be seen of axes that have been drawn, inches."""
+    renderer = axes.figure.canvas.get_renderer()
+    if axes.name != "3d":
+        return axes.get_tightbbox(renderer).extents / axes.figure.dpi
+    # its axes reach far beyond the box that is drawn; the title follows
+    limits = [getattr(axes, f"get_{name}lim")() for name in "xyz"]
+    corners = np.array(np.meshgrid(*limits)).reshape(3, -1)
+    corners = axes.transData.transform(
+        np.transpose(proj3d.proj_transform(*corners, axes.get_proj()))[:, :2]
+    )
+    boxes = [getattr(axes, f"{name}axis").get_tightbbox(renderer).extents for name in "xyz"]
+    low = np.min([corners.min(axis=0), *(box[:2] for box in boxes)], axis=0)
+    high = np.max([corners.max(axis=0), *(box[2:] for box in boxes)], axis=0)
+    return np.concatenate([low, high]) / axes.figure.dpi

@@ -1,0 +1,171 @@
+"""Elements as lines: coloured by a value, slack ones dashed, those in compression in a casing."""
+
+import jax
+import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
+from matplotlib.lines import Line2D
+from matplotlib.patheffects import Normal, Stroke
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
+
+from .. import design
+from .style import GHOST, SLACK, colour_map, force_unit
+
+COLOURS = ("tension", "utilisation")
+DASHES = (0, (3, 1.5))
+_NOTHING = 1e-9  # of the largest force: compression that is none
+
+
+def pieces(groups):
+    """Straight pieces of all elements, node numbers [n, 2], and the number of their element [n]."""
+    links, element, count = [], [], 0
+    for group in groups:
+        chain = group.array
+        pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
+        own = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
+        real = pairs[..., 0] != pairs[..., 1]
+        links.append(pairs[real])
+        element.append(own[real])
+        count += len(chain)
+    return np.concatenate(links), np.concatenate(element)
+
+
+class Forces:
+    """Forces of all elements in one state, in one row, and what is said of them.
+
+    Attributes:
+        tension: [n_elem], N.
+        slack, compressed: [n_elem] bool.
+        value: what colours them, in the unit of `Scale`, [n_elem]; NaN where it is not known.
+    """
+
+    def __init__(self, tension, structure=None, colour="tension"):
+        self.tension = _row(tension)
+        self.slack = self.tension == 0.0
+        if structure is not None:
+            groups = structure.groups
+            cable = [np.full(len(group.links), group.tension_only) for group in groups]
+            self.slack = np.concatenate(cable) & (self.tension <= 0.0)
+        largest = np.abs(self.tension).max(initial=0.0)
+        self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
+        self.value = self.tension
+        if colour == "utilisation":
+            self.value = _utilisation(structure, tension)
+
+
+class Scale:
+    """The colour scale that several states share.
+
+    Attributes:
+        factor: from the values to what the colour bar shows.
+        label: with unit.
+        look: colour map and norm, for collections.
+    """
+
+    def __init__(self, forces, colour="tension"):
+        values = np.concatenate([own.value for own in forces])
+        values = values[np.isfinite(values)]
+        low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+        if colour == "utilisation":
+            # 1 is on the bar: what is far from it looks so
+            self.factor, self.label, low, high = 1.0, "force over strength (-)", 0.0, max(high, 1.0)
+        else:
+            self.factor, unit = force_unit(max(abs(low), abs(high)))
+            signed = ", tension positive" if low < -_NOTHING * max(abs(low), abs(high)) else ""
+            self.label = f"{'axial force' if signed else 'tension'} ({unit}){signed}"
+            low, high = self.factor * low, self.factor * high
+            if high - low <= 1e-9 * max(abs(high), 1.0):
+                width = max(0.05 * abs(high), 1e-3)
+                low, high = low - width, high + width
+        self.look = {"cmap": colour_map(), "norm": Normalize(low, high)}
+
+
+class Members:
+    """The lines of all elements in axes, which can be moved from frame to frame.
+
+    Args:
+        axes: to draw in.
+        view: `View` of these axes.
+        links: as `pieces` gives them.
+        scale: `Scale`.
+    """
+
+    def __init__(self, axes, view, links, scale):
+        self.view, self.scale = view, scale
+        self.pairs, self.element = links
+        width = thickness(len(self.pairs))
+        make = LineCollection if view.flat else Line3DCollection
+        nowhere = np.zeros((0, 2, 2 if view.flat else 3))
+        self.casing = make(nowhere, colors="black", linewidths=2.2 * width, zorder=2)
+        self.taut = make(nowhere, linewidths=width, zorder=3, **scale.look)
+        self.slack = make(
+            nowhere, colors=SLACK, linewidths=max(0.75 * width, 0.8), linestyles=DASHES, zorder=4
+        )
+        for lines in (self.casing, self.taut, self.slack):
+            axes.add_collection(lines, autolim=False)
+
+    def show(self, positions, forces):
+        """Put them at node positions [n_node, 3] with `Forces`."""
+        segments = self.view.project(positions)[self.pairs]
+        slack, compressed = forces.slack[self.element], forces.compressed[self.element]
+        self.casing.set_segments(segments[compressed])
+        self.taut.set_segments(segments[~slack])
+        self.taut.set_array(self.scale.factor * forces.value[self.element][~slack])
+        self.slack.set_segments(segments[slack])
+
+
+def ghost(axes, view, positions, links):
+    """Thin dashed lines of an earlier geometry."""
+    make = LineCollection if view.flat else Line3DCollection
+    segments = view.project(positions)[links[0]]
+    width = min(1.0, thickness(len(links[0])))
+    lines = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
+    axes.add_collection(lines, autolim=False)
+
+
+def thickness(n):
+    """Width of lines, points, when there are `n` of them."""
+    return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
+
+
+def keys(forces, before=False, counted=True):
+    """Legend entries of what the lines of some states mean, those that occur.
+
+    Args:
+        forces: `Forces` of the states; slack elements are counted in the last.
+        before: whether an earlier geometry is drawn.
+        counted: whether to say how many are slack.
+    """
+    found = []
+    if before:
+        found.append(Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="before"))
+    if any(own.slack.any() for own in forces):
+        last = forces[-1]
+        label = f"slack ({int(last.slack.sum())} of {len(last.slack)})" if counted else "slack"
+        found.append(Line2D([], [], color=SLACK, linewidth=1.6, linestyle=DASHES, label=label))
+    if any(own.compressed.any() for own in forces):
+        cased = [Stroke(linewidth=4.4, foreground="black"), Normal()]
+        middle = colour_map()(0.5)
+        label = "compression"
+        found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
+    if any(np.isnan(own.value).any() for own in forces):
+        found.append(Line2D([], [], color="0.6", linewidth=2.0, label="strength not stated"))
+    return found
+
+
+def _row(values):
+    """The numbers of all groups in one row."""
+    return np.concatenate([np.asarray(leaf, float) for leaf in jax.tree.leaves(values)])
+
+
+def _utilisation(structure, tension):
+    if structure is None:
+        raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
+    found = design.utilisation(structure, tension)
+    leaves = jax.tree.leaves(found, is_leaf=lambda leaf: leaf is None)
+    return _row(
+        [
+            np.full(len(group.links), np.nan) if own is None else own
+            for group, own in zip(structure.groups, leaves, strict=True)
+        ]
+    )

@@ -1,0 +1,105 @@
+"""A structure before and after loading: `net`."""
+
+import numpy as np
+
+from .glyphs import Arrows, draw_supports, support_keys
+from .layout import arrange, settle
+from .members import Members, Scale, ghost, keys
+from .stages import stages_of
+from .style import finish
+from .views import View, choose
+
+
+def net(
+    solution,
+    path=None,
+    magnify=1.0,
+    *,
+    colour="tension",
+    structure=None,
+    state=None,
+    view=None,
+    supports=True,
+    loads=True,
+    reactions=False,
+):
+    """Draw a structure in plan before and in space after loading, coloured by tension.
+
+    What lies in a vertical plane, or is higher than it is wide, is drawn in elevation; a plane
+    structure both times. Slack cables are dashed, elements in compression have a black casing.
+
+    Args:
+        solution: `Solution` with status OK; "before" is the end of its first phase (if it has no
+            other, both pictures are of its end). Catenaries are drawn as their chords
+            (`forms.catenary_curves` has their places).
+        path: where to save a picture (the suffix says in which format), or None.
+        magnify: factor on the displacement after the first phase, in the second picture; None for a
+            round one that makes the largest a tenth of the structure.
+        colour: "tension", or "utilisation", force over breaking strength, which needs `structure`.
+        structure: the `Structure` that was analysed. It tells cables from bars and beams: without
+            it whatever has exactly no tension is drawn as slack, and no support as clamped.
+        state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.
+        view: "plan", "elevation" or "space" for the first picture; default: as said above.
+        supports: whether to mark them.
+        loads, reactions: whether to draw them in the second picture, as arrows: loads end at their
+            node, reactions begin there, the longest of each kind are equally long. Moments are not
+            drawn.
+
+    Returns:
+        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+
+    Raises:
+        ValueError: the solution has failed and no state is given, it is a batch, the structure is
+            another one, no group has a strength, or an unknown option.
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> structure, phases = jc.scenes.flat_net()
+    >>> solution = jc.solve(structure, phases)
+    >>> figure = jc.plots.net(solution, structure=structure, reactions=True)
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['Before loading: plan', 'After loading']
+    """
+    links, stages, shown = stages_of(solution, structure, state, magnify, colour)
+    everything = np.concatenate([place for stage in stages for place in stage.places()])
+    views = [choose(np.concatenate(stages[0].places()), view), choose(everything)]
+    if not views[1].plane:
+        views[1] = View("space")
+    elif view is None:
+        views[0] = views[1]
+
+    if views[0] is views[1] and stages[0].title == stages[1].title:
+        views, stages = views[1:], stages[1:]  # nothing else is to be seen in the first picture
+
+    extent = np.ptp(everything, axis=0).max()
+    arrows = []
+    if loads:
+        arrows.append(Arrows("loads", shown.load, stages[-1].positions, extent, push=True))
+    if reactions:
+        arrows.append(
+            Arrows("reactions", shown.reactions, stages[-1].positions, extent, push=False)
+        )
+    points = [np.concatenate(stage.places()) for stage in stages]
+    points[-1] = np.concatenate([points[-1], *(own.ends for own in arrows)])
+
+    scale = Scale([stage.forces for stage in stages], colour)
+    ratios = [one.ratio(seen) for one, seen in zip(views, points, strict=True)]
+    figure, slots = arrange(ratios, [one.flat for one in views])
+    for number, (one, stage) in enumerate(zip(views, stages, strict=True)):
+        title = stage.title + (f": {one.kind}" if number == 0 and one.flat else "")
+        axes = one.add_axes(figure, points[number], title)
+        ghost(axes, one, stage.ghost, links)
+        lines = Members(axes, one, links, scale)
+        lines.show(stage.positions, stage.forces)
+        if supports:
+            draw_supports(axes, one, stage.positions, stage.held(structure, one))
+    for own in arrows:
+        own.draw(axes, views[-1])
+
+    handles = keys([stage.forces for stage in stages], any(stage.moved() for stage in stages))
+    if supports:
+        kinds = [stage.held(structure, one) for one, stage in zip(views, stages, strict=True)]
+        handles += support_keys(np.any(kinds, axis=0))
+    handles += [key for own in arrows for key in own.keys()]
+    settle(figure, slots, lines.taut, scale.label, handles)
+    return finish(figure, path)

@@ -1,0 +1,92 @@
+"""Load against displacement: `path`."""
+
+import numpy as np
+
+from ..paths.events import (
+    BIFURCATION,
+    LIMIT_POINT,
+    MATERIAL_FAILURE,
+    NAMES,
+    SLACKENING,
+    TIGHTENING,
+)
+from .style import GRID, SERIES, below, finish, start
+
+_MARKS = {
+    LIMIT_POINT: ("o", SERIES[1]),
+    BIFURCATION: ("D", SERIES[4]),
+    SLACKENING: ("v", SERIES[2]),
+    TIGHTENING: ("^", SERIES[3]),
+    MATERIAL_FAILURE: ("X", "black"),
+}
+
+
+def path(traced, node, axis="z", path=None, scale=1.0, unit=None, factor=1e3, length="mm"):
+    """Draw load against displacement of a node, unstable parts dashed, events marked.
+
+    Args:
+        traced: `TracedPath`, or the `path` of a phase of a solution.
+        node: whose displacement is drawn.
+        axis: "x", "y" or "z"; with a minus sign before it for the opposite direction.
+        path: where to save a picture (the suffix says in which format), or None.
+        scale, unit: load at load factor 1 and its unit; default the load factor.
+        factor, length: factor on displacements in m, and the name of that unit.
+
+    Returns:
+        The matplotlib `Figure`.
+
+    Raises:
+        ValueError: unknown node or axis, or a path without a point.
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> solution = jc.solve(*jc.scenes.flat_net())
+    >>> figure = jc.plots.path(solution.phases[1].path, 3, axis="-z", scale=150.0, unit="N")
+    >>> figure.axes[0].get_xlabel()
+    'displacement of node 3 along -z (mm)'
+    """
+    name = axis.removeprefix("-")
+    if name not in ("x", "y", "z"):
+        raise ValueError(f'axis = {axis!r}: expected "x", "y" or "z", with "-" for the opposite')
+    sign = -factor if axis.startswith("-") else factor
+    n_node = traced.displacement.shape[1]
+    if not 0 <= node < n_node:
+        raise ValueError(f"node = {node}: the structure has nodes 0 to {n_node - 1}")
+    moved = sign * np.asarray(traced.displacement)[:, node, "xyz".index(name)]
+    load = scale * np.asarray(traced.load_factor)
+    if not np.isfinite(moved).any():
+        raise ValueError("traced: has no point to draw; look at its status")
+    figure = start(4.8, 3.8)
+    axes = figure.add_subplot()
+    negative = getattr(traced, "n_negative", None)
+    unstable = np.zeros(len(load), bool) if negative is None else np.asarray(negative) > 0
+    # a stretch belongs to the kind of the point that it leads to
+    for kind, style, label in ((False, "-", "stable"), (True, "--", "unstable")):
+        shown = unstable == kind
+        shown[:-1] |= shown[1:]
+        if (unstable == kind).any():
+            label = None if negative is None else label
+            axes.plot(
+                *_broken(moved, load, shown), style, color=SERIES[0], linewidth=1.6, label=label
+            )
+    events = getattr(traced, "events", None)
+    for number in () if events is None else np.unique(np.asarray(events.kind)):
+        mark, colour = _MARKS[int(number)]
+        own = np.asarray(events.kind) == number
+        at = sign * np.asarray(events.displacement)[own, node, "xyz".index(name)]
+        heights = scale * np.asarray(events.load_factor)[own]
+        axes.plot(at, heights, mark, color=colour, markersize=6, label=NAMES[int(number)])
+    axes.axhline(0.0, color="0.6", linewidth=0.7)
+    axes.grid(color=GRID)
+    axes.set(
+        xlabel=f"displacement of node {node} along {axis} ({length})",
+        ylabel="load factor" if unit is None else f"load ({unit})",
+    )
+    if negative is not None:
+        below(axes, columns=3)
+    return finish(figure, path)
+
+
+def _broken(x, y, shown):
+    """Points of a line, interrupted where they are not to be shown."""
+    return np.where(shown, x, np.nan), np.where(shown, y, np.nan)

@@ -1,0 +1,62 @@
+"""The fibres of a cross-section: `section`."""
+
+import matplotlib
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Patch
+
+from .style import below, finish, start
+
+
+def section(section, stress=None, path=None, scale=1e-6, unit="N/mm2"):
+    """Draw the fibres of a cross-section, coloured by stress, or else by law.
+
+    Args:
+        section: `Section` with a mesh.
+        stress: of every fibre, [n_fibre], Pa, for example a row of `fibre_stress`.
+        path: where to save a picture (the suffix says in which format), or None.
+        scale, unit: factor on the stress and its label.
+
+    Returns:
+        The matplotlib `Figure`.
+
+    Raises:
+        ValueError: no mesh, or a stress of the wrong shape.
+
+    >>> import jaxcable as jc
+    >>> disc = jc.Section.disc(0.05, jc.Elastic(210e9), (4, 8))
+    >>> figure = jc.plots.section(disc, disc.fibre_stress(1e-4, 2e-3, 0.0))
+    >>> figure.axes[1].get_ylabel()
+    'stress (N/mm2), tension positive'
+    """
+    if section.points is None:
+        raise ValueError("section: has no mesh to draw; it was made from fibres alone")
+    corners = np.asarray(section.points)[section.cells.array] * 1e3
+    figure = start(4.8, 4.2)
+    axes = figure.add_subplot()
+    edges = {"edgecolors": "white", "linewidths": 0.4}
+    if stress is not None:
+        stress = np.asarray(stress) * scale
+        if stress.shape != (section.n_fibre,):
+            raise ValueError(f"stress: expected shape ({section.n_fibre},), got {stress.shape}")
+        largest = max(float(np.nanmax(np.abs(stress))), 1e-30)
+        cells = PolyCollection(corners, array=stress, cmap="RdBu_r", **edges)
+        cells.set_clim(-largest, largest)
+        axes.add_collection(cells)
+        figure.colorbar(cells, ax=axes, label=f"stress ({unit}), tension positive")
+    else:
+        number = np.repeat(np.arange(len(section.counts)), section.counts)
+        colours = matplotlib.colormaps["viridis"](
+            np.linspace(0.15, 0.85, max(len(section.counts), 2))
+        )
+        axes.add_collection(PolyCollection(corners, facecolors=colours[number], **edges))
+        names = [f"{k + 1}: {type(law).__name__}" for k, law in enumerate(section.laws)]
+        handles = [Patch(color=c, label=n) for c, n in zip(colours, names, strict=False)]
+        below(axes, columns=3, handles=handles)
+    axes.axhline(0.0, color="0.3", linewidth=0.7, linestyle=":")
+    axes.axvline(0.0, color="0.3", linewidth=0.7, linestyle=":")
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.margins(0.08)
+    axes.set(xlabel="y (mm)", ylabel="z (mm)")
+    return finish(figure, path)

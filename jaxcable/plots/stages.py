@@ -1,0 +1,130 @@
+"""What of a solution is drawn: geometry, forces and supports before and after loading."""
+
+import numpy as np
+
+from .glyphs import supports
+from .members import COLOURS, Forces, pieces
+
+_ROUND = (5.0, 2.0, 1.0)
+_SEEN = 2e-3  # of the extent: a displacement that can be seen
+
+
+class Stage:
+    """One geometry with its forces.
+
+    Attributes:
+        title: of its picture.
+        positions: [n_node, 3], m.
+        ghost: an earlier geometry, drawn behind it, [n_node, 3], m.
+        forces: `Forces`.
+        fixed: held freedoms, [n_node, 3 or 6].
+    """
+
+    def __init__(self, title, positions, ghost, forces, fixed):
+        self.title, self.positions, self.ghost = title, positions, ghost
+        self.forces, self.fixed = forces, fixed
+
+    def places(self):
+        """All places that are drawn, two arrays [n_node, 3]."""
+        return self.ghost, self.positions
+
+    def moved(self):
+        """Whether the earlier geometry can be told from this one."""
+        extent = np.ptp(np.concatenate(self.places()), axis=0).max()
+        return bool(np.abs(self.positions - self.ghost).max() > _SEEN * extent)
+
+    def held(self, structure, view):
+        """Kinds of supports, as `glyphs.supports` gives them."""
+        turns = None if structure is None else structure.turns()
+        return supports(self.fixed, turns, view.normal)
+
+
+def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension"):
+    """Pieces of all elements, the stages before and after loading, and the `State` at the end."""
+    check(solution, structure, colour)
+    if state is None:
+        if int(solution.status) != 0:
+            raise ValueError(
+                "solution: has failed; draw its last converged state, "
+                "state=solution.last, or call raise_if_failed"
+            )
+        state = solution.last
+    elif not hasattr(state, "load_factor") or not np.isfinite(np.asarray(state.positions)).all():
+        raise ValueError("state: expected a State with finite positions, such as solution.last")
+    end, begin, first = np.asarray(state.positions), start_of(solution, state), solution.phases[0]
+    number = int(state.phase)
+    n_node = len(end)
+
+    def fixed(phase):
+        return state.fixed[phase + 1].array[:n_node]
+
+    def factor(origin):
+        return (
+            round_factor(end - origin, np.concatenate([end, begin])) if magnify is None else magnify
+        )
+
+    forces = Forces(state.tension, structure, colour)
+    stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
+    if number < 1:  # a single phase: both pictures are of its end
+        name = f"After phase 1{stopped}" if number == 0 else "Start"
+        factor = factor(begin)
+        moved = begin + factor * (end - begin)
+        stages = [
+            Stage(name, end, begin, forces, fixed(number)),
+            Stage(name + _times(factor), moved, begin, forces, fixed(number)),
+        ]
+        return pieces(solution.links), stages, state
+    middle = np.asarray(first.positions)
+    name = f"Phase {number + 1}{stopped}" if stopped else "After loading"
+    factor = factor(middle)
+    before = Forces(first.tension, structure, colour)
+    stages = [
+        Stage("Before loading", middle, begin, before, fixed(0)),
+        Stage(
+            name + _times(factor), middle + factor * (end - middle), middle, forces, fixed(number)
+        ),
+    ]
+    return pieces(solution.links), stages, state
+
+
+def check(solution, structure, colour):
+    """Refuse what cannot be drawn."""
+    refuse_batch(solution)
+    if colour not in COLOURS:
+        raise ValueError(f'colour = {colour!r}: expected "tension" or "utilisation"')
+    if structure is None:
+        return
+    own, theirs = ([g.links.array for g in structure.groups], [l.array for l in solution.links])
+    if len(own) != len(theirs) or not all(map(np.array_equal, own, theirs)):
+        raise ValueError("structure: its links are not those of the solution")
+
+
+def refuse_batch(solution):
+    """A picture is of one analysis."""
+    if np.ndim(solution.status) != 0:
+        raise ValueError(
+            "solution: is a batch; draw one of it, jax.tree.map(lambda a: a[k], solution)"
+        )
+
+
+def start_of(solution, state):
+    """Where the first phase began, [n_node, 3]."""
+    first = solution.phases[0]
+    begin = np.asarray(first.positions) - np.asarray(first.displacement)
+    if np.isfinite(begin).all():
+        return begin
+    return np.asarray(state.positions) - np.asarray(state.displacement)
+
+
+def round_factor(moved, places):
+    """A round factor, at least 1, that makes displacements a tenth of the structure at most."""
+    largest = np.linalg.norm(moved, axis=1).max()
+    wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
+    if wanted < 2.0 or largest == 0.0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(power * next(r for r in _ROUND if r * power <= wanted * (1 + 1e-9)))
+
+
+def _times(factor):
+    return "" if factor == 1 else f", deflection x {factor:g}"

@@ -1,0 +1,136 @@
+"""From where a structure is seen: plan, elevation or space, always with equal axes."""
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D  # makes the projection known
+
+from .style import SIZE
+
+__all__ = ["VIEWS", "Axes3D", "View", "choose"]
+
+VIEWS = ("plan", "elevation", "space")
+_PLANE = 1e-6  # of its extent: how far a plane structure may leave its plane
+_LEAST = 0.15  # of the largest extent: the least one drawn, so that a flat net has a height
+_MARGIN = 0.05
+
+
+class View:
+    """What is drawn of a place in space.
+
+    Attributes:
+        kind: "plan", "elevation" or "space".
+        along: horizontal unit vector of an elevation, [3]; None for others.
+        plane: whether all that is seen lies in one vertical plane.
+        normal: unit vector of that plane, [3], or None.
+        flat: whether the axes have two directions.
+    """
+
+    def __init__(self, kind, along=None, plane=False):
+        self.kind, self.along, self.plane = kind, along, plane
+        self.flat = kind != "space"
+        self.normal = np.array([-along[1], along[0], 0.0]) if plane else None
+
+    def project(self, vectors):
+        """Coordinates in the picture, [..., 2] or [..., 3], of vectors [..., 3]."""
+        if self.kind == "plan":
+            return vectors[..., :2]
+        if self.kind == "elevation":
+            return np.stack([vectors @ self.along, vectors[..., 2]], axis=-1)
+        return vectors
+
+    def names(self):
+        """Labels of the axes."""
+        if self.kind != "elevation":
+            return ("x (m)", "y (m)", "z (m)")[: 2 if self.flat else 3]
+        x, y = np.abs(self.along[:2])
+        if y < 1e-9:
+            return "x (m)", "z (m)"
+        if x < 1e-9:
+            return "y (m)", "z (m)"
+        angle = np.degrees(np.arctan2(self.along[1], self.along[0]))
+        return f"along {angle:.0f}° to x (m)", "z (m)"
+
+    def extent(self, points):
+        """Lower and upper limits of the axes that show all points [n, 3]."""
+        seen = self.project(points)
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        size = np.maximum(high - low, _LEAST * max((high - low).max(), 1e-9))
+        size = size * (1.0 + 2 * _MARGIN)
+        middle = 0.5 * (low + high)
+        return middle - 0.5 * size, middle + 0.5 * size
+
+    def ratio(self, points):
+        """Height over width of the picture of all points [n, 3]."""
+        low, high = self.extent(points)
+        size = high - low
+        if self.flat:
+            return float(size[1] / size[0])
+        # of a box that is seen from 30 degrees above and 30 degrees aside
+        return float((0.25 * size[0] + 0.43 * size[1] + 0.87 * size[2]) / (size @ [0.87, 0.5, 0.0]))
+
+    def add_axes(self, figure, points, title):
+        """Axes in a figure, with room for all points [n, 3]; where they are is up to `layout`.
+
+        Args:
+            figure: to draw in.
+            points: what has to be within the limits.
+            title: of the axes.
+        """
+        low, high = self.extent(points)
+        names = self.names()
+        if self.flat:
+            axes = figure.add_axes([0.1, 0.1, 0.8, 0.8])
+            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+            axes.set_aspect("equal", adjustable="box")
+            least = 3 if (high - low)[1] < 0.4 * (high - low)[0] else 6
+            axes.yaxis.set_major_locator(MaxNLocator(nbins=least))
+            axes.xaxis.set_major_locator(MaxNLocator(nbins=6))
+            axes.set(xlabel=names[0], ylabel=names[1])
+        else:
+            axes = figure.add_axes([0.1, 0.1, 0.8, 0.8], projection="3d")
+            axes.computed_zorder = False  # drawn in the order in which they lie on each other
+            axes.patch.set_visible(False)  # it would cover what is beside
+            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+            size = high - low
+            axes.set_box_aspect(size, zoom=0.95)
+            for name, own, label in zip("xyz", size / size.max(), names, strict=True):
+                axis = getattr(axes, f"{name}axis")
+                axis.set_major_locator(MaxNLocator(nbins=4 if own > 0.5 else 2 if own > 0.2 else 1))
+                axis.set_label_text(label)
+                axis.labelpad = 0 if name == "z" and own < 0.5 else 6
+                axes.tick_params(axis=name, pad=0)
+            axes.set_title("", y=1.0)  # where it is told, not where matplotlib finds room
+        axes.set_title(title, fontsize=SIZE)
+        return axes
+
+
+def choose(points, kind=None):
+    """The view of a structure: in its plane, if that is vertical, else in plan, or as it is told.
+
+    Args:
+        points: all places that are to be seen, [n, 3].
+        kind: "plan", "elevation", "space", or None to choose between the first two: elevation for
+            what lies in a vertical plane or is higher than it is wide.
+    """
+    if kind is not None and kind not in VIEWS:
+        raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')
+    along, plane = _plane(points)
+    size = np.ptp(points, axis=0)
+    if kind is None:
+        kind = "elevation" if plane or size[2] > max(size[:2]) else "plan"
+    return View(kind, along, plane)
+
+
+def _plane(points):
+    """Horizontal direction of an elevation, [3], and whether all points lie in its plane."""
+    level = points[:, :2] - points[:, :2].mean(axis=0)
+    size = np.ptp(level, axis=0)
+    spread, directions = np.linalg.svd(level, full_matrices=False)[1:]
+    largest = max(np.ptp(points, axis=0).max(), 1e-300)
+    plane = bool(np.abs(level @ directions[1]).max() <= _PLANE * largest)
+    if plane and spread[0] > _PLANE * largest:
+        along = directions[0] * np.where(directions[0] @ [1.0, 1e-3] < 0, -1.0, 1.0)
+        along = np.where(np.abs(along) < _PLANE, 0.0, along)
+    else:
+        along = np.array([0.0, 1.0]) if size[1] > 1.5 * size[0] else np.array([1.0, 0.0])
+    return np.append(along / np.linalg.norm(along), 0.0), plane

@@ -1,0 +1,436 @@
+"""Pictures: what is in them, seen in their pixels; and that they leave matplotlib alone."""
+
+import base64
+import doctest
+import importlib
+import io
+import itertools
+import pkgutil
+import re
+
+import jax
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.text import Text
+from PIL import Image
+
+import jaxcable as jc
+from jaxcable.plots import layout, members, stages, style, views
+
+FREE = [3, 4, 7, 8]
+
+
+class Runs:
+    """Analyses of one program: the flat net, with slack cables, in a vertical plane, and failed."""
+
+    def __init__(self):
+        self.structure, self.phases = jc.scenes.flat_net()
+        self.taut = jc.solve(self.structure, self.phases)
+        push = jc.Phase(loads=jc.NodalLoads(FREE, (400.0, 0.0, -5.0)), increments=10)
+        self.slack = jc.solve(self.structure, [self.phases[0], push])
+        upright = np.asarray(self.structure.nodes)[:, [0, 2, 1]]
+        self.plane = jc.solve(jc.replace(self.structure, nodes=upright), self.phases)
+        for solution in (self.taut, self.slack, self.plane):
+            assert int(solution.status) == 0
+        self.failed = jc.solve(self.structure, self.phases, jc.Newton(max_steps=3))
+        assert int(self.failed.status) == 1 and int(self.failed.last.phase) == 0
+        links = self.structure.elements.links.array
+        cables = jc.Cables(links, axial_stiffness=97.97e3, strength=600.0)
+        self.strong = jc.Structure(self.structure.nodes, cables, self.structure.supports)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return Runs()
+
+
+def found(loss, gradient_norm, failures):
+    zeros = np.zeros(len(loss), int)
+    history = jc.design.History(loss, gradient_norm, zeros, np.array(failures), zeros)
+    n = len(loss) - 1
+    return jc.design.Design(None, loss[-1], None, 0.0, history, 0, n, n, sum(failures))
+
+
+def fitted():
+    misfit = np.array([3.0, np.nan, 4.0, 0.5, 1e-6, np.nan])
+    history = jc.design.FitHistory(
+        misfit, np.array([1, 0, 0, 1, 1, -1]), 10.0 ** np.arange(6.0), np.array([0, 3, 0, 0, 0, -1])
+    )
+    return jc.design.Fit(None, None, None, misfit[4], None, history, 0, 4)
+
+
+ERRORS = {
+    "Newton": [1e-3, 1e-9, 0.0],
+    "secant": [1e-2, np.nan, 1e-4],
+}
+PICTURES = {
+    "net": lambda r: jc.plots.net(r.taut, structure=r.structure, reactions=True, magnify=3.0),
+    "net, slack": lambda r: jc.plots.net(r.slack),
+    "net, plane": lambda r: jc.plots.net(r.plane, reactions=True),
+    "net, space": lambda r: jc.plots.net(r.taut, view="space", loads=False, supports=False),
+    "net, utilisation": lambda r: jc.plots.net(r.taut, colour="utilisation", structure=r.strong),
+    "net, failed": lambda r: jc.plots.net(r.failed, state=r.failed.last),
+    "path": lambda r: jc.plots.path(r.taut.phases[1].path, 3, axis="-z"),
+    "section": lambda r: jc.plots.section(jc.Section.disc(0.05, jc.Elastic(1e9), (3, 8))),
+    "increments": lambda r: jc.plots.increments(r.slack),
+    "increments, failed": lambda r: jc.plots.increments(r.failed),
+    "convergence": lambda r: jc.plots.convergence([0.4, 0.2, 0.1], ERRORS, floor=1e-8),
+    "work_precision": lambda r: jc.plots.work_precision([1.0, 2.0, np.inf], ERRORS),
+    "history": lambda r: jc.plots.history(
+        found(np.array([5.0, 2.0, 1.9]), np.array([1.0, 1e-2, 1e-7]), [0, 2, 0]), tol=1e-6
+    ),
+    "history of a fit": lambda r: jc.plots.history(fitted()),
+}
+
+
+@pytest.fixture(scope="module")
+def pictures(runs):
+    return {name: make(runs) for name, make in PICTURES.items()}
+
+
+def pixels(figure, dpi=60):
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=dpi)
+    return np.asarray(Image.open(buffer).convert("RGB")).astype(int)
+
+
+def legend_texts(figure):
+    legends = [*figure.legends, *(a.get_legend() for a in figure.axes if a.get_legend())]
+    return [text.get_text() for legend in legends for text in legend.get_texts()]
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_nothing_is_cut_off_and_something_is_drawn(pictures, name):
+    figure = pictures[name]
+    image = pixels(figure)
+    edge = np.concatenate([image[[0, -1]].reshape(-1, 3), image[:, [0, -1]].reshape(-1, 3)])
+    assert (edge == 255).all()
+    for axes in figure.axes:
+        left, low, right, high = np.round(layout.seen(axes) * 60).astype(int)
+        inside = image[len(image) - high + 2 : len(image) - low - 2, left + 2 : right - 2]
+        assert len(np.unique(inside.reshape(-1, 3), axis=0)) > 4
+    # 4 inches wide, as printed in 10 cm, no text is smaller than 5.5 points
+    sizes = {t.get_fontsize() for t in figure.findobj(Text) if t.get_text()}
+    assert min(sizes) * 3.94 / figure.get_figwidth() > 5.5
+
+
+@pytest.mark.parametrize("name", PICTURES)
+def test_axes_have_units_and_the_legend_is_beside_them(pictures, name):
+    figure = pictures[name]
+    figure.draw_without_rendering()
+    renderer = figure.canvas.get_renderer()
+    boxes = [
+        legend.get_window_extent(renderer)
+        for legend in [*figure.legends, *(a.get_legend() for a in figure.axes if a.get_legend())]
+    ]
+    for axes in figure.axes:
+        labels = [axes.get_xlabel(), axes.get_ylabel()]
+        if axes.name == "3d":
+            low, high = (np.array(p) * figure.dpi for p in np.split(layout.seen(axes), 2))
+            own = matplotlib.transforms.Bbox([low, high])
+            labels.append(axes.get_zlabel())
+        else:
+            own = axes.get_tightbbox(renderer, bbox_extra_artists=[])  # labels, no legend
+        assert not any(own.overlaps(box) for box in boxes)
+        for label in filter(None, labels):
+            assert label in ("loss", "misfit", "damping", "load factor") or re.search(
+                r"\(.+\)", label
+            )
+
+
+def test_axes_of_geometry_are_equal(pictures):
+    for name in ("net", "net, plane", "net, space"):
+        for axes in pictures[name].axes[:-1]:
+            if axes.name == "3d":
+                limits = [np.ptp(getattr(axes, f"get_{own}lim")()) for own in "xyz"]
+                assert np.ptp(axes.get_box_aspect() / np.array(limits)) < 1e-9
+            else:
+                assert axes.get_aspect() == 1
+
+
+def test_legend_and_colour_bar_of_a_net(pictures, runs):
+    figure = pictures["net"]
+    plan, space, bar = figure.axes
+    assert plan.get_title() == "Before loading: plan"
+    assert space.get_title() == "After loading, deflection x 3"
+    assert bar.get_xlabel() == "tension (N)"
+    largest = np.linalg.norm(runs.taut.reactions, axis=1).max()
+    assert legend_texts(figure) == [
+        "before",
+        "pinned",
+        "loads, longest 150 N",
+        f"reactions, longest {largest:.3g} N",
+    ]
+    tension = np.concatenate([runs.taut.phases[0].tension, runs.taut.tension])
+    assert np.allclose(bar.get_xlim(), [tension.min(), tension.max()])
+    # the deflection is magnified, that of the first phase is not
+    drawn = next(c for c in space.collections if c.get_array() is not None)
+    ends = np.concatenate([np.asarray(s) for s in drawn._segments3d])
+    assert np.isclose(ends[:, 2].min(), 3 * runs.taut.phases[1].displacement[:, 2].min())
+
+
+def test_slack_cables_are_dashed_and_counted(pictures, runs):
+    count = int(np.sum(np.asarray(runs.slack.tension) == 0))
+    assert 0 < count < 12
+    assert f"slack ({count} of 12)" in legend_texts(pictures["net, slack"])
+    forces = members.Forces(runs.slack.tension, runs.structure)
+    assert (forces.slack == (np.asarray(runs.slack.tension) == 0)).all()
+    orange = np.array([0xD5, 0x5E, 0x00])
+
+    def dots(figure):
+        return int((np.abs(pixels(figure, 120) - orange).max(axis=2) < 40).sum())
+
+    assert dots(pictures["net, slack"]) > 50 > dots(pictures["net"])
+
+
+def test_compression_has_a_casing(runs):
+    pressed = jc.replace(runs.taut.last, tension=-runs.taut.tension)
+    figure = jc.plots.net(runs.taut, state=pressed, supports=False, loads=False)
+    assert legend_texts(figure) == ["before", "compression"]
+    assert figure.axes[2].get_xlabel() == "axial force (N), tension positive"
+    black = (pixels(figure, 120) < 30).all(axis=2).mean()
+    plain = jc.plots.net(runs.taut, supports=False, loads=False)
+    assert black > 1.5 * (pixels(plain, 120) < 30).all(axis=2).mean()
+
+
+def test_bars_without_force_are_not_slack():
+    nodes = np.eye(3)
+    bars, cable = (
+        jc.Bars([[0, 1], [0, 2]], axial_stiffness=1.0),
+        jc.Cables([[1, 2]], axial_stiffness=1.0),
+    )
+    structure = jc.Structure(nodes, [bars, cable], jc.pinned([0, 1, 2]))
+    forces = members.Forces([np.array([0.0, -2.0]), np.zeros(1)], structure)
+    assert forces.slack.tolist() == [False, False, True]
+    assert forces.compressed.tolist() == [False, True, False]
+    assert members.Forces([np.array([0.0, -2.0]), np.zeros(1)]).slack.tolist() == [
+        True,
+        False,
+        True,
+    ]
+
+
+def test_utilisation(pictures, runs):
+    bar = pictures["net, utilisation"].axes[-1]
+    assert bar.get_xlabel() == "force over strength (-)"
+    assert np.allclose(bar.get_xlim(), [0.0, max(1.0, np.asarray(runs.taut.tension).max() / 600)])
+    with pytest.raises(ValueError, match="structure: needed for colour"):
+        jc.plots.net(runs.taut, colour="utilisation")
+    with pytest.raises(ValueError, match="strength: no group has one"):
+        jc.plots.net(runs.taut, colour="utilisation", structure=runs.structure)
+
+
+def test_what_lies_in_a_vertical_plane_is_drawn_in_elevation(pictures):
+    figure = pictures["net, plane"]
+    assert [axes.name for axes in figure.axes[:2]] == ["rectilinear"] * 2
+    assert figure.axes[0].get_title() == "Before loading: elevation"
+    assert figure.axes[0].get_ylabel() == "z (m)"
+    assert [axes.name for axes in pictures["net"].axes[:2]] == ["rectilinear", "3d"]
+
+
+def test_views():
+    turned = np.array([[0.0, 0, 0], [3.0, 4.0, 0], [6.0, 8.0, 1.0]])
+    view = views.choose(turned)
+    assert view.kind == "elevation" and view.plane
+    assert np.allclose(view.project(turned), [[0, 0], [5, 0], [10, 1]])
+    assert view.names()[0] == "along 53° to x (m)"
+    assert np.allclose(np.abs(view.normal), [0.8, 0.6, 0.0])
+    mast = np.array([[0.0, 0, 0], [0, 0, 9.0], [3.0, 0, 0], [0, 3.0, 0]])
+    assert views.choose(mast).kind == "elevation" and not views.choose(mast).plane
+    hanging = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, -4.0]])
+    assert views.choose(hanging).names() == ("x (m)", "z (m)")
+    assert views.choose(mast, "plan").kind == "plan"
+    with pytest.raises(ValueError, match="view = 'front'"):
+        views.choose(mast, "front")
+
+
+def test_a_round_factor():
+    places = np.array([[0.0, 0, 0], [10.0, 0, 0]])
+
+    def factor(size):
+        return stages.round_factor(np.array([[0.0, 0, size]]), places)
+
+    assert [factor(s) for s in (2.0, 0.3, 0.02, 1.1e-5, 0.0)] == [1.0, 2.0, 50.0, 50000.0, 1.0]
+
+
+def test_units_of_force():
+    assert [style.force_text(f) for f in (15.7, 999.0, 9e3, 2.5e6)] == [
+        "15.7 N",
+        "999 N",
+        "9 kN",
+        "2.5 MN",
+    ]
+
+
+def test_failed_and_batched_solutions(pictures, runs):
+    assert pictures["net, failed"].axes[0].get_title() == "After phase 1: plan"
+    with pytest.raises(ValueError, match=r"solution: has failed.*state=solution.last"):
+        jc.plots.net(runs.failed)
+    with pytest.raises(ValueError, match="state: expected a State"):
+        jc.plots.net(runs.failed, state=runs.failed.phases[0])
+    batch = jax.tree.map(lambda a: np.stack([a, a]), runs.taut)
+    for draw in (jc.plots.net, jc.plots.increments):
+        with pytest.raises(ValueError, match="solution: is a batch"):
+            draw(batch)
+    with pytest.raises(ValueError, match="colour = 'stress'"):
+        jc.plots.net(runs.taut, colour="stress")
+    with pytest.raises(ValueError, match="structure: its links"):
+        jc.plots.net(runs.taut, structure=jc.scenes.saddle(1, 1).structure)
+
+
+def test_increments(pictures, runs):
+    residual, iterations, slack = pictures["increments"].axes
+    path = runs.slack.phases[1].path
+    assert (slack.lines[0].get_ydata()[1:] == path.n_slack).all()
+    assert (iterations.lines[0].get_ydata()[1:] == path.iterations).all()
+    assert residual.get_yscale() == "log"
+    assert legend_texts(pictures["increments"]) == ["increment", "tol = 1e-10"]
+    low, high = residual.get_ylim()
+    assert low < np.asarray(path.relative_residual).max() < 1e-10 < high
+    failed = pictures["increments, failed"]
+    assert legend_texts(failed)[-1] == "failed"
+    cross = next(line for line in failed.axes[0].lines if line.get_label() == "failed")
+    assert cross.get_xdata() == [2] and cross.get_ydata() > 1e-10
+    assert len(failed.axes[2].lines[0].get_xdata()) == 1  # nothing is said of what was not reached
+    with pytest.raises(ValueError, match="tol = 0: must be positive"):
+        jc.plots.increments(runs.taut, tol=0)
+
+
+def test_orders(pictures):
+    h = np.array([0.4, 0.2, 0.1])
+    figure = jc.plots.convergence(h, {"a": h**2, "b": 3 * h})
+    assert legend_texts(figure) == ["a: order 2.00", "b: order 1.00"]
+    counted = jc.plots.convergence(1 / h, h**4, counts=True)
+    assert legend_texts(counted) == ["order 4.00"]
+    assert counted.axes[0].get_xlabel() == "number of elements (-)"
+    texts = legend_texts(pictures["convergence"])
+    slope = np.log(1e-2 / 1e-4) / np.log(0.4 / 0.1)
+    # two of the first series are rounding or none: no order
+    assert texts == [
+        "Newton",
+        f"secant: order {slope:.2f}",
+        "failed",
+        "no error at all",
+        "rounding",
+    ]
+
+
+def test_failures_are_at_the_edge(pictures):
+    axes = pictures["work_precision"].axes[0]
+    assert legend_texts(pictures["work_precision"]) == ["Newton", "secant", "failed"]
+    marks = [
+        (float(line.get_xdata()[0]), float(line.get_ydata()[0]))
+        for line in axes.lines
+        if line.get_transform() == axes.transAxes and line.get_marker() == "x"
+    ]
+    (never, top), (failed, high), (end, middle) = marks
+    assert never > 0.95 and top > 0.95  # no time: the corner
+    assert 0.3 < failed < 0.9 and high > 0.95  # an error that is not a number, after 2 s
+    assert end > 0.95 and 0.1 < middle < 0.7  # an error, but no time
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: jc.plots.convergence([1, 2], [1, 2, 3]), r"errors: expected shape \(2,\)"),
+        (lambda: jc.plots.convergence([1, 0], {"a": [1, 2]}), r"sizes\['a'\]: must be positive"),
+        (lambda: jc.plots.convergence([1, 2], [1, -2]), "errors: must not be negative"),
+        (lambda: jc.plots.convergence([1], {}), "errors: expected at least one"),
+        (lambda: jc.plots.work_precision({"a": [1]}, {"b": [1]}), r"times: expected the labels"),
+        (lambda: jc.plots.work_precision([-1], [1]), "times: must be positive"),
+        (lambda: jc.plots.history(object()), "design: a object has no history"),
+        (lambda: jc.plots.history(found(np.full(2, np.nan), np.ones(2), [1, 0])), "not one finite"),
+    ],
+)
+def test_wrong_arguments(call, message):
+    with pytest.raises(ValueError, match=message):
+        call()
+
+
+def test_history(pictures):
+    assert legend_texts(pictures["history"]) == [
+        "accepted step",
+        "failed trials (2)",
+        "tol = 1e-06",
+    ]
+    loss, norm = pictures["history"].axes
+    assert loss.get_yscale() == "linear" and norm.get_yscale() == "log"
+    cross = loss.lines[1]
+    assert cross.get_xdata().tolist() == [1] and cross.get_ydata().tolist() == [2.0]
+    texts = legend_texts(pictures["history of a fit"])
+    assert texts == ["accepted trial", "not accepted", "failed trial"]
+    misfit = pictures["history of a fit"].axes[0]
+    assert [line.get_xdata().tolist() for line in misfit.lines] == [[0, 3, 4], [2], [1]]
+
+
+def test_moving_pictures(runs, tmp_path):
+    made = jc.plots.animation(
+        runs.slack, tmp_path / "net.gif", structure=runs.structure, frames=4, dpi=50
+    )
+    with Image.open(made) as gif:
+        assert gif.n_frames == 4
+        shots = []
+        for k in range(4):
+            gif.seek(k)
+            shots.append(np.asarray(gif.convert("RGB")).astype(int))
+    for one, two in itertools.pairwise(shots):
+        changed = np.abs(one - two).max(axis=2) > 0
+        assert changed.any() and changed.mean() < 0.2  # axes and scale stay where they are
+    low = int(0.75 * len(shots[0]))  # colour bar and legend
+    assert all((shot[low:] == shots[0][low:]).all() for shot in shots)
+    assert all((shot[[0, -1]] == 255).all() and (shot[:, [0, -1]] == 255).all() for shot in shots)
+
+    page = jc.plots.animation(runs.plane, str(tmp_path / "net.html"), frames=3, dpi=40)
+    text = page.read_text(encoding="utf-8")
+    assert not re.search(r"https?:|<link|src\s*=\s*\"(?!data:)|@import", text)
+    frames = re.findall(r'"data:image/png;base64,([^"]+)"', text)
+    assert len(frames) == 3 == len(set(frames))
+    with Image.open(io.BytesIO(base64.b64decode(frames[-1]))) as last:
+        assert last.format == "PNG" and last.width == 192  # 4.8 inches
+
+    # of a failed analysis what has converged; nothing if that is nothing
+    with Image.open(jc.plots.animation(runs.failed, tmp_path / "failed.gif", dpi=40)) as gif:
+        assert gif.n_frames == 1
+    with pytest.raises(ValueError, match="expected the suffix"):
+        jc.plots.animation(runs.taut, "net.mp4")
+    with pytest.raises(ValueError, match="frames = 0"):
+        jc.plots.animation(runs.taut, "net.gif", frames=0)
+
+
+def test_the_last_frame_is_the_last_increment():
+    from jaxcable.plots.animation import evenly
+
+    assert evenly(11, 4).tolist() == [0, 3, 7, 10]
+    assert evenly(3, 60).tolist() == [0, 1, 2]
+    assert evenly(500, 1).tolist() == [499]
+
+
+def test_files(runs, tmp_path):
+    jc.plots.net(runs.taut, tmp_path / "net.pdf")
+    assert (tmp_path / "net.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(OSError):
+        jc.plots.net(runs.taut, tmp_path / "missing" / "net.png")
+    with pytest.raises(OSError):
+        jc.plots.animation(runs.taut, tmp_path / "missing" / "net.gif", frames=1, dpi=30)
+
+
+def test_matplotlib_is_left_alone(runs, tmp_path):
+    """No setting is changed, no figure is left open, and a notebook gets its picture."""
+    before, open_before = dict(matplotlib.rcParams), plt.get_fignums()
+    figures = [make(runs) for make in PICTURES.values()]
+    jc.plots.animation(runs.taut, tmp_path / "net.gif", frames=1, dpi=30)
+    assert dict(matplotlib.rcParams) == before and plt.get_fignums() == open_before
+    assert figures[0]._repr_png_().startswith(b"\x89PNG")
+    # settings of the user do not break the layout
+    with matplotlib.rc_context({"font.size": 20.0, "figure.dpi": 40, "savefig.bbox": "tight"}):
+        assert {t.get_fontsize() for t in jc.plots.net(runs.taut).findobj(Text)} == {style.SIZE}
+
+
+def test_examples():
+    for module in pkgutil.iter_modules(jc.plots.__path__):
+        result = doctest.testmod(importlib.import_module(f"jaxcable.plots.{module.name}"))
+        assert result.failed == 0
+    documented = [getattr(jc.plots, name).__doc__ for name in jc.plots.__all__]
+    assert all(">>> " in text for text in documented)
