@@ -141,7 +141,7 @@ class FacePressure:
             that the structure does not have.
 
     Example:
-        A net with a level border, 1.12 m2 in plan, under 1 kN/m2 of snow, lifted by 0.4 kN/m2 of wind:
+        Snow, and wind that lifts, on a net with a level border that spans 1.12 m2 in plan:
 
         >>> structure, _ = jc.scenes.flat_net()
         >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
