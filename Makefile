@@ -6,7 +6,7 @@ BIN := .venv/bin
 STUDIES := accession_curves fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
 TIMED := work_precision
 
-.PHONY: demo test lint slow studies docs clean
+.PHONY: demo test lint slow studies docs notebooks notebooks-test clean
 
 demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
@@ -23,6 +23,13 @@ studies: .venv/installed-test
 
 study-%: .venv/installed-test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$*.py
+
+# write the notebooks, with their outputs, from their text sources
+notebooks: .venv/installed-notebooks
+	cd notebooks && OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
+
+notebooks-test: .venv/installed-test
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_notebooks.py
 
 # the reference, from the docstrings: build/docs/index.html
 docs: .venv/installed-docs
@@ -46,6 +53,11 @@ lint: .venv/installed-test
 .venv/installed-docs: pyproject.toml
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[docs]"
+	touch $@
+
+.venv/installed-notebooks: pyproject.toml
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[notebooks]"
 	touch $@
 
 clean:
