@@ -18,7 +18,7 @@ A net is prestressed, then loaded:
 """
 
 from . import _interrupt as _interrupt  # isort: skip - before jax, which loads for seconds
-from . import design, files, forms, materials, paths, plots, reports, scenes
+from . import design, files, forms, materials, paths, plots, progress, reports, scenes
 from ._check import InputWarning
 from ._tree import replace
 from .batches import batched
@@ -101,6 +101,7 @@ __all__ = [
     "paths",
     "pinned",
     "plots",
+    "progress",
     "raise_if_failed",
     "replace",
     "report",

@@ -13,6 +13,8 @@ import numpy as np
 
 from . import status
 
+__all__ = ["Increment", "Printer", "Step"]
+
 _PAUSE = 0.5  # seconds between two lines that are printed, and before the first
 
 
@@ -27,6 +29,15 @@ class Increment(NamedTuple):
         residual: largest unbalanced force, N.
         relative_residual: the same over the force it is judged by.
         status: code so far.
+
+    Example:
+        >>> told = []
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases, progress=told.append)
+        >>> jax.effects_barrier()  # what is told may come a little after the result
+        >>> last = max(told, key=lambda news: (news.phase, news.number))
+        >>> last.phase, last.number, last.count, last.status
+        (2, 10, 10, 0)
     """
 
     phase: int
@@ -59,6 +70,13 @@ class Step(NamedTuple):
         number, count: the step, 0 at the start, and how many are allowed.
         loss, gradient_norm: there, as in `History`.
         failures: trial points of this step at which the analysis failed.
+
+    Example:
+        >>> told = []
+        >>> found = jc.minimize(lambda x: (x - 2.0) ** 2, jnp.array(0.0), progress=told.append)
+        >>> jax.effects_barrier()
+        >>> min(told).number, min(told).loss
+        (0, 4.0)
     """
 
     number: int
@@ -88,6 +106,16 @@ class Printer:
     """Prints on stderr (also in notebooks) how long work goes on, a line every half second.
 
     Work that ends before prints nothing.
+
+    Args:
+        pause: seconds between two lines.
+        stream: where to print; default stderr.
+
+    Example:
+        >>> import sys
+        >>> show = jc.progress.Printer(pause=0.0, stream=sys.stdout)
+        >>> show(jc.progress.Step(number=3, count=100, loss=2.5, gradient_norm=1e-3, failures=0))
+        step 3 of 100: loss 2.5, gradient 1.0e-03
     """
 
     def __init__(self, pause=_PAUSE, stream=None):

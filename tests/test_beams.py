@@ -156,6 +156,7 @@ def bend(n):
     return jc.Structure(nodes, group, jc.clamped([0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", [(8,), pytest.param((4, 8), marks=pytest.mark.slow)], ids=str)
 def test_45_degree_bend(sizes):
     exact = np.array([47.150, 15.685, 53.475])  # geometrically exact rod, J = 1/6, to 3 decimals
@@ -405,6 +406,7 @@ def test_incremental_scheme_takes_beams():
     assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_nodal_moment_makes_the_tangent_unsymmetric():
     """A moment that keeps its direction has no potential, and the tangent shows it."""
     solution = mixed()

@@ -7,6 +7,7 @@ import pytest
 import jaxcable as jc
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [pytest.param(0, marks=pytest.mark.slow), 12])
 def test_suspended_cable_hangs_by_its_sag(n):
     scene = jc.scenes.suspended_cable(n=n)
@@ -40,6 +41,7 @@ def test_isolated_cable_of_straight_elements():
     assert np.abs(moved[1] - moved[0]).max() == pytest.approx(0.06, abs=0.01)
 
 
+@pytest.mark.slow
 def test_tent_edge():
     """The given geometry is in equilibrium; in gusts the pylons still push and the guys pull."""
     solution = jc.solve(*jc.scenes.tent_edge(increments=(1, 2)))

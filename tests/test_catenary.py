@@ -277,6 +277,7 @@ EXACT = np.array([-2.819439381, 0.0, -18.456746888])
 """ft; Michalos and Birnstiel's cable (Jayaraman and Knudson 1981), exact catenaries."""
 
 
+@pytest.mark.slow
 def test_isolated_cable():
     """One element a span gives the exact displacement; ten printed digits are known."""
     error = np.linalg.norm(moved(0) - EXACT) / np.linalg.norm(EXACT)

@@ -77,6 +77,7 @@ def test_order_of_the_incremental_scheme(method, increments, order):
     assert abs(rate - order) < 0.1 * order, (errors, rate)
 
 
+@pytest.mark.slow
 def test_secant_scheme_has_the_known_errors():
     """2.5 %, 0.25 % and 0.025 % at 10, 100 and 1000 increments on two links."""
     w, _ = two_links_exact(100.0, 10.0, 10.0)

@@ -4,6 +4,7 @@ import re
 
 import jax
 import numpy as np
+import pytest
 
 import jaxcable as jc
 from jaxcable import solver
@@ -69,6 +70,7 @@ def test_nets_of_equal_shape_share_a_compilation():
     assert np.abs(same).max() < 1e-10
 
 
+@pytest.mark.slow
 def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
     sizes = {program(STRUCTURE, [jc.Phase(pretension=200.0, increments=n)])[1] for n in (2, 7, 300)}
     assert len(sizes) == 1
@@ -144,6 +146,7 @@ def test_import_leaves_the_configuration_of_jax_alone():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_a_scene_without_beams_has_nothing_of_them():
     """No motion with rotations, no freedoms beside displacements, no record of strains."""
     net, phases = jc.scenes.saddle(3, 2)

@@ -34,6 +34,7 @@ def turned(shortening):
     return jc.solve(FLAT, [PRESTRESS, LOADING, jc.Phase(shortening=shortening)], TIGHT).tension
 
 
+@pytest.mark.slow
 def test_influence_of_shortening():
     """Against central differences of 1 um (0.25 N): their error is of third order, and rounding."""
     h = 1e-6
@@ -139,6 +140,7 @@ def test_retensioning_converges_quickly():
     assert jnp.abs(turns - wrong).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_scatter_of_tolerances():
     """Random errors of 10 um: 2000 analyses against first order; their mean square within 10 %.
 
@@ -164,6 +166,7 @@ def cases():
     )
 
 
+@pytest.mark.slow
 def test_load_cases_and_envelope():
     solutions = cases()
     assert solutions.status.tolist() == [0, 0, 0]

@@ -175,6 +175,7 @@ def test_symmetry_finds_the_groups_of_a_dome(name):
 # --- analyses
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOLVED)
 def test_prestressed_and_loaded(name):
     structure, phases = scene(name)
@@ -270,6 +271,7 @@ def test_the_force_densities_do_not_balance_a_wrong_twist():
     assert forms.self_stress(structure).unbalanced(tension) > 1e-3
 
 
+@pytest.mark.slow
 def test_half_and_full_load_of_a_cable_truss():
     """Half the load gives S-shapes: more deflection than all of it, one half up."""
     full, _ = solved("biconcave")
@@ -318,6 +320,7 @@ def test_a_geiger_dome_twists_under_too_much_load():
     assert found[2.0, 0.0][1] < 1e-3 < 1.0 < found[2.0, 1.0][1]
 
 
+@pytest.mark.slow
 def test_domes_keep_their_symmetry():
     for name in ("geiger", "levy"):
         loaded, _ = solved(name)

@@ -253,6 +253,7 @@ def test_the_last_state_of_a_failed_analysis_is_differentiable():
     assert jnp.abs(got - expected).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method",
     [None, pytest.param(jc.Incremental(1, tol=9.0), marks=pytest.mark.slow)],

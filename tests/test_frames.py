@@ -119,6 +119,7 @@ def test_strains_that_nobody_asked_for_have_no_derivative():
     assert slopes[True] == pytest.approx(0.5 / 1e-4, rel=1e-2)  # half of the load to each bar
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["beams", "hinges", "memory"])
 def test_start_of_another_frame(change):
     done = tip(jnp.float64(1.0))[1]

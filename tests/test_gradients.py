@@ -109,6 +109,7 @@ ALONE = ("jacked nodes", "released prop", "incremental secant")
 NAMES = [pytest.param(n, marks=[] if n in ALONE else pytest.mark.slow) for n in PARAMETERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     p, solve = PARAMETERS[name]
@@ -188,6 +189,7 @@ def test_derivatives_of_the_path():
     assert jnp.abs(got - expected).max() < 1e-10 * jnp.abs(expected).max()
 
 
+@pytest.mark.slow
 def test_gradient_does_not_depend_on_the_increments():
     def end(p, increments):
         phases = [

@@ -86,6 +86,7 @@ def test_an_imperfection_grows_as_the_buckling_load_says():
     assert np.abs(np.asarray(rate) - expected * np.eye(2)).max() < 5e-3 * expected
 
 
+@pytest.mark.slow
 def test_derivative_by_the_amplitude():
     def value(amplitudes):
         return jnp.sum(jnp.array([1.0, -0.7]) * amplified(amplitudes)) * 100

@@ -252,6 +252,7 @@ QUICK = ("factors",)
 NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     p, solve = PARAMETERS[name]

@@ -95,6 +95,7 @@ def test_line_loads_on_cables_go_to_their_ends():
     problems.assert_balanced(both)
 
 
+@pytest.mark.slow
 def test_a_batch_of_movements():
     scale = jnp.array([0.5, 1.0, -1.0])
     batch = jax.vmap(lambda s: spread(s * MOVE))(scale)
@@ -103,6 +104,7 @@ def test_a_batch_of_movements():
     assert np.abs(np.asarray(batch.tension[1] - single.tension)).max() < 1e-9 * EA
 
 
+@pytest.mark.slow
 def test_traced_movements_of_partly_held_nodes():
     """Which components are zero is not known while tracing; a free one that moves has no state."""
     mask = np.zeros((3, 3), bool)

@@ -47,6 +47,7 @@ def test_spans_of_the_published_columns(study):
     assert 29 < min(ratios) and max(ratios) < 34
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "order"), [("secant, 1 solve (paper)", 1), ("tangent, 0 corrections", 2)]
 )
@@ -69,6 +70,7 @@ def test_secant_form_is_unstable_at_the_full_load(study):
         assert 300 < single < double < 4000
 
 
+@pytest.mark.slow
 def test_flat_net_path(study):
     module = study("flat_net_path")
     for case in module.REFERENCE["cases"]:

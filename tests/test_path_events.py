@@ -18,12 +18,14 @@ def ok(path, code=0):
     return path
 
 
+@pytest.mark.slow
 def test_a_path_may_end_where_the_load_has_fallen():
     path = ok(jc.trace_path(*von_mises_truss(), down_to=-0.5))
     assert float(path.load_factor[-1]) == -0.5 and float(path.rise[-1]) < 0
     assert path.events.names == ["limit point"]
 
 
+@pytest.mark.slow
 def test_a_start_that_is_unstable_already():
     """The truss is pushed down into its unstable range by supports, and let go there."""
     structure, _ = von_mises_truss()
@@ -38,6 +40,7 @@ def test_a_start_that_is_unstable_already():
     assert float(path.failure_load) == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["dense", "superlu"])
 def test_a_load_that_follows_makes_no_bifurcation(solver):
     """A pressed face makes the tangent unsymmetric; its symmetric part is singular elsewhere."""
@@ -83,6 +86,7 @@ def test_derivative_of_a_limit_load_with_a_load_that_follows():
     assert np.allclose(gradient, central, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 def test_an_unstressed_cable_is_neither_slack_nor_taut(dtype):
     """Four plumb cables and one between their nodes, which all loads leave without strain."""

@@ -230,6 +230,7 @@ def test_a_cable_breaks_where_its_curve_ends():
     assert abs(float(path.load_factor[-1]) - 0.75) < 1e-9 and float(path.tension[-1, 0]) <= 1.5e4
 
 
+@pytest.mark.slow
 def test_softening_turns_the_path_at_the_peak_of_the_curve():
     law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 1e8, 0.4e8])
     nodes = [[0, 0, 0], [0, 0, -2.0]]
@@ -256,6 +257,7 @@ def test_softening_turns_the_path_at_the_peak_of_the_curve():
 # --- what else can happen
 
 
+@pytest.mark.slow
 def test_single_precision():
     structure, phases = von_mises_truss()
     single = jc.replace(structure, nodes=jnp.asarray(structure.nodes, jnp.float32))

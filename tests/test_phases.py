@@ -37,6 +37,7 @@ STATEMENTS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STATEMENTS)
 def test_every_statement_of_prestress_gives_the_same_state(name, by_tension):
     structure = jc.replace(STRUCTURE, elements=jc.replace(STRUCTURE.elements, expansion=1e-5))

@@ -206,6 +206,7 @@ def test_faces_of_an_even_pressure_have_a_symmetric_tangent():
 # --- in an analysis
 
 
+@pytest.mark.slow
 def test_pressure_goes_on_following_in_later_phases():
     """A second phase of dead load, from a start too, is the same as both at once."""
     structure, phase = pyramid()
@@ -297,6 +298,7 @@ QUICK = ("per unstressed length", "face pressure")
 NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     """Unsymmetric tangents too: the adjoint solves with the transposed matrix."""

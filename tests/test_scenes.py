@@ -68,6 +68,7 @@ def test_a_net_stiffens_an_arch():
     assert sway(stiffened) < 0.8 * sway(bare)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "law", [pytest.param(None, marks=pytest.mark.slow), SADDLE_LAW], ids=["linear", "strand"]
 )

@@ -35,6 +35,7 @@ def assert_same(dense, sparse, size):
         assert jnp.abs(a - b).max() < 1e-6 * scale
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SPARSE)
 def test_a_slack_saddle_in_increments(solver):
     """More slack cables with every increment; balance checked by lengths alone, in NumPy."""
@@ -180,6 +181,7 @@ def test_failures_have_the_same_status_and_nan_gradients(case, solver):
     assert codes[0] == codes[1] != 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SPARSE)
 def test_loose_nodes_have_no_derivative_and_leave_others_theirs(solver):
     """A cable hangs from a taut net into the air, without load: its end is anywhere."""
@@ -211,6 +213,7 @@ def test_loose_nodes_have_no_derivative_and_leave_others_theirs(solver):
     assert float(back) == pytest.approx(float(derivative[0][0][3, 2]), rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", SPARSE)
 def test_one_analysis_of_the_pattern_serves_all_changes_of_numbers(solver, monkeypatch):
     made = []

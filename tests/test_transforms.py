@@ -40,6 +40,7 @@ def differences(f, p, h):
     return jnp.stack([(f(p + h * e) - f(p - h * e)) / (2 * h) for e in jnp.eye(len(p))], axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_first_derivatives(name):
     end = make(METHODS[name])
@@ -78,6 +79,7 @@ def test_batches(name):
         assert jnp.abs(gradient - g).max() < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NEWTONS)
 def test_second_derivatives(name):
     end = make(METHODS[name])

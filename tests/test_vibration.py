@@ -57,6 +57,7 @@ def test_order_of_the_mass_matrices():
         assert np.abs(np.log2(own[:-1] / own[1:]) - order).max() < 0.1, distribution
 
 
+@pytest.mark.slow
 def test_derivative_by_the_pretension():
     def frequency(pretension):
         return paths.natural_frequencies(*string_in_plane(pretension), n=1).frequency[0]
@@ -106,6 +107,7 @@ def test_simply_supported_beam():
     assert (np.abs(np.asarray(found.frequency) / exact - 1) < [2e-5, 3e-4]).all()
 
 
+@pytest.mark.slow
 def test_flexibility_against_a_small_load():
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)

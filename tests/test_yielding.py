@@ -33,6 +33,7 @@ def pulled(*forces, increments=4):
     ]
 
 
+@pytest.mark.slow
 def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
     force = 1.1 * FY * AREA
     solution = jc.solve(one_bar(), pulled(force, 0.0))
@@ -95,6 +96,7 @@ def test_a_net_pulled_past_yield_and_released():
     problems.assert_balanced(solution)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [None, jc.Incremental(2)], ids=["newton", "incremental"])
 def test_a_link_loaded_beyond_its_curve_fails(method):
     law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 2e9, 2.2e9])
@@ -307,6 +309,7 @@ def differentiable(scene):
     return start, lambda p: f(p)[0][0], int(code), gradient
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "name"),
     [  # the beam takes forty seconds to compile

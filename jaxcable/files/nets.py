@@ -30,6 +30,12 @@ class Net:
         kinds: "cable" or "bar" for every element, a tuple.
         groups: name of its group for every element, a tuple, or None.
         names: what the file calls the nodes, a tuple.
+
+    Example:
+        >>> nodes, links = np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[0, 1]])
+        >>> net = jc.files.Net(nodes, links, np.ones((2, 3), bool), kinds=("bar",))
+        >>> type(net.scene(axial_stiffness=1e6).structure.elements).__name__
+        'Bars'
     """
 
     nodes: np.ndarray

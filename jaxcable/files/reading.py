@@ -15,7 +15,18 @@ LARGEST = 64 * 1024 * 1024
 
 
 class FileError(ValueError):
-    """A file that is not what it should be; the text names the file, and the line or the field."""
+    """A file that is not what it should be; the text names the file, and the line or the field.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.json"
+        >>> _ = path.write_text('{"format": "jaxcable scene", "version": 9}')
+        >>> try:
+        ...     jc.load_scene(path)
+        ... except jc.files.FileError as error:
+        ...     print(str(error).removeprefix(str(path)))
+        : version: 9 is newer than 1, the last that is known
+    """
 
 
 def read_text(path, largest=LARGEST):

@@ -112,9 +112,7 @@ def _scene(data):
     if isinstance(version, bool) or not isinstance(version, int) or version < 1:
         raise FileError(f"version: expected a whole number, got {_short(version)}")
     if version > VERSION:
-        raise FileError(
-            f"version: {version} is newer than {VERSION}, up to which this program reads"
-        )
+        raise FileError(f"version: {version} is newer than {VERSION}, the last that is known")
     unknown = data.keys() - {"format", "version", "structure", "phases", "comment"}
     if unknown:
         raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")

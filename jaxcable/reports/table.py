@@ -14,6 +14,11 @@ class Table:
         rows: lists of numbers and texts; None where there is no value.
         notes: sentences.
         governing: number of the column by whose size a long table is cut in its text.
+
+    Example:
+        >>> table = jc.reports.Table("Loads", ("node", "F"), ("", "N"), [[3, -15.0]])
+        >>> table.rows[0]
+        [3, -15.0]
     """
 
     title: str
