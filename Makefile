@@ -15,7 +15,7 @@ test: .venv/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 slow: .venv/installed-test
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile
 
 studies: .venv/installed-test
 	$(MAKE) -j 2 $(STUDIES:%=study-%)
