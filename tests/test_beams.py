@@ -246,6 +246,7 @@ def tangent_of(structure, solution):
     return make_system(nodes, groups, carry, carry.motion, freedoms).tangent(carry.motion)
 
 
+@pytest.mark.slow
 def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     n, length = 4, 4.0
     mask = in_plane(n + 1).mask.array.copy()

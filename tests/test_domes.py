@@ -201,6 +201,7 @@ def test_prestressed_and_loaded(name):
     assert float(np.asarray(loaded.displacement)[:, 2].min()) < -1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOLVED)
 def test_tangent_and_its_lowest_eigenvalue(name):
     structure, _ = scene(name)

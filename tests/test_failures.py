@@ -238,6 +238,7 @@ def test_gradients_of_a_failed_solution_are_nan(tension, load):
         assert all_nan(g)
 
 
+@pytest.mark.slow
 def test_the_last_state_of_a_failed_analysis_is_differentiable():
     bad = LOAD.at[0].set(jnp.nan)
 
@@ -282,6 +283,7 @@ def test_the_last_state_keeps_its_whole_derivative(method):
     assert jnp.abs(gradient.elements.axial_stiffness).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_the_last_state_has_the_reactions_of_its_own_supports():
     mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
     mask[0, 1:] = False

@@ -340,6 +340,7 @@ def test_transformations(name):
     assert np.abs(product - differences).max() < 1e-6 * np.abs(product).max()
 
 
+@pytest.mark.slow
 def test_hessians_of_a_batch_against_the_closed_form():
     """Two cables over pulleys, depth a P / sqrt(4 T^2 - P^2): jit, vmap, jacfwd of grad."""
     structure = star([[-3.0, 0, 0], [3.0, 0, 0]], top=(0.4, 0.0, 0.2))
@@ -359,6 +360,7 @@ def test_hessians_of_a_batch_against_the_closed_form():
 TRIANGLE = [[0.0, 0, 0], [4.0, 0, 0], [1.5, 3.0, 0]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tension", "load", "codes"),
     [

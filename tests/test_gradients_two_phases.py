@@ -154,6 +154,7 @@ def assert_taylor(function, parameters, name):
     assert slope(value, p, wrong, size) < 1.5
 
 
+@pytest.mark.slow
 def test_the_net_has_slack_cables_and_none_that_nearly_is():
     _, solution, _ = at_the_start(net_with_everything, PARAMETERS)
     path = solution.phases[1].path

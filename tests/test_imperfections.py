@@ -142,6 +142,7 @@ def test_modes_of_two_links():
     assert np.isfinite(forms.modes(structure, failed, 1).stiffness).all()
 
 
+@pytest.mark.slow
 def test_supports_of_the_phase_that_the_state_belongs_to():
     structure, _ = problems.two_links(1e4, 200.0, 0.0)
     held = jc.pinned([0, 2]) + jc.Supports(np.array([[0, 0, 0], [0, 1, 0], [0, 0, 0]], bool))

@@ -58,6 +58,7 @@ def test_assembly_product_and_diagonal(symmetric):
     assert np.array_equal(linear.or_identity(sparse, jnp.array(True)).dense(), sparse.dense())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("symmetric", [True, False])
 @pytest.mark.parametrize("solver", [pytest.param("dense", marks=pytest.mark.slow), *SPARSE])
 def test_general_solve_and_its_transformations(solver, symmetric):

@@ -161,6 +161,7 @@ def test_every_load_can_be_scaled():
     assert nothing.direction.tolist() == [0, 0, 0] and double.direction[2] == -2.0
 
 
+@pytest.mark.slow
 def test_a_factor_of_zero_has_the_derivative_of_the_load():
     """Loads are linear in their factor; the direction to look along does not vanish with it."""
     structure = sloped()

@@ -32,6 +32,7 @@ def spread(move):
 MOVE = np.array([[-0.01, 0.0, -0.1], [0.02, 0.0, 0.3]])
 
 
+@pytest.mark.slow
 def test_moved_supports_stretch_the_links():
     solution = spread(MOVE)
     assert int(solution.status) == 0
@@ -55,6 +56,7 @@ def test_movements_keep_what_was_moved_before():
     assert float(once.positions[2, 0]) == 1.01 and float(twice.positions[2, 0]) == 1.02
 
 
+@pytest.mark.slow
 def test_gradient_by_the_movement():
     def value(move):
         solution = spread(move)

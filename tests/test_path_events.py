@@ -124,6 +124,7 @@ def test_a_corner_is_no_smooth_limit_point_beside_a_stiff_bar():
     assert abs(float(value) - 0.5) < 1e-9 and np.isnan(slope)
 
 
+@pytest.mark.slow
 def test_masses_at_some_nodes_only():
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)

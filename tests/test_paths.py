@@ -122,6 +122,7 @@ def test_derivative_of_the_limit_load():
     assert slope(1.01 * np.asarray(gradient)) < 1.5  # negative control
 
 
+@pytest.mark.slow
 def test_limit_loads_of_a_batch_and_second_derivatives():
     def value(p):
         path = jc.trace_path(*truss(p), through=False)
@@ -215,6 +216,7 @@ def test_an_unstressed_net_has_no_tangent_at_first():
 # --- material
 
 
+@pytest.mark.slow
 def test_a_cable_breaks_where_its_curve_ends():
     law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 1e8, 1.5e8])
     nodes = [[0, 0, 0], [0, 0, -2.0]]

@@ -122,6 +122,7 @@ def test_jacked_and_anchored_net_does_not_move():
     assert np.allclose(solution.tension, 200.0, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_anchoring_under_self_weight_does_not_move_the_net():
     """What the jack takes in or pays out does not change the weight that it balanced."""
     nodes = np.asarray(STRUCTURE.nodes) + 0.05 * np.eye(12, 3, k=-3)
@@ -133,6 +134,7 @@ def test_anchoring_under_self_weight_does_not_move_the_net():
     assert np.abs(np.asarray(solution.phases[1].displacement)).max() == 0.0
 
 
+@pytest.mark.slow
 def test_jack_as_a_load_is_anchored_where_it_is():
     """A released end pulled by a force; anchored, it stays and its reaction is the jack's force."""
     nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 1, 0], [1.0, -1, 0]])

@@ -93,6 +93,7 @@ def test_tangent_is_symmetric_with_fixed_ends():
     assert asymmetry(*arch()) < 1e-12  # eps EA/l over p
 
 
+@pytest.mark.slow
 def test_tangent_is_unsymmetric_with_a_free_end_or_per_unstressed_length():
     assert asymmetry(*arch(free_end=True)) > 0.1
     assert asymmetry(*arch(per="unstressed")) > 0.1
@@ -194,6 +195,7 @@ def test_face_pressure_is_the_derivative_of_the_volume():
             assert force[node, k] == pytest.approx(2 * rate, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_faces_of_an_even_pressure_have_a_symmetric_tangent():
     structure, _ = jc.scenes.saddle(3, 3, spacing=1.0, rise=0.3)
     faces = jc.net_faces(structure.nodes, structure.elements.links)

@@ -48,6 +48,7 @@ def test_a_program_without_a_listener_has_nothing_of_it(scene):
     assert "callback" in text(True)
 
 
+@pytest.mark.slow
 def test_derivatives_are_the_same_with_a_listener(scene):
     structure, (_, loading) = scene
 

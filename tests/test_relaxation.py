@@ -57,6 +57,7 @@ def test_two_links_closed_form():
     assert np.abs(form.rest_length - rest).max() == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("net", [pytest.param("taut", marks=pytest.mark.slow), "slack"])
 def test_elastic_net_as_by_solve(net):
     if net == "taut":
@@ -78,6 +79,7 @@ def test_elastic_net_as_by_solve(net):
     assert apart < 1e-8 * np.abs(solution.tension).max()
 
 
+@pytest.mark.slow
 def test_a_law_of_points_and_default_lengths():
     """Without a statement the chord is the unstressed length; forces follow the curve."""
     law = jc.Polygonal([0.0, 0.001, 0.05], [0.0, 200e6, 300e6])
@@ -121,6 +123,7 @@ def test_strut_and_cables_in_a_dict():
     assert np.abs(relaxed.positions - newton.positions).max() < 1e-8
 
 
+@pytest.mark.slow
 def test_transformations():
     """jit and vmap give the same; derivatives are NaN, not zero."""
     structure = two_links()

@@ -105,6 +105,7 @@ def test_an_unsymmetric_tangent(solver):
     assert jnp.abs(other - slope).max() < 1e-9 * jnp.abs(slope).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", HEAVY)
 def test_a_gradient_by_taylor_with_slack_cables_and_changed_supports(solver):
     structure, _ = jc.scenes.saddle(8, 8)
@@ -157,6 +158,7 @@ def failing():
     yield "drift", bars, [jc.Phase(pretension=1.0), sideways], jc.Incremental, {"tol": 1e-6}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", HEAVY)
 @pytest.mark.parametrize(
     "case",

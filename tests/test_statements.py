@@ -276,6 +276,7 @@ QUICK = ("some cables", "chain")
 NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_taylor(name):
     p, function = PARAMETERS[name]

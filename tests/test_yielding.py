@@ -54,6 +54,7 @@ def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
     assert float(reverse.displacement[1, 0]) / 2 == pytest.approx(back, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_reversible_bar_comes_back():
     law = jc.materials.steel(FY, E, HARD, unloading="reversible")
     force = 1.1 * FY * AREA
