@@ -3,6 +3,7 @@
 `python -m jaxcable` imports the package, and with it jax, before its `__main__` can act.
 """
 
+import contextlib
 import os
 import signal
 import sys
@@ -11,8 +12,15 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
 
+AT_EXIT = []
+"""Names of files that are being written, and must not be left as halves."""
+
+
 def leave(*_):
-    """End the process with one line."""
+    """End the process with one line; nothing that is half done is left."""
+    for name in AT_EXIT:
+        with contextlib.suppress(OSError):
+            os.unlink(name)
     os.write(2, b"jaxcable: interrupted\n")
     os._exit(INTERRUPTED)
 
@@ -25,5 +33,5 @@ def is_command_line():
     )
 
 
-if is_command_line():
+if is_command_line() and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
     signal.signal(signal.SIGINT, leave)

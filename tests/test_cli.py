@@ -229,6 +229,7 @@ def test_wrong_words_end_with_status_2(scene, capsys):
             main(words)
         assert ended.value.code == 2
     capsys.readouterr()
+    jc.save_scene("mast.json", jc.scenes.isolated_cable())
     for words, message in (
         (["solve", "nothing.json"], "nothing.json: No such file or directory"),
         (["solve", "."], ".: Is a directory"),
@@ -238,6 +239,7 @@ def test_wrong_words_end_with_status_2(scene, capsys):
         (["solve", "net.json", "--report", "r.doc"], "--report r.doc: expected a name that ends"),
         (["solve", "net.json", "--save", "no/r.json"], "no/r.json: No such file or directory"),
         (["solve", "net.json", "--save", "net.json/r.json"], "net.json/r.json: Not a directory"),
+        (["solve", "mast.json", "--save", "r.py"], "mast.json: structure: elements are Catenaries"),
         (["demo", "--plot", "no/p.png"], "no/p.png: No such file or directory"),
     ):
         assert main(words) == 2
@@ -292,12 +294,14 @@ def test_nonsense_that_begins_like_a_scene(scene, capsys):
 
 
 def test_a_reader_that_goes_away(scene):
-    """``jaxcable info net.json | head -1`` ends in silence."""
-    command = f"{sys.executable} -m jaxcable info net.json | head -c 1"
+    """``jaxcable solve ... | head -1`` ends in silence, and what was to be saved is."""
+    words = "solve net.json --report --save r.npz"
+    command = f"{sys.executable} -u -m jaxcable {words} | head -c 1"
     done = subprocess.run(
         command, shell=True, capture_output=True, text=True, env=environment(), check=False
     )
     assert done.stdout == "s" and done.stderr == ""
+    assert jc.files.load_result("r.npz")["status"] == 0
 
 
 @pytest.mark.parametrize("after", [0.3, 5.0])

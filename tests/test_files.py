@@ -1,8 +1,10 @@
 """Scenes and results in files: exact round trips, and files that are not what they should be."""
 
+import io
 import json
 import os
 import stat
+import zipfile
 
 import jax
 import jax.numpy as jnp
@@ -180,6 +182,18 @@ BAD = {  # from a part of the good file to another, and what the message names
     "phase": ('"pretension": 200.0', '"pretention": 200.0', r"phases\[0\]: .*'pretension'"),
     "negative": ('"pretension": 200.0', '"pretension": -200.0', r"phases: pretension\[0\] = -200"),
     "kind": ('"supports": {', '"supports": {"type": "Phase", ', r"supports: expected a Supports"),
+    "phase list": (
+        '"pretension": 200.0',
+        '"type": "list", "items": []',
+        r"phases\[0\]: expected a Ph",
+    ),
+    "phase float": (
+        '"phases": [',
+        '"phases": [{"type": "float32", "values": [1]},',
+        r"phases\[0\]: exp",
+    ),
+    "single": ("97970.0", '{"type": "float32", "values": 1e300}', r"too large for float32"),
+    "single fields": ("97970.0", '{"type": "float32"}', r'float32 has the fields "type" and "val'),
     "no links": ('"links"', '"area": 1.0, "law"', r"structure.elements: links: missing"),
 }
 
@@ -302,6 +316,8 @@ def test_arrays_of_objects_are_never_unpickled(tmp_path):
     (tmp_path / "r.json").write_text('{"format": "jaxcable result", "tension": ["x"]}')
     with pytest.raises(FileError, match="could not convert"):
         jc.files.load_result(tmp_path / "r.json")
+    (tmp_path / "r.json").write_text('{"format": "jaxcable result", "phase": 1, "lastx": 2.5}')
+    assert jc.files.load_result(tmp_path / "r.json")["lastx"] == 2.5
     (tmp_path / "r.json").write_text('{"format": "jaxcable scene"}')
     with pytest.raises(FileError, match="format: expected"):
         jc.files.load_result(tmp_path / "r.json")
@@ -325,6 +341,79 @@ def test_tables_have_units_and_all_digits(solved, tmp_path):
         jc.files.save_result(tmp_path / "net.csv", structure, batch)
     (path,) = jc.files.save_result(tmp_path / "batch.npz", structure, batch)
     assert jc.files.load_result(path)["tension.net"].shape == (2, 12)
+
+
+def test_mutated_archives_are_refused_or_read(solved, tmp_path):
+    """A byte changed anywhere: an array that is read, or a FileError, and nothing else."""
+    structure, _, solution = solved
+    (path,) = jc.files.save_result(tmp_path / "r.npz", structure, solution)
+    content, random = path.read_bytes(), np.random.default_rng(0)
+    refused = 0
+    for _ in range(300):
+        mutated = bytearray(content)
+        mutated[random.integers(len(mutated))] = random.integers(256)
+        path.write_bytes(mutated)
+        try:
+            jc.files.load_result(path)
+        except FileError:
+            refused += 1
+    assert refused > 100
+    with zipfile.ZipFile(path, "w") as archive:
+        head = io.BytesIO()
+        np.lib.format.write_array_header_1_0(
+            head, {"descr": "<f8", "fortran_order": False, "shape": (10**11,)}
+        )
+        archive.writestr("tension.npy", head.getvalue())
+    with pytest.raises(FileError, match="unpacks to 800000 MB"):
+        jc.files.load_result(path)
+
+
+def test_mutated_scenes_are_refused_or_read(tmp_path):
+    """Random bytes of a valid file changed: a scene, or a FileError, and nothing else."""
+    text = text_of(jc.scenes.tent_edge(n=4), tmp_path)
+    random = np.random.default_rng(1)
+    alphabet = list('0123456789.-eE"[]{},:abtfn ')
+    refused = loaded = 0
+    for _ in range(300):
+        mutated = list(text)
+        for _ in range(random.integers(1, 4)):
+            mutated[random.integers(len(mutated))] = alphabet[random.integers(len(alphabet))]
+        (tmp_path / "bad.json").write_text("".join(mutated))
+        try:
+            jc.load_scene(tmp_path / "bad.json")
+            loaded += 1
+        except FileError:
+            refused += 1
+    assert refused > 100 and loaded > 5
+
+
+def test_written_files_respect_links_and_kinds(tmp_path):
+    (tmp_path / "real.txt").write_text("old")
+    (tmp_path / "link.txt").symlink_to(tmp_path / "real.txt")
+    with written(tmp_path / "link.txt") as stream:
+        stream.write("new")
+    assert (tmp_path / "link.txt").is_symlink() and (tmp_path / "real.txt").read_text() == "new"
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="Is not a regular file"), written(tmp_path / "pipe"):
+        pass
+
+
+def test_groups_that_would_be_called_alike_are_refused(tmp_path):
+    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]
+    one, other = (jc.Cables([pair], 1e5) for pair in ((0, 1), (1, 2)))
+    structure = jc.Structure(nodes, {"a": [one], "a.0": other}, jc.pinned([0, 2]))
+    solution = jc.solve(structure, jc.Phase(pretension=10.0))
+    assert int(solution.status) == 0
+    with pytest.raises(ValueError, match="two groups would be called alike"):
+        jc.files.save_result(tmp_path / "r.npz", structure, solution)
+
+
+def test_a_group_may_have_any_name(tmp_path):
+    structure, phases = jc.scenes.flat_net()
+    named = jc.replace(structure, elements={"float32": structure.elements})
+    scene = jc.scenes.Scene(named, [jc.Phase(pretension={"float32": 100.0}), phases[1]])
+    jc.save_scene(tmp_path / "scene.json", scene)
+    require_same(jc.load_scene(tmp_path / "scene.json"), scene)
 
 
 def test_json_of_a_result_is_standard(solved, tmp_path):

@@ -20,6 +20,7 @@ FLOORS = [
     ["sections"],
     ["elements"],
     ["structure"],
+    ["parts"],
     ["loads"],
     ["assembly"],
     ["frames"],

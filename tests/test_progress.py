@@ -72,7 +72,7 @@ def test_steps_of_an_optimization_are_told():
     told.sort(key=lambda news: news.number)
     assert [n.number for n in told] == list(range(int(found.steps) + 1))
     assert [n.loss for n in told] == found.history.loss[: len(told)].tolist()
-    assert str(told[0]) == "step 0 of 100: loss 32, gradient 0.0e+00" or told[0].loss == 32.0
+    assert str(told[0]).startswith("step 0 of 100: loss 32, gradient ") and told[0].loss == 32.0
 
 
 def test_lines_come_with_long_work_only(monkeypatch):

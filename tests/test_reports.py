@@ -120,16 +120,17 @@ def test_slack_cables_and_loose_nodes(net, written):
     )
     found = jc.report(hung, jc.solve(hung, jc.Phase()))
     assert found.status == 0
-    assert found.tables["slack"].rows == [["", 0, "end, phase 1"], ["", 1, "end, phase 1"]]
-    assert found.tables["loose"].rows == [[1, "end, phase 1"]]
+    assert found.tables["slack"].rows == [["", 0, "phase 1"], ["", 1, "phase 1"]]
+    assert found.tables["loose"].rows == [[1, "phase 1"]]
     assert found.tables["members"].notes == ("no group has a strength: no utilisation",)
 
 
 def test_a_failed_analysis_is_reported_as_failed(net):
     structure, prestress, _, _ = net
     heavy = jc.NodalLoads([5], (0.0, 0.0, np.nan))
-    solution = jc.solve(structure, [prestress, jc.Phase(loads=heavy, increments=2)])
-    told = jc.report(structure, solution, [prestress])
+    phases = [prestress, jc.Phase(loads=heavy, increments=2)]
+    solution = jc.solve(structure, phases)
+    told = jc.report(structure, solution, phases)
     assert told.status == 3
     assert any(line.startswith("FAILED: what follows is the last") for line in told.summary)
     # the prestressed state is what converged last; its envelope is that of phase 1
@@ -141,7 +142,9 @@ def test_a_failed_analysis_is_reported_as_failed(net):
 def test_text_csv_and_dict_say_the_same(written, tmp_path):
     data = json.loads(json.dumps(written.dict(), allow_nan=False))
     assert data["status"] == 0 and set(data["tables"]) == set(written.tables)
-    for name, text in written.csv().items():
+    texts = written.csv()
+    assert "left out of envelopes: broken" in texts.pop("summary")
+    for name, text in texts.items():
         head, *rows = list(csv.reader(io.StringIO(text)))
         table = written.tables[name]
         assert len(head) == len(table.columns) and len(rows) == len(table.rows)
@@ -159,7 +162,7 @@ def test_text_csv_and_dict_say_the_same(written, tmp_path):
 def test_the_text_shows_what_governs_in_fitting_units(written):
     text = written.text(rows=5)
     assert "force (kN)" in text and "most used (-)" in text
-    assert "the largest 5 of 24; all are in the CSV table" in text
+    assert "the largest 5 of 24; the tables have all" in text
     shown = text.split("Forces, tension positive")[1].split("Cutting list")[0].splitlines()[2:7]
     used = [float(line.split()[-1]) for line in shown]
     assert used == sorted(used, reverse=True)
@@ -175,6 +178,29 @@ def test_wrong_arguments_are_named(net):
         jc.report(structure, solution, cases=batch, names=["a"])
     with pytest.raises(ValueError, match="cases: expected a leading axis"):
         jc.report(structure, solution, cases=solution)
+    for names in (["a", "a", "b"], ["a", "end", "b"]):
+        with pytest.raises(ValueError, match="names: each case needs a name of its own"):
+            jc.report(structure, solution, cases=batch, names=names)
+    with pytest.raises(ValueError, match="phases: 2 of them, the solution has 1"):
+        jc.report(structure, solution, [jc.Phase(), jc.Phase()])
+
+
+def test_a_support_that_is_taken_away_keeps_its_largest_reaction():
+    """A prop, then released: who built it needs to know what it has carried."""
+    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
+    cables = jc.Cables([[0, 1], [1, 2], [2, 3]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 1, 3]))
+    loaded = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -50.0)))
+    phases = [jc.Phase(pretension=100.0), loaded, jc.Phase(supports=jc.pinned([0, 3]))]
+    solution = jc.solve(structure, phases)
+    told = jc.report(structure, solution, phases)
+    assert told.status == 0
+    rows = {row[0]: row for row in told.tables["reactions"].rows}
+    assert list(rows) == [0, 1, 3]
+    carried = np.asarray(solution.phases[1].reactions)
+    assert carried[:, 2].sum() == pytest.approx(50.0, abs=1e-6)
+    assert rows[1][4] < 1e-6 and rows[1][6] == "phase 2"
+    assert rows[1][5] == pytest.approx(np.linalg.norm(carried[1])) and carried[1, 2] > 20.0
 
 
 @pytest.mark.slow

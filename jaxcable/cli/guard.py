@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from .._check import InputWarning
-from .._interrupt import INTERRUPTED
+from .._interrupt import leave
 from ..files import FileError
 from ..files.reading import written
 from ..status import AnalysisError
@@ -42,9 +42,7 @@ def guarded(command, options):
         while thread.is_alive():
             thread.join(0.1)
     except KeyboardInterrupt:
-        say("interrupted")
-        sys.stdout.flush()
-        os._exit(INTERRUPTED)  # compiled programs cannot be stopped otherwise
+        leave()  # compiled programs cannot be stopped otherwise
     (result,) = outcome
     return result if isinstance(result, int) else _told(result)
 

@@ -3,10 +3,10 @@
 import jax
 import numpy as np
 
-from ..files.parts import groups_by_name
 from ..files.reading import read_json
 from ..files.scene import FORMAT
 from ..loads import as_list
+from ..parts import groups_by_name
 from ..phases import ABSOLUTE, INCREMENTS
 from ..preparation import prepare
 from . import inputs

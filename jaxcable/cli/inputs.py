@@ -6,9 +6,9 @@ import jax
 import numpy as np
 
 from ..files import load_scene, read_csv, read_network, read_obj
-from ..files.parts import groups_by_name
 from ..files.reading import read_json
 from ..files.scene import FORMAT
+from ..parts import groups_by_name
 from .guard import Refused
 
 _MOST_BYTES = 8e9  # of the path of an analysis
@@ -85,6 +85,8 @@ def short(value):
 
 def spread(arrays):
     """The range of numbers as text: one number if all are equal."""
+    if not jax.tree.leaves(arrays):
+        return "none"
     flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
     low, high = short(float(flat.min())), short(float(flat.max()))
     return low if low == high else f"{low} to {high}"

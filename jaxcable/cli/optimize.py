@@ -42,17 +42,21 @@ def run(options):
         raise Refused(f"{options.scene}: {error}") from None
     solution = analysed(found.params)
     code = int(found.status)
-    print(f"status {code}: {status.describe(code)}")
-    print(f"{told}, {int(found.evaluations)} analyses")
-    print(f"pretension {inputs.spread(found.params)} N")
-    print(f"forces at the end {inputs.spread(solution.last.tension)} N")
     moved = np.linalg.norm(np.asarray(solution.last.displacement), axis=1).max()
-    print(f"largest displacement {inputs.short(float(moved))} m")
+    lines = [
+        f"status {code}: {status.describe(code)}",
+        f"{told}, {int(found.evaluations)} analyses",
+        f"pretension {inputs.spread(found.params)} N",
+        f"forces at the end {inputs.spread(solution.last.tension)} N",
+        f"largest displacement {inputs.short(float(moved))} m",
+    ]
     if options.save is not None:
         best = jax.tree.map(np.asarray, spread_out(found.params))
         own = replace(phases[number], pretension=best)
         save_scene(options.save, Scene(structure, [*phases[:number], own, *phases[number + 1 :]]))
-        print(f"wrote {options.save}: the scene with this pretension")
+        lines.append(f"wrote {options.save}: the scene with this pretension")
+    if not options.quiet:
+        print("\n".join(lines))
     status.raise_if_failed(found)
 
 
@@ -115,6 +119,8 @@ def _least(analysed, start, bounds, options):
 
     if limits == (None, None):
         raise Refused("optimize: give --target, or --deflection and/or --lowest")
-    found = design.minimize_subject_to(problem, start, bounds, steps=options.steps)
+    found = design.minimize_subject_to(
+        problem, start, bounds, steps=options.steps, progress=not options.quiet
+    )
     worst = float(np.max(found.constraints))
     return found, f"least pretension, its limits met within {worst:.1e}"

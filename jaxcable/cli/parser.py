@@ -56,7 +56,8 @@ def _reads(own, scene=True):
     else:
         text = "scene (.json), net of compas or jax_fdm (.json), .obj, or two .csv: nodes and links"
         own.add_argument("files", nargs="+", metavar="file", help=text)
-        own.add_argument("--scale", type=float, default=1.0, help="metres per unit of an OBJ file")
+        text = "metres per unit of an OBJ file"
+        own.add_argument("--scale", type=_positive, default=1.0, metavar="S", help=text)
     text = "largest file that is read, MB (default 64)"
     own.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
 
@@ -80,7 +81,7 @@ def _solve(commands):
     text = "relative residual of the equilibrium (default 1e-10; 1e-5 in float32)"
     own.add_argument("--tol", type=_positive, help=text)
     text = "increments with this many corrections instead of equilibrium iterations"
-    own.add_argument("--corrections", type=_count, metavar="N", help=text)
+    own.add_argument("--corrections", type=_few, metavar="N", help=text)
     text = "default: by size"
     own.add_argument("--linear-solver", choices=("dense", "superlu", "pardiso"), help=text)
     own.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
@@ -121,7 +122,7 @@ def _optimize(commands):
     own.add_argument("--one", action="store_true", help="one pretension for each group of elements")
     own.add_argument("--steps", type=_count, default=100, help="steps at most (default 100)")
     own.add_argument("--save", metavar="FILE", help="scene to write (.json)")
-    own.add_argument("--quiet", action="store_true", help="no progress")
+    own.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
 
 
 def _info(commands):
@@ -156,6 +157,13 @@ def _positive(word):
 
 def _count(word):
     value = int(word)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0")
+    if not 0 <= value <= 100_000:
+        raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 100000")
+    return value
+
+
+def _few(word):
+    value = int(word)
+    if not 0 <= value <= 20:
+        raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 20")
     return value

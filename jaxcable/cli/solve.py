@@ -2,11 +2,11 @@
 
 import sys
 
-import jax
 import numpy as np
 
 from .. import plots, solver, status
 from ..equilibrium import Newton
+from ..files.opensees import require_exportable
 from ..incremental import Incremental
 from ..reports import report
 from . import inputs, outputs
@@ -23,36 +23,41 @@ def run(options):
     require_writable(options.plot, *options.save, None if options.report == "-" else options.report)
     structure, phases = inputs.scene(options)
     try:
+        for path in options.save:
+            if path.endswith(".py"):
+                require_exportable(structure)
         solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
+        told = report(structure, solution, phases)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
-    jax.block_until_ready(solution)
-    told = report(structure, solution, phases)
+    wrote = _write(options, structure, solution, told)  # whoever reads the output may go away
     if options.report == "-":
         print(told.text())
     elif not options.quiet:
         print("\n".join(told.summary))
     if not options.quiet:
-        for line in highlights(solution):
-            print(line)
-    if options.report not in (None, "-"):
-        _wrote(told.save(options.report), options)
-    for path in options.save:
-        _wrote(outputs.result(path, structure, solution), options)
-    code = int(solution.status)
-    if options.plot is not None:
-        if code == status.OK:
-            outputs.picture(plots.net(solution, structure=structure), options.plot)
-            _wrote([options.plot], options)
-        else:
-            say(f"{options.plot}: not drawn: the analysis failed")
-    if code != status.OK:
+        print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
+    if int(solution.status) != status.OK:
         sys.stdout.flush()
         try:
             status.raise_if_failed(solution)
         except status.AnalysisError as error:
             say(f"{options.scene}: {error}")
         return FAILED
+
+
+def _write(options, structure, solution, told):
+    """Write what the options ask for; returns the paths."""
+    wrote = [] if options.report in (None, "-") else told.save(options.report)
+    for path in options.save:
+        wrote += outputs.result(path, structure, solution)
+    if options.plot is not None:
+        if int(solution.status) == status.OK:
+            outputs.picture(plots.net(solution, structure=structure), options.plot)
+            wrote.append(options.plot)
+        else:
+            say(f"{options.plot}: not drawn: the analysis failed")
+    return wrote
 
 
 def _method(options):
@@ -74,9 +79,3 @@ def highlights(solution):
         f"largest displacement {name}: {where}",
         f"forces: {inputs.spread(solution.tension)} N",
     ]
-
-
-def _wrote(paths, options):
-    if not options.quiet:
-        for path in paths:
-            print(f"wrote {path}")

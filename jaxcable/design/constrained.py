@@ -52,7 +52,16 @@ class ConstrainedDesign:
 
 
 def minimize_subject_to(
-    problem, params, bounds=None, rounds=30, steps=100, tol=None, *, args=(), scale=None
+    problem,
+    params,
+    bounds=None,
+    rounds=30,
+    steps=100,
+    tol=None,
+    *,
+    args=(),
+    scale=None,
+    progress=None,
 ):
     """Minimise a loss subject to ``constraints <= 0`` and bounds.
 
@@ -64,7 +73,7 @@ def minimize_subject_to(
         problem: function ``problem(params, *args)`` to (loss, constraints) or (loss, constraints,
             `Solution` or status codes); constraints [n], dimensionless: a violation of 1 should be
             a gross one, as in ``deflection / limit - 1``.
-        params, bounds, steps, args, scale: as for `minimize`; steps of every round.
+        params, bounds, steps, args, scale, progress: as for `minimize`; steps of every round.
         rounds: at most.
         tol: of `minimize` at the end, and of the constraints, which are met on their safe side:
             within ``[-2 tol, 0]`` where they are active. Default: 1e-6 in float64, 1e-3 in float32.
@@ -105,6 +114,7 @@ def minimize_subject_to(
             tol=accuracy,
             args=(multipliers, penalty, tol, args),
             scale=scale,
+            progress=progress,
         )
         turns += 1
         evaluations += int(inner.evaluations)

@@ -101,12 +101,22 @@ class Bars(Prestressed):
             _check.uniaxial(self.law, "law")
         if self.section is not None and not hasattr(self.section, "axial"):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")
+        if self.compliance is not None and len(links) > 1 and self._law_of_points():
+            raise ValueError(
+                "compliance: beside a law of points only in groups of one element; give the law "
+                "itself the softness: strain + compliance area stress"
+            )
         for name in ("axial_stiffness", "area", "rest_length", "strength"):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")
         for name in ("weight", "compliance"):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v >= 0, name, "must not be negative")
+
+    def _law_of_points(self):
+        """Whether any of its laws is more than a line."""
+        laws = self.section.laws if self.section is not None else (self.law,)
+        return any(law is not None and law.breaks for law in laws)
 
     def properties(self):
         """The arrays with one value per element, by name."""

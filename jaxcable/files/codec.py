@@ -1,7 +1,8 @@
 """Objects of the package as plain data for JSON, and back: fixed tables of types and fields.
 
 - A number, a text, true or false stand for themselves; null and a field that is absent for None.
-- A list of numbers, however nested, is an array; one of float32 is ``{"float32": [...]}``.
+- A list of numbers, however nested, is an array; one of float32 is
+  ``{"type": "float32", "values": [...]}``.
 - An object with a text under "type" is one of `TYPES`, its other fields those of the class.
 - An object without is a dict, a list that holds objects a list, ``{"type": "tuple", "items": []}``
   a tuple; so is ``{"type": "list", ...}`` where a list of numbers is meant as a list.
@@ -115,7 +116,7 @@ def _encode_numbers(value, where):
         index = np.argwhere(~np.isfinite(array))[0].tolist()
         raise ValueError(f"{where}{index or ''}: not finite; a file holds finite numbers only")
     if array.dtype == np.float32 and not isinstance(value, float):
-        return {"float32": array.astype(float).tolist()}
+        return {"type": "float32", "values": array.astype(float).tolist()}
     return array.tolist()
 
 
@@ -139,14 +140,23 @@ def decode(data, where, implied=None, depth=0):
         if not data or any(isinstance(item, dict) for item in data):
             return [decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(data)]
         return _decode_numbers(data, where)
-    if data.keys() == {"float32"} and not isinstance(data["float32"], dict):
-        return _decode_numbers(data["float32"], where).astype(np.float32)[()]
     name = data.get("type")
+    if name == "float32":
+        return _decode_single(data, where)
     if isinstance(name, str) or implied is not None:
         if name in ("list", "tuple"):
             return _decode_items(data, where, name, depth)
         return _decode_object(data, where, implied, depth)
     return {key: decode(v, f"{where}[{key!r}]", None, depth + 1) for key, v in data.items()}
+
+
+def _decode_single(data, where):
+    if data.keys() != {"type", "values"}:
+        raise FileError(f'{where}: float32 has the fields "type" and "values" and no other')
+    values = _decode_numbers(data["values"], where)
+    if np.abs(values).max(initial=0.0) > np.finfo(np.float32).max:
+        raise FileError(f"{where}: a number too large for float32")
+    return values.astype(np.float32)[()]
 
 
 def _decode_items(data, where, name, depth):

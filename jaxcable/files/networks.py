@@ -94,7 +94,8 @@ def _table(data, key):
 def _number(own, key, where):
     value = own.get(key)
     value = 0.0 if value is None else value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    number = not isinstance(value, bool) and isinstance(value, int | float)
+    if not number or not abs(value) < 1e300:
         raise FileError(f"{where}.{key}: expected a finite number, got {value!r:.40}")
     return float(value)
 

@@ -10,6 +10,9 @@ from scipy.spatial import cKDTree
 from .nets import Net
 from .reading import LARGEST, FileError, read_text
 
+_FARTHEST = 1e12  # m; beyond it squares of distances lose everything
+_CROWD = 50  # points near one another, on average, that no net has
+
 
 def read_obj(path, scale=1.0, tolerance=1e-6, largest=LARGEST):
     """Read points (``v``), lines, polylines (``l``) and edges of faces (``f``) of an OBJ file.
@@ -38,6 +41,8 @@ def read_obj(path, scale=1.0, tolerance=1e-6, largest=LARGEST):
         >>> jc.files.read_obj(path, scale=1e-3).links.tolist()
         [[0, 1], [1, 2]]
     """
+    if not 0 < scale < np.inf or not 0 <= tolerance < np.inf:
+        raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
     points, lines, group, named = [], [], "", False
     for number, text in enumerate(read_text(path, largest).splitlines(), 1):
         words = text.split("#")[0].split()
@@ -59,8 +64,14 @@ def read_obj(path, scale=1.0, tolerance=1e-6, largest=LARGEST):
             raise FileError(f"{path}: line {number}: {error}") from None
     if not points or not lines:
         raise FileError(f"{path}: has {len(points)} points (v) and {len(lines)} lines (l): no net")
-    places = scale * np.array(points)
-    node = _joined(places, tolerance)
+    with np.errstate(over="ignore"):
+        places = scale * np.array(points)
+    if not np.abs(places).max() < _FARTHEST:
+        raise FileError(f"{path}: coordinates beyond {_FARTHEST:.0e} m; is the scale right?")
+    try:
+        node = _joined(places, tolerance)
+    except ValueError as error:
+        raise FileError(f"{path}: {error}") from None
     found = {}
     for number, label, i, j in lines:
         first, second = int(node[i]), int(node[j])
@@ -95,9 +106,14 @@ def _point(word, count):
 
 def _joined(places, tolerance):
     """Number of the node that each point belongs to, in the order of their first points."""
-    pairs = cKDTree(places).query_pairs(tolerance, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(places),) * 2)
-    label = connected_components(graph, directed=False)[1]
+    distinct, which = np.unique(places, axis=0, return_inverse=True)
+    tree = cKDTree(distinct)
+    if tree.count_neighbors(tree, tolerance) > _CROWD * len(distinct):
+        raise ValueError(f"too many points within {tolerance} m of each other; is the scale right?")
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
+    size = (len(distinct),) * 2
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=size)
+    label = connected_components(graph, directed=False)[1][which.ravel()]
     first = np.unique(label, return_index=True)[1]
     order = np.empty(len(first), int)
     order[np.argsort(first)] = np.arange(len(first))

@@ -5,10 +5,13 @@ It is read up to a limit of size and refused with one line that says where it is
 """
 
 import contextlib
+import errno
 import json
 import os
 import tempfile
 from pathlib import Path
+
+from .._interrupt import AT_EXIT
 
 LARGEST = 64 * 1024 * 1024
 """Bytes up to which a file is read unless the caller says otherwise: a net of a million links."""
@@ -74,11 +77,11 @@ def read_json(path, largest=LARGEST):
 
 
 def _unique(pairs):
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the field {twice!r} occurs twice in one object")
+    found = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the field {key!r} occurs twice in one object")
+        found[key] = value
     return found
 
 
@@ -99,8 +102,13 @@ def written(path, mode="w"):
     Raises:
         OSError: the folder is missing or cannot be written to.
     """
-    path = Path(path)
+    path = Path(os.path.realpath(path))  # a link stays one, and leads to the new content
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "Is not a regular file", str(path))
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+    AT_EXIT.append(name)
     try:
         text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         with open(handle, mode, **text) as stream:
@@ -113,3 +121,5 @@ def written(path, mode="w"):
         with contextlib.suppress(OSError):
             os.unlink(name)
         raise
+    finally:
+        AT_EXIT.remove(name)

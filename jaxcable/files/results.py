@@ -3,13 +3,14 @@
 import csv
 import io
 import json
+import math
 import zipfile
 from pathlib import Path
 
 import numpy as np
 
 from .. import status
-from .parts import first_and_last, groups_by_name, one_case, per_group
+from ..parts import first_and_last, groups_by_name, one_case, per_group
 from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable result"
@@ -25,7 +26,8 @@ def save_result(path, structure, solution):
     """Write a result; the suffix says how.
 
     - ``.npz``: all arrays of `flat`, binary (NumPy).
-    - ``.json``: the same, readable; numbers that are not finite become null.
+    - ``.json``: the same, readable; numbers that are not finite become null, and floats
+      come back in double precision.
     - ``.csv``: three tables beside each other, ``name-nodes.csv``, ``name-elements.csv`` and
       ``name-increments.csv``, with units in their first line.
 
@@ -98,17 +100,34 @@ def load_result(path, largest=8 * LARGEST):
             return {k: np.array(v, _kind(k)) for k, v in data.items() if k not in told}
         except (ValueError, TypeError, OverflowError) as error:
             raise FileError(f"{path}: {error}") from None
+    with path.open("rb") as stream:
+        return _read_npz(path, stream, largest)
+
+
+def _read_npz(path, stream, largest):
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(stream) as archive:
             size = sum(item.file_size for item in archive.infolist())
+            size = max(size, sum(_stated_size(archive, name) for name in archive.namelist()))
         if size > largest:
             raise FileError(f"{path}: unpacks to {size / 1e6:.0f} MB; allow more (largest=...)")
-        with np.load(path, allow_pickle=False) as archive:
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except (zipfile.BadZipFile, ValueError, KeyError, EOFError, NotImplementedError) as error:
-        if isinstance(error, FileError):
-            raise
+    except FileError:
+        raise
+    except Exception as error:  # zlib, zipfile and NumPy raise a dozen kinds for broken archives
         raise FileError(f"{path}: no result in NPZ: {error}") from None
+
+
+def _stated_size(archive, name):
+    """Bytes that an array of an archive says that it has."""
+    with archive.open(name) as stream:
+        version = np.lib.format.read_magic(stream)
+        headers = {(1, 0): np.lib.format.read_array_header_1_0}
+        read = headers.get(version, np.lib.format.read_array_header_2_0)
+        shape, _, dtype = read(stream)
+    return math.prod(shape) * dtype.itemsize
 
 
 def flat(structure, solution):
@@ -118,6 +137,9 @@ def flat(structure, solution):
         Dict from name to NumPy array. ``links`` has the first and last node of every element. A
         batch keeps its leading axis.
     """
+    names = [name for name, _ in groups_by_name(structure)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"elements: two groups would be called alike in a file: {names}")
     found = {"status": np.asarray(solution.status)}
     for prefix, part in (("", solution), ("last.", solution.last)):
         for name in (*_PER_NODE, *_PER_ELEMENT):
@@ -161,7 +183,8 @@ def _plain(array):
 
 def _kind(name):
     """Type of an array by its name; null becomes NaN."""
-    last = name.split(".")[1 if name.startswith(("phase", "last")) else 0]
+    words = name.split(".")
+    last = words[1] if len(words) > 1 and words[0].startswith(("phase", "last")) else words[0]
     counts = ("status", "iterations", "factorizations", "n_slack", "n_loose", "links", "phase")
     return int if last in counts else float
 
@@ -173,7 +196,8 @@ def tables(structure, solution):
         ValueError: the solution is a batch.
     """
     one_case(solution)
-    fixed = np.asarray(solution.last.fixed[-1].array)[: structure.n_node, :3]
+    last = solution.last
+    fixed = last.fixed[int(last.phase) + 1].array[: structure.n_node, :3]
     columns = [
         np.asarray(getattr(solution, name))
         for name in ("positions", "displacement", "load", "reactions")

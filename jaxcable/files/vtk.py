@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .parts import groups_by_name, one_case, per_group, pieces
+from ..parts import groups_by_name, one_case, per_group, pieces
 from .reading import written
 
 _LINE = 3  # cell type of VTK
@@ -50,21 +50,25 @@ def save_vtk(path, structure, solution, increments=False):
         scalars = {name: getattr(last, name) for name in ("tension", "rest_length")}
         _write(path, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
-    done, begin = [], np.asarray(structure.nodes)
+    done = []
     for phase in solution.phases:
         good = np.flatnonzero(np.asarray(phase.path.status) == 0)
+        if not len(good):
+            break
+        begin = np.asarray(phase.positions) - np.asarray(phase.displacement)
+        if int(phase.status) != 0:  # it failed on its way; the last state is its last good one
+            begin = np.asarray(solution.last.positions - phase.path.displacement[good[-1]])
         for k in good:
             moved = np.asarray(phase.path.displacement[k])
             tension = [f[k] for f in per_group(structure, phase.path.tension)]
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
             scalars = {"tension": structure.arrange(tension)}
             _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
-        begin = np.asarray(phase.positions)
     return done
 
 
 def _write(path, structure, points, vectors, scalars):
-    ends, element, group = pieces(structure)
+    ends, element, group = pieces([own.links for own in structure.groups])
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
     )

@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from ..parts import pieces
 from .glyphs import draw_supports, support_keys, supports
 from .layout import arrange, settle
-from .members import Forces, Members, Scale, ghost, keys, pieces
+from .members import Forces, Members, Scale, ghost, keys
 from .stages import check, start_of
 from .style import SLACK, colour_map
 from .views import View, choose
@@ -121,7 +122,7 @@ def _draw(shots, begin, seen, everything, solution, structure, colour, dpi):
     """The frames as images, all with one palette, so that no colour flickers."""
     palette = Image.new("P", (1, 1))
     palette.putpalette(_palette())
-    links = pieces(solution.links)
+    links = pieces(solution.links)[:2]
     scale = Scale([shot.forces for shot in shots], colour)
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     figure.set_dpi(dpi)

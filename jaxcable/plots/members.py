@@ -16,20 +16,6 @@ DASHES = (0, (3, 1.5))
 _NOTHING = 1e-9  # of the largest force: compression that is none
 
 
-def pieces(groups):
-    """Straight pieces of all elements, node numbers [n, 2], and the number of their element [n]."""
-    links, element, count = [], [], 0
-    for group in groups:
-        chain = group.array
-        pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
-        own = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
-        real = pairs[..., 0] != pairs[..., 1]
-        links.append(pairs[real])
-        element.append(own[real])
-        count += len(chain)
-    return np.concatenate(links), np.concatenate(element)
-
-
 class Forces:
     """Forces of all elements in one state, in one row, and what is said of them.
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from ..parts import pieces
 from .glyphs import supports
-from .members import COLOURS, Forces, pieces
+from .members import COLOURS, Forces
 
 _ROUND = (5.0, 2.0, 1.0)
 _SEEN = 2e-3  # of the extent: a displacement that can be seen
@@ -73,7 +74,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
             Stage(name, end, begin, forces, fixed(number)),
             Stage(name + _times(factor), moved, begin, forces, fixed(number)),
         ]
-        return pieces(solution.links), stages, state
+        return pieces(solution.links)[:2], stages, state
     middle = np.asarray(first.positions)
     name = f"Phase {number + 1}{stopped}" if stopped else "After loading"
     factor = factor(middle)
@@ -84,7 +85,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
             name + _times(factor), middle + factor * (end - middle), middle, forces, fixed(number)
         ),
     ]
-    return pieces(solution.links), stages, state
+    return pieces(solution.links)[:2], stages, state
 
 
 def check(solution, structure, colour):

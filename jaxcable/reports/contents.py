@@ -1,19 +1,33 @@
 """What a report tells of a state: one table a function."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..design import utilisation
-from ..files.parts import first_and_last, groups_by_name, per_group
+from ..parts import first_and_last, groups_by_name, per_group
 from .table import Table
 
 
-def _held(structure, state):
-    fixed = state.fixed[int(state.phase) + 1].array
-    return fixed[: structure.n_node, :3].any(axis=1)
+class State(NamedTuple):
+    """A state that counts in envelopes: the end of a phase, or a case.
+
+    Attributes:
+        tension: in the shape of the elements, N.
+        reactions: [n_node, 3], N.
+        fixed: freedoms that are held in it, [n_row, 3 or 6] bool.
+    """
+
+    tension: object
+    reactions: object
+    fixed: object
 
 
-def reactions(structure, state, states):
-    """Reactions at the end, and the largest resultant over cases or phases with its case."""
+def reactions(structure, state, fixed, states):
+    """Reactions at the end, and the largest resultant over cases or phases with its case.
+
+    Nodes are those that are held in any of these states.
+    """
     forces = np.asarray(state.reactions)
     turning = state.reaction_moments is not None
     columns, units = ["node", "Rx", "Ry", "Rz", "R"], ["", "N", "N", "N", "N"]
@@ -22,15 +36,25 @@ def reactions(structure, state, states):
         columns, units = [*columns, "Mx", "My", "Mz"], [*units, "N m", "N m", "N m"]
     columns, units = [*columns, "largest R", "in"], [*units, "N", ""]
     names = list(states)
-    sizes = np.array([np.linalg.norm(np.asarray(r), axis=1) for _, r in states.values()])
+    sizes = np.array([np.linalg.norm(np.asarray(s.reactions), axis=1) for s in states.values()])
+    held = _held(structure, fixed)
+    for own in states.values():
+        held = held | _held(structure, own.fixed)
     rows = []
-    for k in np.flatnonzero(_held(structure, state)):
+    for k in np.flatnonzero(held):
         row = [int(k), *forces[k].tolist(), float(np.linalg.norm(forces[k]))]
         row += moments[k].tolist() if turning else []
         worst = int(sizes[:, k].argmax()) if names else None
         row += [None, None] if worst is None else [float(sizes[worst, k]), names[worst]]
         rows.append(row)
     return Table("Reactions", tuple(columns), tuple(units), rows, governing=4)
+
+
+def _held(structure, fixed):
+    """Nodes whose position, or whose rotation where they have one, is held at all, [n_node]."""
+    fixed = fixed[: structure.n_node]
+    held = fixed[:, :3].any(axis=1)
+    return held | (fixed[:, 3:].any(axis=1) & structure.turns())
 
 
 def equilibrium(structure, state):
@@ -57,6 +81,8 @@ def equilibrium(structure, state):
             f"moments about the origin out of balance: {apart:.1e} N m, {share:.1e} of all forces "
             "times the extent"
         )
+    else:
+        notes.append("moments not summed: beams and catenaries carry loads between their nodes")
     columns = ("of", "x", "y", "z")
     return Table("Global equilibrium", columns, tuple(units), rows, tuple(notes))
 
@@ -65,11 +91,14 @@ def members(structure, state, states):
     """Force, utilisation and envelope of every element."""
     try:
         used = per_group(structure, utilisation(structure, state.tension))
-        most = {n: per_group(structure, utilisation(structure, t)) for n, (t, _) in states.items()}
+        most = {
+            name: per_group(structure, utilisation(structure, own.tension))
+            for name, own in states.items()
+        }
     except ValueError:  # no group has a strength
         used, most = [None] * len(structure.groups), {}
     own = per_group(structure, state.tension)
-    each = {name: per_group(structure, tension) for name, (tension, _) in states.items()}
+    each = {name: per_group(structure, own.tension) for name, own in states.items()}
     names, rows = list(each), []
     for number, (label, group) in enumerate(groups_by_name(structure)):
         force = np.array([each[name][number] for name in names])
@@ -87,7 +116,7 @@ def members(structure, state, states):
     columns = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
     columns = (*columns, "used", "most used")
     units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
-    known = any(row[-1] is not None for row in rows)
+    known = any(value is not None for row in rows for value in row[-2:])
     notes = () if known else ("no group has a strength: no utilisation",)
     title = "Forces, tension positive, and their envelope"
     return Table(title, columns, units, rows, notes, governing=10 if known else 4)
@@ -117,7 +146,6 @@ def cutting_list(structure, solution, phases):
 
 def _warmth(structure, solution, phases):
     """How much longer the elements are than at the reference temperature, a factor per group."""
-    phases = list(phases) if isinstance(phases, list | tuple) else [phases]
     factors = [np.ones(len(group.links)) for group in structure.groups]
     reached, part = int(solution.last.phase), float(solution.last.load_factor)
     for number, phase in enumerate(phases):
@@ -134,9 +162,9 @@ def _warmth(structure, solution, phases):
 def slack(structure, states):
     """Cables without tension, and in which states."""
     found = {}
-    for name, (tension, _) in states.items():
+    for name, own in states.items():
         for (label, group), force in zip(
-            groups_by_name(structure), per_group(structure, tension), strict=True
+            groups_by_name(structure), per_group(structure, own.tension), strict=True
         ):
             if group.tension_only:
                 for k in np.flatnonzero(force <= 0):
@@ -146,13 +174,12 @@ def slack(structure, states):
     return Table("Slack cables", ("group", "element", "in"), ("", "", ""), rows, notes)
 
 
-def loose(structure, state, states):
+def loose(structure, states):
     """Free nodes that only slack cables touch, and in which states."""
     found = {}
-    fixed = _held(structure, state)
-    for name, (tension, _) in states.items():
-        taut = fixed.copy()
-        for group, force in zip(structure.groups, per_group(structure, tension), strict=True):
+    for name, own in states.items():
+        taut = own.fixed[: structure.n_node, :3].all(axis=1)
+        for group, force in zip(structure.groups, per_group(structure, own.tension), strict=True):
             holds = force > 0 if group.tension_only else np.ones(len(force), bool)
             taut[group.links.array[holds]] = True
         for k in np.flatnonzero(~taut):

@@ -8,11 +8,12 @@ import jax
 import numpy as np
 
 from .. import status
-from ..files.parts import groups_by_name, one_case
 from ..files.reading import written
 from ..files.results import as_csv
+from ..parts import groups_by_name, one_case
 from . import contents
-from .table import as_text, empty, headed
+from .contents import State
+from .table import as_text, empty, finite, headed
 
 _LONG = 30  # rows of a table up to which its text shows them all
 
@@ -45,15 +46,25 @@ class Report:
         return "\n\n".join(parts) + "\n"
 
     def csv(self):
-        """Every table as CSV with all digits in SI units, a dict from its name to the text."""
+        """Every table as CSV with all digits in SI units, a dict from its name to the text.
+
+        ``summary`` has the sentences: of the whole, and the notes of each table.
+        """
+        told = [["of", "note"], *(["all", line] for line in self.summary)]
+        told += [[name, note] for name, table in self.tables.items() for note in table.notes]
         return {
-            name: as_csv([headed(table), *([empty(v) for v in row] for row in table.rows)])
-            for name, table in self.tables.items()
+            "summary": as_csv(told),
+            **{
+                name: as_csv([headed(table), *([empty(v) for v in row] for row in table.rows)])
+                for name, table in self.tables.items()
+            },
         }
 
     def dict(self):
         """Everything as dicts, lists, numbers and texts, ready for JSON."""
         tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
+        for table in tables.values():
+            table["rows"] = [[finite(value) for value in row] for row in table["rows"]]
         return {"status": self.status, "summary": list(self.summary), "tables": tables}
 
     def save(self, path):
@@ -71,7 +82,7 @@ class Report:
         elif path.suffix == ".json":
             texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
         elif path.suffix == ".txt":
-            texts = {path: self.text()}
+            texts = {path: self.text(rows=10**9)}  # a file has room for all of them
         else:
             raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
         for name, text in texts.items():
@@ -108,26 +119,45 @@ def report(structure, solution, phases=None, cases=None, names=None):
         status 0: converged
     """
     one_case(solution)
+    if phases is not None:
+        phases = list(phases) if isinstance(phases, list | tuple) else [phases]
+        if len(phases) != len(solution.phases):
+            raise ValueError(
+                f"phases: {len(phases)} of them, the solution has {len(solution.phases)}; give "
+                "those of this analysis, without those that it was started from"
+            )
     state = solution.last
     states, failed = _states(solution, cases, names)
     summary = _summary(structure, solution, failed)
+    at_end = {"end": State(state.tension, state.reactions, _reached(state))}
+    if cases is None and solution.status == status.OK:
+        at_end = {}  # it is that of the last phase
     tables = {
-        "reactions": contents.reactions(structure, state, states),
+        "reactions": contents.reactions(structure, state, _reached(state), states),
         "equilibrium": contents.equilibrium(structure, state),
         "members": contents.members(structure, state, states),
         "cutting_list": contents.cutting_list(structure, solution, phases),
-        "slack": contents.slack(structure, {"end": (state.tension, None), **states}),
-        "loose": contents.loose(structure, state, {"end": (state.tension, None), **states}),
+        "slack": contents.slack(structure, {**at_end, **states}),
+        "loose": contents.loose(structure, {**at_end, **states}),
     }
     return Report(int(solution.status), tuple(summary), tables)
 
 
+def _reached(state):
+    """Freedoms that are held in a state, [n_row, 3 or 6] bool."""
+    return np.asarray(state.fixed[int(state.phase) + 1].array)
+
+
 def _states(solution, cases, names):
-    """Tensions and reactions to envelope by name of case or phase, and names of what has failed."""
+    """States to envelope by name of case or phase, and codes by name of what has failed."""
     if cases is None:
         parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
         codes = {name: int(part.status) for name, part in parts.items()}
-        good = {n: (p.tension, p.reactions) for n, p in parts.items() if codes[n] == status.OK}
+        good = {
+            name: State(part.tension, part.reactions, np.asarray(fixed.array))
+            for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
+            if codes[name] == status.OK
+        }
     else:
         codes = np.asarray(cases.status)
         if codes.ndim != 1:
@@ -135,9 +165,15 @@ def _states(solution, cases, names):
         names = [f"case {k}" for k in range(len(codes))] if names is None else list(map(str, names))
         if len(names) != len(codes):
             raise ValueError(f"names: {len(names)} of them, but {len(codes)} cases")
+        if len({*names, "end"}) <= len(names):
+            raise ValueError('names: each case needs a name of its own, other than "end"')
+        fixed = np.asarray(cases.last.fixed[-1].array)
         codes = dict(zip(names, codes.tolist(), strict=True))
         good = {
-            name: jax.tree.map(lambda x, k=k: np.asarray(x)[k], (cases.tension, cases.reactions))
+            name: State(
+                *jax.tree.map(lambda x, k=k: np.asarray(x)[k], (cases.tension, cases.reactions)),
+                fixed,
+            )
             for k, name in enumerate(names)
             if codes[name] == status.OK
         }

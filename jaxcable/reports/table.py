@@ -1,6 +1,7 @@
 """A table of a report, and how it is laid out as text."""
 
 import dataclasses
+import math
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,6 +36,11 @@ def headed(table):
     return [f"{c.strip()} ({u})" if u else c.strip() for c, u in pairs]
 
 
+def finite(value):
+    """A value for JSON: None where a number is none."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def empty(value):
     """What stands in a CSV field: nothing where there is no value."""
     return "" if value is None else value
@@ -48,7 +54,7 @@ def as_text(table, most):
             rows = sorted(rows, key=lambda row: -abs(row[table.governing] or 0.0))
         rows = rows[:most]
         which = "the largest" if table.governing is not None else "the first"
-        notes.append(f"{which} {most} of {len(table.rows)}; all are in the CSV table")
+        notes.append(f"{which} {most} of {len(table.rows)}; the tables have all")
     kilo = {unit for unit in ("N", "N m") if _largest(table, rows, unit) >= 1e4}
     factors = [1e-3 if unit in kilo else 1.0 for unit in table.units]
     units = ["k" + unit if unit in kilo else unit for unit in table.units]

@@ -68,7 +68,11 @@ class Section:
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
         if self.cells is not None and not isinstance(self.cells, Indices):
-            put(self, "cells", Indices(self.cells))
+            cells = _check.integers(self.cells, "cells", 4)
+            count = 0 if self.points is None else len(self.points)
+            if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
+                raise ValueError(f"cells: expected four of {count} points for every fibre")
+            put(self, "cells", Indices(cells))
 
     # --- shapes
 

@@ -1,9 +1,9 @@
-"""A structure and its results as flat arrays: straight pieces, groups by name, values in a row."""
+"""A structure and its results in parts: groups by name, values per group, straight pieces."""
 
 import jax
 import numpy as np
 
-from ..structure import is_group
+from .structure import is_group
 
 
 def groups_by_name(structure):
@@ -28,8 +28,11 @@ def per_group(structure, values):
     return found
 
 
-def pieces(structure):
+def pieces(links):
     """Straight pieces of all elements.
+
+    Args:
+        links: node numbers per group, `Indices` [n_elem, n_end], as of a `Solution`.
 
     Returns:
         ends: their node numbers, [n_piece, 2].
@@ -37,11 +40,11 @@ def pieces(structure):
         group: number of their group, [n_piece].
     """
     ends, element, group, count = [], [], [], 0
-    for number, own in enumerate(structure.groups):
-        chain = own.links.array
+    for number, own in enumerate(links):
+        chain = own.array
         pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
         which = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
-        real = pairs[..., 0] != pairs[..., 1]
+        real = pairs[..., 0] != pairs[..., 1]  # chains are filled up with their last node
         ends.append(pairs[real])
         element.append(which[real])
         group.append(np.full(int(real.sum()), number))
