@@ -117,9 +117,11 @@ def members(structure, state, states):
     columns = (*columns, "used", "most used")
     units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
     known = any(value is not None for row in rows for value in row[-2:])
-    notes = () if known else ("no group has a strength: no utilisation",)
+    notes = [] if known else ["no group has a strength: no utilisation"]
+    if known and structure.turning:
+        notes.append("utilisation of beams is that of their axial force alone: see fibre_stress")
     title = "Forces, tension positive, and their envelope"
-    return Table(title, columns, units, rows, notes, governing=10 if known else 4)
+    return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
 
 
 def cutting_list(structure, solution, phases):
