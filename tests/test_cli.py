@@ -152,6 +152,12 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys):
     np.testing.assert_allclose(tuned.phases[0].pretension, 321.0, rtol=1e-6)
     assert main(["optimize", "bare.json"]) == 2
     assert "give --target, or --deflection" in one_line(capsys.readouterr().err)
+    assert main(["optimize", "bare.json", "--target", "321", "--bounds", "300", "400"]) == 0
+    assert one_line(capsys.readouterr().err).endswith(
+        "within 300 to 400 N, where the scene does not"
+    )
+    assert main(["optimize", "bare.json", "--target", "321", "--bounds", "400", "300"]) == 2
+    assert "--bounds 400 300: the first is above" in one_line(capsys.readouterr().err)
     jc.save_scene("none.json", (structure, [jc.Phase(rest_length=0.3)]))
     assert main(["optimize", "none.json", "--target", "1"]) == 2
     assert "no phase has a pretension" in one_line(capsys.readouterr().err)
@@ -310,9 +316,11 @@ def test_ctrl_c_ends_with_one_line(after, tmp_path):
     structure, phases = jc.scenes.flat_net()
     long = [jc.Phase(loads=phases[1].loads, increments=200_000)]
     jc.save_scene(tmp_path / "long.json", (structure, [phases[0], *long]))
-    words = ["solve", "long.json", "--save", "r.json"]
+    words = [sys.executable, "-m", "jaxcable", "solve", "long.json", "--save", "r.json"]
+    # jobs in the background of a shell, as these tests may be, have Ctrl-C ignored
+    listening = "import os, signal, sys; signal.signal(signal.SIGINT, signal.SIG_DFL); "
     running = subprocess.Popen(
-        [sys.executable, "-m", "jaxcable", *words],
+        [sys.executable, "-c", listening + "os.execv(sys.argv[1], sys.argv[1:])", *words],
         cwd=tmp_path,
         env=environment(),
         stdout=subprocess.PIPE,
@@ -323,7 +331,10 @@ def test_ctrl_c_ends_with_one_line(after, tmp_path):
     assert running.poll() is None  # it had enough to do
     running.send_signal(signal.SIGINT)
     begin = time.monotonic()
-    out, err = running.communicate(timeout=60)
+    try:
+        out, err = running.communicate(timeout=60)
+    finally:
+        running.kill()
     assert time.monotonic() - begin < 5.0
     assert running.returncode == 130 and out == ""
     lines = err.strip().splitlines()

@@ -12,7 +12,7 @@ from ..files import save_scene
 from ..scenes import Scene
 from ..solver import solve
 from . import inputs, outputs
-from .guard import Refused, require_writable
+from .guard import Refused, require_writable, say
 
 _WIDTH = 0.02  # of the smooth maximum of deflections, as a part of the limit
 
@@ -32,7 +32,12 @@ def run(options):
         return solve(structure, [*phases[:number], own, *phases[number + 1 :]])
 
     low, high = options.bounds
-    start = jnp.clip(start, low, high)
+    if not low <= high:
+        raise Refused(f"--bounds {low:g} {high:g}: the first is above the second")
+    inside = jnp.clip(start, low, high)
+    if (inside != start).any():
+        say(f"warning: the search starts within {low:g} to {high:g} N, where the scene does not")
+    start = inside
     try:
         if options.target is not None:
             found, told = _to_target(analysed, start, (low, high), options)
