@@ -153,6 +153,7 @@ REGIMES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REGIMES)
 def test_taylor_everywhere(name):
     """By span, rise, length, weight and stiffness together; steps relative to the condition."""

@@ -348,6 +348,7 @@ def test_a_batch_names_its_failed_case():
         jc.raise_if_failed(solution)
 
 
+@pytest.mark.slow
 def test_starting_from_a_failed_solution_stays_failed():
     failed = analysis(97.97e3, jnp.nan, LOAD)
     again = jc.solve(STRUCTURE, [LOADING], start=failed)
@@ -361,6 +362,7 @@ def test_describe_knows_every_code_and_no_other():
         jc.describe(99)
 
 
+@pytest.mark.slow
 def test_bars_without_force_are_in_balance():
     """A tripod has no self-stress: shortened, warmed or moved it stands in its new place, unloaded.
 

@@ -175,6 +175,7 @@ def triplex(twist):
     return jc.Structure(np.vstack([low, high]), elements, jc.pinned(k))
 
 
+@pytest.mark.slow
 def test_triplex_finds_its_twist():
     """Struts of given length, cables of given force: the twist that one equation needs.
 
@@ -401,6 +402,7 @@ def test_no_form_is_a_status(tension, load, codes):
     assert np.isnan(jax.grad(lambda T: find(T).length[0])(jnp.array(tension))).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "code"),
     [

@@ -113,6 +113,7 @@ CASES = {
 FACTORS = np.array([[1.35, 1.5, 0.9], [1.0, 0.0, 1.5]])
 
 
+@pytest.mark.slow
 def test_combinations_are_a_batch():
     """Mapped over, they are the analyses of the factored loads one by one."""
     structure = sloped(weight=3.0)

@@ -308,6 +308,7 @@ def test_wrong_arguments():
             jc.minimize(wall, nothing)
 
 
+@pytest.mark.slow
 def test_pretension_of_a_net_and_one_compilation():
     """The least distance from target tensions, through two phases; failed analyses on the way."""
     structure, (_, loading) = jc.scenes.flat_net(load=15.0, increments=(1, 1))

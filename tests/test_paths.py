@@ -199,6 +199,7 @@ def test_slackening_and_tightening_between_two_cables():
     assert np.allclose(np.asarray(back.tension)[-1], 100.0, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_unstressed_net_has_no_tangent_at_first():
     """Two links in line pulled sideways, without prestress: ``P = EA (w/a)^3`` for small w."""
     structure, normal = two_links(1e5, 0.0, 1.0)

@@ -55,6 +55,7 @@ def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_chord():
     assert np.allclose(solution.tension, 0.05 * EA, rtol=1e-12)  # not EA 0.05/0.95
 
 
+@pytest.mark.slow
 def test_absolute_statement_in_a_later_phase_refers_to_the_initial_nodes():
     """Prestress after loading ends where prestress before loading does."""
     late = solved(STRUCTURE, [LOADING, jc.Phase(pretension=200.0, increments=2)])

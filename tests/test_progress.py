@@ -15,7 +15,11 @@ def scene():
     return jc.scenes.flat_net(load=15.0)
 
 
-@pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental(corrections=1)])
+@pytest.mark.parametrize(
+    "method",
+    [jc.Newton(), pytest.param(jc.Incremental(corrections=1), marks=pytest.mark.slow)],
+    ids=["newton", "incremental"],
+)
 def test_every_increment_is_told_as_the_path_has_it(method, scene):
     told = []
     solution = jc.solve(*scene, method, progress=told.append)

@@ -106,6 +106,7 @@ def test_held_and_elastic_in_one_group():
     assert abs(float(form.rest_length[0]) * (1 + T / EA) - float(form.length[0])) < 1e-12
 
 
+@pytest.mark.slow
 def test_strut_and_cables_in_a_dict():
     nodes = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0], [0.0, 0, 0.5]])
     mask = np.ones((5, 3), bool)
