@@ -68,6 +68,7 @@ def test_wrong_scenes_are_refused():
         jc.scenes.isolated_cable(-1)
 
 
+@pytest.mark.slow
 def test_picture_of_a_running_rope(tmp_path):
     """A chain of pieces is drawn piece by piece, each in the colour of its cable."""
     nodes = [[0.0, 0, 0], [3.0, 0, -2.5], [8.0, 0, 1.5]]

@@ -301,6 +301,7 @@ def hanging(span=60.0, rise=10.0, stiffness=2e6, weight=40.0, **group):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sag", [0.01, 0.5, 8.0, 100.0])
 @pytest.mark.parametrize("rise", [0.0, 10.0, -80.0])
 def test_sag(sag, rise):

@@ -106,6 +106,7 @@ def test_influence_of_heat_and_of_part_of_the_groups():
     assert by_strain["x"] is None and by_strain["y"].shape == (N, 3, 6)
 
 
+@pytest.mark.slow
 def test_influence_refuses():
     for arguments, text in (
         ({"of": "stress"}, "of = 'stress'"),

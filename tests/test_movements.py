@@ -75,6 +75,7 @@ def test_gradient_by_the_movement():
     assert float(gradient[1, 0]) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_line_loads_on_cables_go_to_their_ends():
     nodes = np.array([[-1.0, 0, 0], [0, 0, 0], [2.0, 0, 0]])
     cables = {

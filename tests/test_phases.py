@@ -249,6 +249,7 @@ def test_incremental_needs_no_more_than_its_corrections():
     assert np.abs(np.asarray(solution.displacement - exact.displacement)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_increments_are_exact_at_their_own_load_factor():
     """Each row of the path is the solution of the analysis that ends there."""
     structure, (prestress, _) = jc.scenes.flat_net()

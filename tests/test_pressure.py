@@ -99,6 +99,7 @@ def test_tangent_is_unsymmetric_with_a_free_end_or_per_unstressed_length():
     assert asymmetry(*arch(per="unstressed")) > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [{}, {"free_end": True}, {"per": "unstressed"}])
 def test_newton_converges_quadratically(case):
     """The residual after k steps, from near the equilibrium: its digits double.

@@ -156,6 +156,7 @@ def test_a_sag_is_what_a_catenary_says():
         assert float(again.tension[0]) == pytest.approx(float(solution.tension[0]), rel=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 7, 20])
 def test_hanging_chain(n):
     """In equilibrium at once, with the stated sag; the middle of an odd chain is in an element."""
