@@ -35,7 +35,7 @@ from record import commit
 
 import jaxcable as jc
 from jaxcable._tree import Indices
-from jaxcable.structure import number_freedoms
+from jaxcable.freedoms import number_freedoms
 
 jax.config.update("jax_enable_x64", True)
 

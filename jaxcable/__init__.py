@@ -49,7 +49,8 @@ from .solution import Path, PhaseResult, Solution, State
 from .solver import solve
 from .status import AnalysisError, describe, raise_if_failed
 from .stresses import fibre_stress
-from .structure import Structure, Supports, clamped, pinned
+from .structure import Structure
+from .supports import Supports, clamped, pinned, restrained
 
 __version__ = "0.1.0"
 

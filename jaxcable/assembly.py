@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from . import linear
 from ._tree import copy, pytree
 from .elements.prestress import element
+from .freedoms import numbers_of
 
 
 @pytree
@@ -23,7 +24,8 @@ class System:
         groups: element groups, their links arrays.
         states: element states, one per group (prestress).
         load: dead load on every node, [n_node, 3], N.
-        held: displacement of every freedom, used where it is held, [3 n_node], m.
+        held: displacement of every freedom along its own direction, used where it is held,
+            [3 n_node], m.
         freedoms: numbering of the unknowns.
         followers: loads that depend on where the nodes are, list of (load, factor), or None.
     """
@@ -40,11 +42,13 @@ class System:
 
     def motion(self, x):
         """Displacement of all nodes, [n_node, 3], from the unknowns [n_free]."""
-        return jnp.concatenate([x, self.held])[self.freedoms.source].reshape(self.nodes.shape)
+        own = jnp.concatenate([x, self.held])[self.freedoms.source].reshape(self.nodes.shape)
+        return own if self.freedoms.axes is None else combined(self.freedoms.axes, own)
 
     def unknowns(self, motion):
         """The unknowns [n_free] of a motion [n_node, 3]."""
-        return motion.reshape(-1)[self.freedoms.free]
+        own = motion if self.freedoms.axes is None else along(self.freedoms.axes, motion)
+        return own.reshape(-1)[self.freedoms.free]
 
     def place(self, x):
         """Unknowns to start from: `x` itself, which holds nothing of the supports."""
@@ -79,7 +83,8 @@ class System:
 
         An unloaded elastic-plastic element is in equilibrium to the rounding of these.
         """
-        return jnp.repeat(each("size", group, state, self.nodes, motion)[:, None], 2, axis=1)
+        sizes = each("size", group, state, self.nodes, motion)[:, None]
+        return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
     def all_load(self, motion):
         """Dead and following loads on every node, as `load`, N."""
@@ -101,7 +106,7 @@ class System:
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N."""
-        return self.unbalanced(self.motion(x)).reshape(-1)[self.freedoms.free]
+        return self.collected(self.unbalanced(self.motion(x)))
 
     def residual_and_scale(self, x):
         """Residual [n_free], and the force it is judged by, N.
@@ -111,7 +116,7 @@ class System:
         motion = self.motion(x)
         (force, size), load = self.internal_force(motion), self.all_load(motion)
         scale = jnp.max(size + jnp.sqrt(jnp.sum(load**2, axis=-1)))
-        return (force - load).reshape(-1)[self.freedoms.free], scale
+        return self.collected(force - load), scale
 
     @property
     def rounds(self):
@@ -154,12 +159,31 @@ class System:
         if self.followers is None:
             return []
         arguments = self.groups, self.states, self.nodes, self.nodes + motion[:, :3]
-        parts = []
-        for load, factor in self.followers:
-            for blocks, links in load.following_blocks(*arguments):
-                number = self.freedoms.number[..., :3][links].reshape(len(blocks), -1)
-                parts.append((-factor * blocks.reshape(*number.shape, number.shape[1]), number))
-        return parts
+        return [
+            self._part(-factor * blocks, links, 3, motion)
+            for load, factor in self.followers
+            for blocks, links in load.following_blocks(*arguments)
+        ]
+
+    def _part(self, blocks, links, width, motion, inner=()):
+        """Matrices of elements as `linear.assemble` takes them, by the unknowns of their ends."""
+        freedoms = self.freedoms
+        number = numbers_of(freedoms.number, links, width, inner, freedoms.carried)
+        n_elem = len(blocks)
+        blocks = blocks.reshape(n_elem, -1, round((blocks.size // n_elem) ** 0.5))
+        slopes = self._slopes(motion)
+        if slopes is not None:
+            n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
+            blocks = _by_numbers(blocks, slopes[links[:, :n_end], :width], len(inner))
+        return blocks, number
+
+    def _slopes(self, motion):
+        """Change of a row's motion by the numbers of its unknowns; None if these are the same.
+
+        [n_row, 3, 3]: the directions of its freedoms.
+        """
+        axes = self.freedoms.axes
+        return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
 
     def secant(self, before, x):
         """Secant stiffness between two states, each [n_free], as `tangent`, N/m."""
@@ -181,11 +205,9 @@ class System:
                 self.nodes[group.links],
                 *(motion_of(group, motion) for motion in motions),
             )
-            number = self.freedoms.number[group.links]
-            if number.shape[-1] != group.n_freedom:
-                number = number[..., : group.n_freedom]
-            number = number.reshape(len(blocks), -1)
-            parts.append((blocks.reshape(*number.shape, number.shape[1]), number))
+            parts.append(
+                self._part(blocks, group.links, group.n_freedom, motions[-1], group.inner)
+            )
         return parts
 
     def _assemble(self, parts):
@@ -215,7 +237,10 @@ class System:
 
     def reactions(self, motion):
         """Forces of the supports on the structure, [n_node, 3], N; zero where free."""
-        return jnp.where(self.freedoms.fixed, self.unbalanced(motion), 0.0)
+        force, axes = self.unbalanced(motion), self.freedoms.axes
+        if axes is None:
+            return jnp.where(self.freedoms.fixed, force, 0.0)
+        return combined(axes, jnp.where(self.freedoms.fixed, along(axes, force), 0.0))
 
     def slack(self, motion):
         """Slack elements, one boolean array [n_elem] per group."""
@@ -292,6 +317,33 @@ class System:
     def extent(self):
         """Size of the whole structure: diagonal of its bounding box, m."""
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
+
+
+def along(axes, vectors):
+    """Components of vectors [n, 3] along directions, rows of [n, 3, 3]."""
+    return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
+
+
+def combined(axes, components):
+    """Vectors [n, 3] from their components along directions, rows of [n, 3, 3]."""
+    return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)
+
+
+def _by_numbers(blocks, slopes, n_inner):
+    """Matrices [n_elem, d, d] of ends by those of the numbers behind them; inner numbers stay.
+
+    `slopes`: change of each end by its numbers, [n_elem, n_end, width, n_number].
+    """
+    n_elem, n_end, width, n_number = slopes.shape
+    whole = jnp.zeros(
+        (n_elem, n_end * width + n_inner, n_end * n_number + n_inner), blocks.dtype
+    )
+    for k in range(n_end):
+        rows, columns = slice(k * width, (k + 1) * width), slice(k * n_number, (k + 1) * n_number)
+        whole = whole.at[:, rows, columns].set(slopes[:, k].astype(blocks.dtype))
+    if n_inner:
+        whole = whole.at[:, n_end * width :, n_end * n_number :].set(jnp.eye(n_inner))
+    return jnp.einsum("eai,eab,ebj->eij", whole, blocks, whole)
 
 
 def each(method, group, state, nodes, motion):

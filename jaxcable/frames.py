@@ -19,9 +19,19 @@ import jax.numpy as jnp
 from jax import lax
 
 from ._tree import pytree
-from .assembly import System, each, motion_of
+from .assembly import System, along, combined, each, motion_of
 from .elements.prestress import element
-from .rotations import conjugate, inverse, product, turned
+from .rotations import (
+    IDENTITY,
+    conjugate,
+    cross,
+    inverse,
+    middle,
+    product,
+    rotate,
+    turn_by,
+    turned,
+)
 
 
 @pytree
@@ -31,7 +41,11 @@ class FrameSystem(System):
     Attributes:
         load: force and moment on every node, [n_node, 6], N and N m.
         held: motion of every node, used where it is held, [n_node, 7].
+        bearing: rotation in which the support of every row was set, [n_row, 4], where some hold
+            rotations in directions of their own; None if that is as in `held`.
     """
+
+    bearing: object = None
 
     turning = True
 
@@ -57,38 +71,132 @@ class FrameSystem(System):
 
     def place(self, x):
         """`x` with held translations and clamped nodes put where their supports are."""
-        fixed = self.freedoms.fixed
-        displacement = jnp.where(fixed[:, :3], self.held[:, :3], x[:, :3])
+        fixed, axes = self.freedoms.fixed, self.freedoms.axes
+        if axes is None:
+            displacement = jnp.where(fixed[:, :3], self.held[:, :3], x[:, :3])
+        else:
+            own, held = along(axes, x[:, :3]), along(axes, self.held[:, :3])
+            displacement = combined(axes, jnp.where(fixed[:, :3], held, own))
         clamped = jnp.all(fixed[:, 3:], axis=1, keepdims=True)
         rotation = jnp.where(clamped, self.held[:, 3:], x[:, 3:])
-        return jnp.concatenate([displacement, rotation], axis=1)
+        return self._carried_along(jnp.concatenate([displacement, rotation], axis=1))
 
     def carried(self, x):
         """`x`, a constant, as a function of the rotation in which hinged supports were left."""
         hinged = jnp.any(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
-        support = self.held[:, 3:]
+        support = self._reference()
         relative = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(lax.stop_gradient(support)))
         rotation = jnp.where(hinged, jax.vmap(product)(relative, support), x[:, 3:])
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
+    def _reference(self):
+        """Rotation from which supports that hold some rotations reckon, [n_row, 4]."""
+        return self.held[:, 3:] if self.bearing is None else self.bearing
+
     def move(self, x, step):
         """The motion after a step [n_free]."""
-        return jax.vmap(turned)(x, self._spread(step))
+        return self._carried_along(jax.vmap(turned)(x, self._spread(x, step)))
 
-    def _spread(self, step):
-        """Translation and spin of every node, [n_node, 6], from a step [n_free]."""
+    def _carried_along(self, x):
+        """`x` with the nodes that others carry put where these take them."""
+        if self.freedoms.carried is None:
+            return x
+        nodes, by = self.freedoms.carried
+        arm, turn = self.nodes[nodes] - self.nodes[by], x[by, 3:]
+        moved = x[by, :3] + jax.vmap(rotate)(turn, arm) - arm
+        return x.at[nodes].set(jnp.concatenate([moved, turn], axis=1))
+
+    def _arms(self, x):
+        """From carriers to the nodes that they carry, as they are turned at `x`, [n, 3], m."""
+        nodes, by = self.freedoms.carried
+        return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
+
+    def _spread(self, x, step):
+        """Translation and spin of every row, [n_row, 6], from a step [n_free] from `x`.
+
+        Carried nodes move with their carriers, by the turn of the arm itself.
+        """
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
-        return full * self._scaling()
+        full = full * self._scaling()
+        if self.freedoms.axes is not None:
+            shift = combined(self.freedoms.axes, full[:, :3])
+            full = jnp.concatenate([shift, combined(self._spin_axes(x), full[:, 3:])], axis=1)
+        if self.freedoms.carried is not None:
+            nodes, by = self.freedoms.carried
+            arm, spin = self._arms(x), full[by, 3:]
+            swung = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm) - arm
+            full = full.at[nodes].set(jnp.concatenate([full[by, :3] + swung, spin], axis=1))
+        return full
+
+    def _spin_axes(self, x):
+        """Directions of spins, rows of [n_row, 3, 3].
+
+        Where one rotation is held the node swings, by the shortest way from `_reference`; the spins
+        that keep it so are those across the held direction turned halfway along.
+        """
+        axes = jnp.asarray(self.freedoms.axes, x.dtype)
+        alone = jnp.sum(self.freedoms.fixed[:, 3:], axis=1) == 1
+        swing = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(self._reference()))
+        still = jnp.asarray(IDENTITY, x.dtype)
+        half = jax.vmap(lambda own, q: middle(still, jnp.where(own, q, still)))(alone, swing)
+        return jax.vmap(lambda q, rows: jax.vmap(lambda v: rotate(q, v))(rows))(half, axes)
 
     def _scaling(self):
         arm = self.arm
         return jnp.concatenate([jnp.ones((1, 3), arm.dtype), jnp.full((1, 3), 1 / arm)], axis=1)
 
+    def _slopes(self, motion):
+        """Change of a row's motion by its numbers, [n_row, 6, 6]; None if only spins are scaled."""
+        freedoms = self.freedoms
+        if freedoms.axes is None and freedoms.carried is None:
+            return None
+        scale = self._scaling()
+        slopes = jnp.zeros((len(motion), 6, 6), motion.dtype)
+        if freedoms.axes is None:
+            slopes = slopes + jnp.eye(6, dtype=motion.dtype)
+        else:
+            slopes = slopes.at[:, :3, :3].set(jnp.swapaxes(jnp.asarray(freedoms.axes), 1, 2))
+            slopes = slopes.at[:, 3:, 3:].set(jnp.swapaxes(self._spin_axes(motion), 1, 2))
+        slopes = slopes * scale
+        if freedoms.carried is not None:
+            nodes, by = freedoms.carried
+            own = slopes[by]
+            swung = jax.vmap(lambda a, spins: jax.vmap(lambda s: cross(s, a), 1, 1)(spins))(
+                self._arms(motion), own[:, 3:]
+            )
+            slopes = slopes.at[nodes].set(own.at[:, :3].add(swung))
+        return slopes
+
     def collected(self, force):
-        """Sum at every unknown, [n_free], N, of forces and moments [n_node, 6]."""
+        """Sum at every unknown, [n_free], N, of forces and moments [n_row, 6]."""
+        return self._collected(force, self.held, None)
+
+    def _collected(self, force, x, spread):
+        """The same at `x`, of forces conjugate to the steps `spread` of all rows from there."""
         n = self.freedoms.free.shape[0]
+        force = self._handed_on(force, x, spread)
+        if self.freedoms.axes is not None:
+            force = jnp.concatenate(
+                [along(self.freedoms.axes, force[:, :3]), along(self._spin_axes(x), force[:, 3:])],
+                axis=1,
+            )
         scaled = force * self._scaling()
         return jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
+
+    def _handed_on(self, force, x, spread=None):
+        """Forces and moments [n_row, 6] with those on carried nodes handed to their carriers."""
+        if self.freedoms.carried is None:
+            return force
+        nodes, by = self.freedoms.carried
+        arm, own = self._arms(x), force[nodes]
+        if spread is None:
+            turning = jax.vmap(cross)(arm, own[:, :3])
+        else:
+            spin = spread[by, 3:]
+            arm = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm)
+            turning = jax.vmap(conjugate)(spin, jax.vmap(cross)(arm, own[:, :3]))
+        force = force.at[nodes].set(0.0).at[by, :3].add(own[:, :3])
+        return force.at[by, 3:].add(own[:, 3:] + turning)
 
     def chart(self, x):
         """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
@@ -136,23 +244,23 @@ class FrameSystem(System):
 
     def _residual_about(self, x, step):
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
-        spread = self._spread(step)
+        spread = self._spread(x, step)
         moment = jax.vmap(conjugate)(spread[:, 3:], self.load[:, 3:])
         force = self.load[:, :3]
         if self.followers is not None:
             force = force + self.following(self.nodes + x[:, :3] + spread[:, :3])
         load = jnp.concatenate([force, moment], axis=1)
-        return self.collected(self._internal_about(x, spread)[0] - load)
+        return self._collected(self._internal_about(x, spread)[0] - load, x, spread)
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N (moments over the arm)."""
-        return self.collected(self.unbalanced(x))
+        return self._collected(self.unbalanced(x), x, None)
 
     def residual_and_scale(self, x):
         """Residual [n_free], and the force it is judged by, N."""
         (force, size), load = self.internal_force(x), self.all_load(x)
         amount = _norm(load[:, :3]) + _norm(load[:, 3:]) / self.arm
-        return self.collected(force - load), jnp.max(size + amount)
+        return self._collected(force - load, x, None), jnp.max(size + amount)
 
     def unsymmetric(self):
         """Whether nodal moments or following loads act, which make the tangent unsymmetric."""
@@ -160,22 +268,49 @@ class FrameSystem(System):
 
     def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""
-        return jnp.linalg.norm(self.collected(self.all_load(x)))
+        return jnp.linalg.norm(self._collected(self.all_load(x), x, None))
 
     def tangent(self, x):
         """Derivative of the residual by a step, a matrix of `linear`, N/m."""
-        scale = self._scaling()[0]
+        scale, plain = self._scaling()[0], self._slopes(x) is None
 
         def block(one, state, ends, motion):
-            own = scale[: one.n_freedom]
             tangent = one.tangent(state, ends, motion)
-            return tangent * own[None, :, None, None] * own[None, None, None, :]
+            if not plain:
+                return tangent
+            count = len(ends) - one.n_inner_row
+            own = jnp.concatenate(
+                [jnp.tile(scale[: one.n_freedom], count), jnp.ones(len(one.inner), scale.dtype)]
+            )
+            return tangent.reshape(len(own), -1) * own[:, None] * own[None, :]
 
         parts = self._blocks(block, x)
-        # the change of a moment's work on the step, see `rotations.conjugate`
-        change = jax.vmap(jax.jacfwd(conjugate))(jnp.zeros_like(x[:, :3]), self.load[:, 3:])
         parts += self._following_blocks(x)
-        return self._assemble([*parts, (-change / self.arm**2, self.freedoms.number[:, 3:])])
+        return self._assemble([*parts, self._turning_part(x)])
+
+    def _turning_part(self, x):
+        """What nodal moments, and forces on arms, take from the tangent as nodes turn.
+
+        See `rotations.conjugate`. For one node after the other, by its spins.
+        """
+        zero = jnp.zeros_like(x[:, :3])
+        load = self._handed_on(self.load, x)
+        change = -jax.vmap(jax.jacfwd(conjugate))(zero, load[:, 3:])
+        if self.freedoms.carried is not None:
+            nodes, by = self.freedoms.carried
+            pull, arm = self.unbalanced(x)[nodes, :3], self._arms(x)
+            # the moment of loads on arms is in `load` already
+            own = jax.vmap(jax.jacfwd(conjugate))(zero[by], jax.vmap(cross)(arm, self.load[nodes, :3]))
+            change = change.at[by].add(own)
+
+            def turning(spin, arm, pull):
+                return conjugate(spin, cross(rotate(turn_by(spin), arm), pull))
+
+            change = change.at[by].add(jax.vmap(jax.jacfwd(turning))(zero[by], arm, pull))
+        if self.freedoms.axes is not None:
+            axes = self._spin_axes(x)
+            change = jnp.einsum("nai,nij,nbj->nab", axes, change, axes)
+        return change / self.arm**2, self.freedoms.number[:, 3:]
 
     def potential(self, x):
         """Stored energy minus the work of the nodal forces, J; moments have no potential."""
@@ -184,8 +319,17 @@ class FrameSystem(System):
     # --- results
 
     def reactions(self, motion):
-        """Forces and moments of the supports on the structure, [n_node, 6]; zero where free."""
-        return jnp.where(self.freedoms.fixed, self.unbalanced(motion), 0.0)
+        """Forces and moments of the supports on the structure, [n_row, 6]; zero where free."""
+        force, freedoms = self._handed_on(self.unbalanced(motion), motion), self.freedoms
+        fixed = freedoms.fixed
+        if freedoms.inner is not None:
+            fixed = fixed & ~freedoms.inner[:, None]
+        if freedoms.axes is None:
+            return jnp.where(fixed, force, 0.0)
+        spins = self._spin_axes(motion)
+        shift = jnp.where(fixed[:, :3], along(freedoms.axes, force[:, :3]), 0.0)
+        turn = jnp.where(fixed[:, 3:], along(spins, force[:, 3:]), 0.0)
+        return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, turn)], axis=1)
 
     def section_forces(self, motion):
         """Section forces at the integration points of beams, per group; None for others."""

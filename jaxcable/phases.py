@@ -8,7 +8,7 @@ from ._tree import Indices, pytree
 from .elements.prestress import Stated
 from .loads import as_list
 from .selection import Only
-from .structure import Supports
+from .supports import Supports
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
 INCREMENTS = ("shortening", "temperature")

@@ -2,16 +2,19 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from . import _check, plausibility, status
-from ._tree import Indices, thaw
+from ._tree import copy, thaw
 from .equilibrium import Newton
+from .freedoms import number_freedoms
 from .incremental import Incremental
 from .loads import NodalLoads, SupportMovement, as_list
 from .phases import Phase
 from .ramp import PhaseData, follows, unloaded
 from .solution import Solution, State
-from .structure import Structure, number_freedoms
+from .structure import Structure
+from .supports import Fixed
 
 
 def prepare(structure, phases, method, start, earlier=0):
@@ -25,7 +28,7 @@ def prepare(structure, phases, method, start, earlier=0):
         thawed, arrays: nodes, groups, carry and data of the phases, as `thaw` splits them.
         method: `Newton` or `Incremental`.
         code: status that `start` ended with.
-        fixed: freedoms held before the first phase and in each phase, a tuple of `Indices`.
+        fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
 
     Raises:
         ValueError: wrong input, naming argument, index and rule.
@@ -44,25 +47,27 @@ def prepare(structure, phases, method, start, earlier=0):
                 )
     carry, code, fixed = _begin(structure, start)
     rows, groups = structure.rows()
-    links = tuple((group.links, group.n_freedom) for group in groups)
+    links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
+    held = _support_sets(structure, phases, fixed)
     followers = [] if carry is None else [load for load, _ in carry.element_loads if follows(load)]
 
     def numbered(fixed):
-        pressed = [(own, 3) for load in followers for own in load.touches(groups)]
-        return number_freedoms(fixed, rows, (*links, *pressed), method.linear_solver, not followers)
+        pressed = [(own, 3, ()) for load in followers for own in load.touches(groups)]
+        solver = method.linear_solver
+        return number_freedoms(
+            fixed, rows, (*links, *pressed), solver, not followers, structure.rigid
+        )
 
-    nodes = structure.nodes if rows is None else structure.nodes[rows.array]
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
 
-    sets, data = [fixed], []
-    for number, phase in enumerate(phases, earlier):
-        if phase.supports is not None:
-            fixed = Indices(structure.fixed(phase.supports))
+    sets, data = held[:1], []
+    for number, (phase, fixed) in enumerate(zip(phases, held[1:], strict=True), earlier):
         loads = as_list(phase.loads)
         for load in loads:
             load.check(structure)
         movements = [load for load in loads if isinstance(load, SupportMovement)]
         for movement in movements:
-            movement.check_supported(fixed.array)
+            movement.check_supported(fixed)
         kinds = NodalLoads | SupportMovement
         own = [
             load.among(structure) if hasattr(load, "among") else load
@@ -86,7 +91,9 @@ def prepare(structure, phases, method, start, earlier=0):
                 element_loads=own,
                 movements=movements,
                 freedoms=freedoms,
-                freedoms_before=None if fixed == sets[-1] else number_freedoms(sets[-1], rows),
+                freedoms_before=None
+                if fixed == sets[-1]
+                else number_freedoms(sets[-1], rows, rigid=structure.rigid),
                 increments=int(phase.increments),
                 other_pattern=bool(data) and freedoms is not data[-1].freedoms,
             )
@@ -94,6 +101,28 @@ def prepare(structure, phases, method, start, earlier=0):
         sets.append(fixed)
     thawed, arrays = thaw((nodes, groups, carry, data))
     return thawed, arrays, method, code, tuple(sets)
+
+
+def _support_sets(structure, phases, fixed):
+    """`Fixed` before the first phase and in each; all with directions if one has some."""
+    sets = [fixed]
+    for phase in phases:
+        sets.append(sets[-1] if phase.supports is None else structure.fixed(phase.supports))
+    if all(own.axes is None for own in sets):
+        return sets
+    sets = [own.directed() for own in sets]
+    for before, after in zip(sets, sets[1:], strict=False):
+        for part in range(0, before.array.shape[1], 3):
+            held = [own.array[:, part : part + 3] for own in (before, after)]
+            in_part = [own.any(axis=1) & ~own.all(axis=1) for own in held]
+            apart = np.abs(before.axes.array - after.axes.array).max(axis=(1, 2)) > 1e-9
+            turned = in_part[0] & in_part[1] & apart
+            if turned.any():
+                raise ValueError(
+                    f"supports of node {int(turned.argmax())}: held in part along other directions "
+                    "than in the phase before; free it, or hold all of it, in a phase between"
+                )
+    return sets
 
 
 def as_phases(structure, phases):
@@ -142,6 +171,8 @@ def ready(parameters):
     )
     if carry is None:
         carry = unloaded(nodes, groups)
+    if carry.bearing is None and carry.motion.shape[1] > 3 and data[0].freedoms.axes is not None:
+        carry = copy(carry, bearing=carry.motion[:, 3:])
     groups = [group.continued() if group.breaks else group for group in groups]
     return nodes, groups, carry, data
 
@@ -149,7 +180,7 @@ def ready(parameters):
 def _begin(structure, start):
     """Carry, status and supported freedoms that the analysis starts from."""
     if start is None:
-        return None, jnp.int32(status.OK), Indices(structure.fixed(structure.supports))
+        return None, jnp.int32(status.OK), structure.fixed(structure.supports)
     if isinstance(start, Solution):
         code, last = start.status, start.last
     elif isinstance(start, State):

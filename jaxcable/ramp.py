@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from . import status
 from ._tree import copy, pytree
-from .assembly import System, each
+from .assembly import System, along, combined, each
 from .frames import FrameSystem
 from .rotations import IDENTITY, turned
 
@@ -25,12 +25,14 @@ class Carry:
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_node, 3], N; with moments [n_node, 6].
         element_loads: list of (element load, its factor).
+        bearing: `FrameSystem.bearing`: rotation in which the support of every row was set.
     """
 
     motion: object
     states: object
     nodal_load: object
     element_loads: object
+    bearing: object = None
 
 
 def unloaded(nodes, groups):
@@ -98,10 +100,7 @@ class Ramp:
         """Work out start and end of the phase from the carry and the phase's data."""
         released = None
         if data.freedoms_before is not None:
-            was, now = data.freedoms_before.fixed, data.freedoms.fixed
-            before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
-            released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
-            carry = copy(carry, nodal_load=jnp.where(now & ~was, 0.0, carry.nodal_load))
+            carry, released = _change_supports(nodes, groups, carry, data)
         end_states, held = [], []
         for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
             end_state = jack = None
@@ -121,10 +120,18 @@ class Ramp:
         if data.movements:
             shape = carry.nodal_load.shape
             moved = sum(movement.steps(shape, nodes.dtype) for movement in data.movements)
-            if data.freedoms.rows is not None:
-                moved = moved[data.freedoms.rows]
+            freedoms = data.freedoms
+            if freedoms.rows is not None:
+                moved = moved[freedoms.rows]
+            if freedoms.inner is not None:
+                moved = jnp.where(freedoms.inner[:, None], 0.0, moved)
             # a traced movement may turn out to be one of a free node: there is no such state
-            loose = ~data.freedoms.fixed[:, :3] & (moved[:, :3] != 0)
+            shift = moved[:, :3]
+            if freedoms.axes is not None:
+                rounding = 8 * jnp.finfo(shift.dtype).eps * jnp.max(jnp.abs(shift))
+                shift = along(freedoms.axes, shift)
+                shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
+            loose = ~freedoms.fixed[:, :3] & (shift != 0)
             moved = jnp.where(jnp.any(loose), jnp.nan, moved)
         return cls(
             nodes,
@@ -190,7 +197,8 @@ class Ramp:
     def at(self, factor, plastic=None):
         """The system at a load factor."""
         states = self.states(factor, plastic)
-        now = Carry(self.begin.motion, states, self.nodal_load(factor), self.element_loads(factor))
+        loads = self.nodal_load(factor), self.element_loads(factor)
+        now = Carry(self.begin.motion, states, *loads, self.begin.bearing)
         return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
 
     def settle(self, system, x, code, plastic):
@@ -207,7 +215,40 @@ class Ramp:
             state = copy(state, line_load=None)
             locked = state.held is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
-        return Carry(motion, states, self.nodal_load(factor), self.element_loads(factor))
+        loads = self.nodal_load(factor), self.element_loads(factor)
+        return Carry(motion, states, *loads, self.begin.bearing)
+
+
+def _change_supports(nodes, groups, carry, data):
+    """Carry with loads on newly held freedoms taken off, and reactions of freed ones, or None.
+
+    Where a node is held in part before and after, it is along the same directions (`preparation`).
+    """
+    before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
+    was, now = data.freedoms_before.fixed, data.freedoms.fixed
+    if data.freedoms.axes is None:
+        released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
+        return copy(carry, nodal_load=jnp.where(now & ~was, 0.0, carry.nodal_load)), released
+    reaction, load = before.reactions(carry.motion), carry.nodal_load
+    if carry.bearing is not None:
+        turned_anew = jnp.any((was != now)[:, 3:], axis=1, keepdims=True)
+        bearing = jnp.where(turned_anew, carry.motion[:, 3:], carry.bearing)
+        carry = copy(carry, bearing=bearing)
+    after = make_system(nodes, groups, carry, carry.motion, data.freedoms)
+    released, left = [], []
+    for k in range(0, was.shape[1], 3):
+        part = slice(k, k + 3)
+        own, own_before = (
+            system.freedoms.axes if k == 0 else system._spin_axes(carry.motion)
+            for system in (after, before)
+        )
+        gone = jnp.where(now[:, part], 0.0, along(own, reaction[:, part]))
+        released.append(combined(own, gone))
+        whole = jnp.all(now[:, part], axis=1)[:, None, None]
+        own = jnp.where(whole, own_before, own)
+        newly = now[:, part] & ~was[:, part]
+        left.append(combined(own, jnp.where(newly, 0.0, along(own, load[: len(was), part]))))
+    return copy(carry, nodal_load=jnp.concatenate(left, axis=1)), jnp.concatenate(released, axis=1)
 
 
 def make_system(nodes, groups, carry, held, freedoms, load=None):
@@ -226,9 +267,11 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
     ]
     followers = [pair for pair in carry.element_loads if follows(pair[0])] or None
     if carry.motion.shape[1] == 3:
-        held = None if held is None else held.reshape(-1)
+        if held is not None:
+            axes = freedoms.axes
+            held = (held if axes is None else along(axes, held)).reshape(-1)
         return System(nodes, groups, states, load, held, freedoms, followers)
-    return FrameSystem(nodes, groups, states, load, held, freedoms, followers)
+    return FrameSystem(nodes, groups, states, load, held, freedoms, followers, carry.bearing)
 
 
 def follows(load):

@@ -5,14 +5,12 @@ import jax.numpy as jnp
 from ._tree import copy
 from .ramp import make_system
 from .solution import State
-from .structure import Freedoms
 
 
-def state_of(frame, carry, load, number, factor, fixed):
-    """The `State` that a carry stands for."""
+def state_of(frame, carry, load, number, factor, freedoms):
+    """The `State` that a carry stands for; of the freedoms only what is held matters."""
     nodes, groups = frame
     motion = carry.motion
-    freedoms = Freedoms(free=None, source=None, number=None, fixed=fixed)
     system = make_system(nodes, groups, carry, None, freedoms, load)
     turns = motion.shape[1] > 3
     displacement = motion[:, :3] if turns else motion
@@ -88,7 +86,7 @@ def arranged(structure, solution, fixed):
         summed = ("reactions", "reaction_moments", "load")  # a hinge passes its force to the node
         for name in (name for name in summed if hasattr(part, name)):
             value = getattr(part, name)
-            cut[name] = jnp.zeros_like(value[:n_node]).at[rows.array].add(value)
+            cut[name] = jnp.zeros_like(value[:n_node]).at[rows.node].add(value)
         return copy(part, **cut)
 
     phases = []

@@ -67,16 +67,58 @@ def exp(spin):
     return jnp.append(w[None], factor * spin)
 
 
-def small_vector(q):
-    """Rotation vector of a small rotation, [3], as a smooth function without cases.
-
-    ``4 r atan(|r|)/|r|`` with ``r = v/(1 + w)``, the tangent of a quarter of the angle, cut after
-    the fourth power of ``|r|^2``: the angle itself to 1e-15 at 10, 1e-11 at 23, 1e-7 at 45 degrees.
-    """
+def stereographic(q):
+    """A rotation as ``tan(angle / 4) axis``, [3]: smooth up to a full turn, zero for none."""
     q = jnp.where(q[0] < 0, -q, q)  # q and -q are one rotation
-    r = q[1:] / (1 + q[0])
+    return q[1:] / (1 + q[0])
+
+
+def _angle_over(t):
+    """``4 atan(s) / s`` and its derivative by ``t = s^2``, from series for small rotations."""
+    value = 4 * (1 - t * (1 / 3 - t * (1 / 5 - t * (1 / 7 - t / 9))))
+    slope = 4 * (-1 / 3 + t * (2 / 5 - t * (3 / 7 - t * 4 / 9)))
+    return value, slope
+
+
+def from_stereographic(r):
+    """Rotation vector [3] of a small rotation ``r = tan(angle / 4) axis``, without cases.
+
+    ``4 r atan(|r|)/|r|``, cut after the fourth power of ``|r|^2``: the angle itself to 1e-15 at 10,
+    1e-11 at 23, 1e-7 at 45 degrees.
+    """
+    return _angle_over(r @ r)[0] * r
+
+
+def moment_of_spin(r, moment):
+    """Moment that does on spins the work of `moment` on changes of ``from_stereographic(r)``, [3].
+
+    A spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4`` (Schaub and Junkins 1996).
+    """
     t = r @ r
-    return 4 * (1 - t * (1 / 3 - t * (1 / 5 - t * (1 / 7 - t / 9)))) * r
+    value, slope = _angle_over(t)
+    own = value * moment + 2 * slope * (r @ moment) * r
+    return 0.25 * ((1 - t) * own + 2 * cross(r, own) + 2 * (r @ own) * r)
+
+
+def exp_stereographic(r):
+    """Rotation by ``r = tan(angle / 4) axis``, quaternion [4], of any angle below a full turn."""
+    t = r @ r
+    return jnp.append((1 - t)[None], 2 * r) / (1 + t)
+
+
+def moment_of_stereographic(r, moment):
+    """Moment that does on changes of r the work of a spatial `moment` on spins, [3]."""
+    t = r @ r
+    return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
+
+
+def angles(r):
+    """Rotation vector [3] of ``r = tan(angle / 4) axis``, of any angle below a full turn."""
+    t = r @ r
+    small = t < _SMALL
+    size = jnp.sqrt(jnp.where(small, 1.0, t))
+    series = _angle_over(jnp.where(small, t, 0.0))[0]
+    return jnp.where(small, series, 4 * jnp.arctan(size) / size) * r
 
 
 def middle(p, q):
@@ -96,10 +138,13 @@ def turned(motion, step):
 
 def turning(motion, step):
     """`turned` near a zero step, where derivatives are taken: the same up to the fifth order."""
-    spin = step[3:]
+    return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:]), motion[3:])])
+
+
+def turn_by(spin):
+    """`exp` near a zero spin, where derivatives are taken: the same up to the fifth order."""
     t = spin @ spin
-    turn = jnp.append((1 - t / 8 * (1 - t / 48))[None], 0.5 * (1 - t / 24 * (1 - t / 80)) * spin)
-    return jnp.concatenate([motion[:3] + step[:3], product(turn, motion[3:])])
+    return jnp.append((1 - t / 8 * (1 - t / 48))[None], 0.5 * (1 - t / 24 * (1 - t / 80)) * spin)
 
 
 def conjugate(spin, moment):

@@ -83,7 +83,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
     reached = (
         jnp.int32(-1),
         jnp.zeros((), dtype),
-        (data[0].freedoms_before or data[0].freedoms).fixed,
+        (data[0].freedoms_before or data[0].freedoms).held,
     )
     results, memory = [], None
     for number, phase in enumerate(data):
@@ -100,7 +100,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
             path = copy(
                 path, **{n: implicit.undifferentiated(v, parameters) for n, v in rows.items()}
             )
-        now = (jnp.int32(number), factor, phase.freedoms.fixed)
+        now = (jnp.int32(number), factor, phase.freedoms.held)
         reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
         end = state_of(frame, carry, load, *reached)
         began = problem[2].motion[:, :3] if end.rotation is not None else problem[2].motion

@@ -1,4 +1,4 @@
-"""Nodes, element groups and supports; host-side validation; freedom numbering."""
+"""Nodes, element groups and supports, checked on the host."""
 
 import functools
 
@@ -6,11 +6,10 @@ import jax
 import numpy as np
 from scipy import sparse
 
-from . import _check, linear, plausibility
+from . import _check, plausibility
 from ._tree import Indices, copy, pytree
-
-N_FREEDOM = 3
-"""Freedoms of a node in a structure of bars and cables: three displacements."""
+from .freedoms import Rows
+from .supports import Fixed, Supports
 
 
 def is_group(x):
@@ -18,110 +17,7 @@ def is_group(x):
     return hasattr(x, "links")
 
 
-@pytree(indices=("mask", "nodes", "clamps"))
-class Supports:
-    """Which freedoms are held; `pinned` and `clamped` make them from node numbers, ``+`` joins.
-
-    Of a node's three rotations none, two (a hinge about the third axis) or all can be held: what
-    one held component alone means would depend on the way that led there.
-
-    Args:
-        mask: True where a freedom is fixed, [n_node, 3] displacements, or [n_node, 6] with
-            rotations about x, y, z.
-        nodes: nodes whose position is held, [n].
-        clamps: nodes whose position and rotation are held, [n].
-
-    Raises:
-        ValueError: nothing given, a mask of the wrong shape or type; in a structure, unknown nodes
-            or one rotation held alone.
-
-    Example:
-        >>> mask = np.zeros((3, 3), bool)
-        >>> mask[:, 1] = True  # all nodes held in the plane y = 0
-        >>> (jc.pinned([0, 2]) + jc.Supports(mask)).fixed(3)[1, :3]
-        array([False,  True, False])
-    """
-
-    mask: object = None
-    nodes: object = None
-    clamps: object = None
-
-    def __post_init__(self):
-        if self.mask is None and self.nodes is None and self.clamps is None:
-            raise ValueError("Supports: give a mask [n_node, 3]; for node numbers use pinned(...)")
-        for name in ("nodes", "clamps"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Indices):
-                value = _check.integers(
-                    value, {"nodes": "pinned", "clamps": "clamped"}[name] + " nodes"
-                )
-                object.__setattr__(self, name, Indices(value))
-        if self.mask is not None and not isinstance(self.mask, Indices):
-            mask = np.asarray(self.mask)
-            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
-                raise ValueError(
-                    f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
-                    f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
-                )
-            object.__setattr__(self, "mask", Indices(mask))
-
-    def __add__(self, other):
-        if not isinstance(other, Supports):
-            return NotImplemented
-        joined = {}
-        for name in ("nodes", "clamps"):
-            parts = [getattr(s, name) for s in (self, other) if getattr(s, name) is not None]
-            joined[name] = np.concatenate([p.array for p in parts]) if parts else None
-        masks = [s.mask.array for s in (self, other) if s.mask is not None]
-        if len(masks) == 2:
-            if len(masks[0]) != len(masks[1]):
-                raise ValueError(
-                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be joined"
-                )
-            masks = [np.pad(m, ((0, 0), (0, 6 - m.shape[1]))) for m in masks]
-            masks = [masks[0] | masks[1]]
-        return Supports(mask=masks[0] if masks else None, **joined)
-
-    def fixed(self, n_node):
-        """True where a freedom is fixed, [n_node, 6], NumPy."""
-        fixed = np.zeros((n_node, 6), bool)
-        if self.mask is not None:
-            if self.mask.shape[0] != n_node:
-                raise ValueError(
-                    f"supports mask: has {self.mask.shape[0]} rows, the structure {n_node} nodes"
-                )
-            fixed[:, : self.mask.shape[1]] = self.mask.array
-        for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
-            if nodes is None:
-                continue
-            _check.known(nodes.array, n_node, f"{name} nodes")
-            fixed[nodes.array, :width] = True
-        return fixed
-
-
-def pinned(nodes):
-    """Supports that hold the position of the given nodes, node numbers [n].
-
-    Example:
-        >>> jc.pinned([0, 2]).fixed(3)[:, :3].all(axis=1)
-        array([ True, False,  True])
-    """
-    return Supports(nodes=nodes)
-
-
-def clamped(nodes):
-    """Supports that hold position and rotation of the given nodes, node numbers [n].
-
-    Example:
-        >>> jc.clamped([0]).fixed(2).all(axis=1)
-        array([ True, False])
-        >>> (jc.clamped([0]) + jc.pinned([1])).fixed(2).sum(axis=1)
-        array([6, 3])
-    """
-    return Supports(clamps=nodes)
-
-
-@pytree
+@pytree(indices=("rigid",))
 class Structure:
     """A structure: initial geometry, element groups, supports.
 
@@ -130,6 +26,9 @@ class Structure:
         elements: one group (`Cables`, `Bars`, ...) or any pytree of groups; results per element
             come back in its shape.
         supports: `pinned(...)` or `Supports(mask)`.
+        rigid: pairs of nodes (carrier, carried), [n, 2]: the second moves with the first as if a
+            rigid arm joined them (the bracket of a guy, an eccentric joint). A beam is joined to
+            the carrier; what is joined to the carried node, and loads on it, act on the carrier.
 
     Raises:
         ValueError: wrong shapes, unknown nodes, zero-length elements, no supports, a part
@@ -151,6 +50,7 @@ class Structure:
     nodes: object
     elements: object
     supports: Supports = None
+    rigid: object = None
 
     def __post_init__(self):
         nodes = _check.floats(self.nodes, "nodes")
@@ -192,9 +92,34 @@ class Structure:
                 plausibility.members(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
+        self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
-            plausibility.places(positions, self.groups, fixed)
+            plausibility.places(positions, self.groups, fixed.array)
+
+    def _check_rigid(self):
+        """Raise ValueError for pairs of nodes that cannot be carrier and carried."""
+        if self.rigid is None:
+            return
+        if not isinstance(self.rigid, Indices):
+            pairs = _check.integers(self.rigid, "rigid", width=2)
+            object.__setattr__(self, "rigid", Indices(pairs) if len(pairs) else None)
+            if not len(pairs):
+                return
+        pairs = self.rigid.array
+        _check.known(pairs, self.n_node, "rigid")
+        turns = self.joined()
+        carried = pairs[:, 1].tolist()
+        for k, (carrier, node) in enumerate(pairs.tolist()):
+            text = None
+            if carrier in carried or carrier == node:
+                text = f"node {carrier} is carried itself; name the node at the end of the chain"
+            elif carried.index(node) != k:
+                text = f"node {node} is carried twice"
+            elif not turns[carrier]:
+                text = f"node {carrier} has no rotation: no beam is joined to it rigidly"
+            if text is not None:
+                raise ValueError(f"rigid[{k}] = {[carrier, node]}: {text}")
 
     def named_groups(self):
         """Pairs of (key in `elements` as text, element group), in pytree order."""
@@ -220,76 +145,124 @@ class Structure:
         """Whether any group gives its nodes rotations."""
         return any(group.n_freedom == 6 for group in self.groups)
 
-    def turns(self):
-        """Whether a node has rotations: a beam is joined to it rigidly, [n_node] bool."""
-        turns = np.zeros(self.n_node, bool)
+    def joined(self):
+        """Whether a beam is joined to a node rigidly, at least in part, [n_node] bool."""
+        joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.n_freedom == 6:
-                hinges = group.hinges
-                rigid = np.ones(group.links.shape, bool) if hinges is None else ~hinges.array
-                turns[group.links.array[rigid]] = True
+                loose = group.balls()
+                rigid = np.ones(group.links.shape, bool) if loose is None else ~loose
+                joined[group.links.array[rigid]] = True
+        return joined
+
+    def turns(self):
+        """Whether a node has rotations, [n_node] bool: its own, or those of its carrier."""
+        turns = self.joined()
+        if self.rigid is not None:
+            turns[self.rigid.array[:, 1]] = True
         return turns
 
     def rows(self):
-        """Rows of motion: one a node, then one for every hinged end of a beam, which turns alone.
+        """Rows of motion: one a node, then those of hinged ends and inner numbers of elements.
 
         Returns:
-            rows: the node of every row, `Indices` [n_row], or None if there are no hinged ends.
+            rows: `freedoms.Rows`, or None if every row is a node.
             groups: element groups whose links name rows.
         """
-        rows, groups = list(range(self.n_node)), []
+        count = self.n_node
+        nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
         for group in self.groups:
-            hinges = getattr(group, "hinges", None)
-            if hinges is not None:
-                links = group.links.array.copy()
-                for k, end in np.argwhere(hinges.array):
-                    rows.append(int(links[k, end]))
-                    links[k, end] = len(rows) - 1
-                group = copy(group, links=Indices(links), hinges=None)
+            links = group.links.array
+            loose = group.balls() if group.n_freedom == 6 else None
+            if loose is not None:
+                links = links.copy()
+                ends = np.argwhere(loose)
+                nodes.append(links[ends[:, 0], ends[:, 1]])
+                inner.append(np.zeros(len(ends), bool))
+                links[ends[:, 0], ends[:, 1]] = count + np.arange(len(ends))
+                count += len(ends)
+            if group.n_inner_row:
+                own = group.idle()  # [n_elem, n_inner_row, 3]
+                extra = count + np.arange(len(links) * group.n_inner_row)
+                nodes.append(np.repeat(group.links.array[:, 0], group.n_inner_row))
+                inner.append(np.ones(len(extra), bool))
+                idle.append((count, own.reshape(-1, 3)))
+                links = np.column_stack([links, extra.reshape(len(links), -1)])
+                count += len(extra)
+            if links is not group.links.array:
+                group = copy(group, links=Indices(links.astype(np.int32)), hinges=None)
             groups.append(group)
-        return Indices(np.array(rows, np.int32)) if len(rows) > self.n_node else None, groups
+        if count == self.n_node:
+            return None, groups
+        idles = np.zeros((count, 3), bool)
+        for start, own in idle:
+            idles[start : start + len(own)] = own
+        return Rows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
     def fixed(self, supports):
-        """Fixed freedoms under `supports`, [n_row, 3 or 6] bool; checks that the set makes sense.
+        """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
 
-        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed.
+        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Of inner rows
+        those columns count as fixed that no element uses.
         """
-        fixed = supports.fixed(self.n_node)
+        fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
             raise ValueError("supports: no freedom is fixed; the structure would float away")
+        self._require_touched(fixed)
+        if not self.turning:
+            if supports.turns:
+                raise ValueError(
+                    "supports mask: expected [n_node, 3]; no element of the structure has rotations"
+                )
+            return Fixed(fixed[:, :3], None if (axes == np.eye(3)).all() else axes)
+        rows, _ = self.rows()
+        if self.rigid is not None:
+            carried = self.rigid.array[:, 1]
+            wrong = fixed[carried].any(axis=1)
+            if wrong.any():
+                node = int(carried[wrong.argmax()])
+                raise ValueError(
+                    f"supports of node {node}: another node carries it; support that one"
+                )
+        fixed[:, 3:] |= ~self.turns()[:, None]
+        if rows is not None:
+            fixed, axes = fixed[rows.node], axes[rows.node]
+            fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
+            fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.idle[rows.inner]
+            axes[rows.inner] = np.eye(3)
+        plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
+        return Fixed(fixed, None if plain else axes)
+
+    def held(self):
+        """Fixed displacements along x, y, z, [n_node, 3] bool, of a structure without rotations.
+
+        Raises:
+            ValueError: supports in other directions.
+        """
+        fixed = self.fixed(self.supports)
+        if fixed.axes is not None:
+            raise ValueError("supports: this takes supports along x, y, z only")
+        return fixed.array
+
+    def _require_touched(self, fixed):
+        """Raise ValueError for nodes without elements and parts without supports."""
         touched = np.zeros(self.n_node, bool)
         for group in self.groups:
             touched[group.links.array] = True
         idle = ~touched & ~fixed[:, :3].all(axis=1)
+        if self.rigid is not None:
+            idle[self.rigid.array[:, 1]] = False
         if idle.any():
             raise ValueError(
                 f"nodes[{int(idle.argmax())}]: no element touches this node and it is not "
                 "supported; connect it, support it or remove it"
             )
         self._require_held(fixed[:, :3].any(axis=1), touched)
-        if not self.turning:
-            if supports.mask is not None and supports.mask.shape[1] != N_FREEDOM:
-                raise ValueError(
-                    "supports mask: expected [n_node, 3]; no element of the structure has rotations"
-                )
-            return fixed[:, :3]
-        rows, _ = self.rows()
-        node = np.arange(self.n_node) if rows is None else rows.array
-        fixed = fixed[node]
-        fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
-        fixed[: self.n_node, 3:] |= ~self.turns()[:, None]
-        one = fixed[:, 3:].sum(axis=1) == 1
-        if one.any():
-            k = int(node[one.argmax()])
-            raise ValueError(
-                f"supports of node {k}: one rotation alone is held; hold none, two (a hinge about "
-                "the third axis) or all three"
-            )
-        return fixed
 
     def _require_held(self, held, touched):
         """Raise ValueError if a part has no support at all; booleans [n_node]."""
-        part = _parts(tuple(group.links for group in self.groups), self.n_node)
+        links = [group.links for group in self.groups]
+        part = _parts((*links, *([] if self.rigid is None else [self.rigid])), self.n_node)
         if not part.any():  # all joined, and something is held
             return
         anchored = np.zeros(self.n_node, bool)
@@ -311,69 +284,3 @@ def _parts(links, n_node):
     ends = np.concatenate(pairs, axis=1)
     graph = sparse.coo_array((np.ones(ends.shape[1], bool), ends), shape=(n_node, n_node))
     return sparse.csgraph.connected_components(graph, directed=False)[1]
-
-
-@pytree
-class Freedoms:
-    """Numbering of the unknowns of a phase; the only freedoms that are solved for.
-
-    A node has three freedoms, or six in a structure with beams. Hinged ends of beams follow the
-    nodes as rows of their own (see `Structure.rows`), whose translations are those of the node.
-
-    Attributes:
-        free: free freedoms as flat numbers n_freedom node + direction, [n_free].
-        source: where each freedom finds its value in (unknowns, held values), [3 n_node]; None in a
-            structure with beams.
-        number: unknown's number, or n_free for a held freedom, [n_node, n_freedom].
-        fixed: True where held, [n_node, n_freedom].
-        rows: the node that every row belongs to, or None if there are no hinged ends.
-        pattern: `linear.Pattern` of sparse matrices; None if they are dense.
-    """
-
-    free: object
-    source: object
-    number: object
-    fixed: object
-    rows: object = None
-    pattern: object = None
-
-
-@functools.lru_cache(maxsize=16)
-def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True):
-    """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
-
-    Args:
-        fixed: True where a freedom is held, `Indices` [n_row, 3 or 6].
-        rows: the node of every row of `fixed`, `Indices` [n_row], or None.
-        links: (`Indices` of links, freedoms of a node) for every group and every load that follows,
-            a tuple; None for no pattern.
-        solver: the solver that the pattern is made for; None to choose by size.
-        symmetric: False if loads follow; with rotations it is unsymmetric in any case.
-    """
-    mask = fixed.array.copy()
-    if rows is not None:
-        repeated = np.arange(len(mask)) != rows.array
-        mask[repeated, :3] = True  # numbered with their node
-    free = np.flatnonzero(~mask.ravel()).astype(np.int32)
-    n_free = len(free)
-    number = np.full(mask.size, n_free, np.int32)
-    number[free] = np.arange(n_free, dtype=np.int32)
-    source = np.where(mask.ravel(), n_free + np.arange(mask.size), number).astype(np.int32)
-    number = number.reshape(mask.shape)
-    if rows is not None:
-        number[:, :3] = number[rows.array, :3]
-    turning = mask.shape[1] > N_FREEDOM
-    pattern = None
-    if links is not None and n_free > 0 and not (turning and linear.is_dense(solver, n_free)):
-        numbers = [number[own.array][..., :width].reshape(len(own), -1) for own, width in links]
-        if turning:  # moments have entries of their own, unsymmetric ones
-            numbers.append(number[:, 3:])
-        pattern = linear.make_pattern(numbers, n_free, symmetric and not turning, solver)
-    return Freedoms(
-        free,
-        None if turning else source,
-        number,
-        fixed.array,
-        None if rows is None else rows.array,
-        pattern,
-    )

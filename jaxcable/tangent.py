@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._tree import Indices, fill, thaw
+from ._tree import fill, thaw
 from .ramp import make_system
 from .solution import Solution, State
-from .structure import number_freedoms
+from .supports import Fixed
+from .freedoms import number_freedoms
 
 
 def tangent_of(structure, state, fixed=None):
@@ -57,13 +58,15 @@ def prepared(structure, state, fixed=None):
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its last, got {type(state).__name__}")
     rows, groups = structure.rows()
-    fixed = _held(state) if fixed is None else Indices(np.asarray(fixed, bool))
+    held = state.fixed[-1] if fixed is not None else _held(state)
+    fixed = held if fixed is None else Fixed(np.asarray(fixed, bool), held.axes)
     if fixed.shape != state.fixed[-1].shape:
         raise ValueError(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
         )
-    nodes = structure.nodes if rows is None else structure.nodes[rows.array]
-    return *thaw((nodes, groups, state.carry)), number_freedoms(fixed, rows)
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
+    freedoms = number_freedoms(fixed, rows, rigid=structure.rigid)
+    return *thaw((nodes, groups, state.carry)), freedoms
 
 
 def filled(thawed, arrays):

@@ -237,7 +237,7 @@ def test_a_toggle_is_pushed_through_its_limit_point():
 def tangent_of(structure, solution):
     from jaxcable._tree import fill, thaw
     from jaxcable.ramp import make_system
-    from jaxcable.structure import number_freedoms
+    from jaxcable.freedoms import number_freedoms
 
     rows, groups = structure.rows()
     thawed, arrays = thaw((structure.nodes, groups, solution.last.carry))

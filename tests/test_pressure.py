@@ -9,7 +9,7 @@ from test_gradients import TIGHT, slope
 import jaxcable as jc
 from jaxcable._tree import Indices, copy, fill, thaw
 from jaxcable.ramp import PhaseData, Ramp, unloaded
-from jaxcable.structure import number_freedoms
+from jaxcable.freedoms import number_freedoms
 
 AXIS = (0.0, -1.0, 0.0)  # a cable along x is pressed up, along axis x d
 

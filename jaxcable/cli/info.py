@@ -37,7 +37,7 @@ def _scene(structure, phases):
         f"supports: {int(pinned.sum())} nodes held, {int(partly.sum())} partly, "
         f"{int(clamped.sum())} against rotation"
     )
-    free = int((~structure.fixed(structure.supports)).sum())
+    free = int((~structure.fixed(structure.supports).array).sum())
     print(f"unknowns: {free}")
     for label, group in groups_by_name(structure):
         ends = nodes[group.links.array]

@@ -43,7 +43,7 @@ def slack_distance(structure, solution):
         found = slack_distance(structure, solution.last)
         return implicit.nan_unless(solution.status == status.OK, found, found)
     rows, groups = structure.rows()
-    nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.array])
+    nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
     found = []
     for group, state in zip(groups, solution.carry.states, strict=True):
         if not group.tension_only:

@@ -1,18 +1,14 @@
 """Beam: two nodes with displacements and finite rotations, fibre sections along the axis.
 
-Corotational (Crisfield 1990; Battini and Pacoste 2002). The element's own frame follows its chord
-and the mean of the rotations of its ends; in it only small rotations remain:
+Corotational (Crisfield 1990; Battini and Pacoste 2002): `corotation` has the element's own frame,
+which follows its chord and the mean of the rotations of its ends, and the statics of what acts in
+it; `bending` has the strains along the axis, cubic deflections (Bernoulli) and what a load, or a
+neutral axis off the node axis, adds to them. A rigid motion of any size changes none of the
+strains. Shear flexibility and warping are not modelled.
 
-- ``theta_1, theta_2``: rotations of the ends out of the frame, the vector of ``q_E^-1 q_i``;
-- deflections are cubic (Bernoulli), so the curvature at the place s of the axis, 0 to 1, is
-  ``[(6 s - 4) theta_1 + (6 s - 2) theta_2] / L0``;
-- axial strain ``e0 = (l - L0)/L0 + sum_{y,z} (2 theta_1^2 - theta_1 theta_2 + 2 theta_2^2)/30``,
-  the mean over the element with the shortening of the deflected axis (a mean, or it would lock);
-- twist ``theta_2x - theta_1x``, elastic and uniform.
-
-Forces are the derivative of these strains times the section's forces at Gauss-Lobatto points, by
-autodiff, with respect to a translation and a spin of each end. A rigid motion of any size changes
-none of the strains. Shear flexibility and warping are not modelled.
+An end joins its node rigidly, by a hinge that lets all rotations go (its rotation is a row of
+motion of its own, see `Structure.rows`), or by a joint that lets some go or holds them by springs:
+then its rotation against the node is among the element's inner numbers (`member`).
 """
 
 import jax
@@ -21,47 +17,56 @@ import numpy as np
 
 from .. import _check
 from .._tree import Indices, copy, pytree
-from ..rotations import (
-    cross,
-    inverse,
-    middle,
-    product,
-    rotate,
-    shortest,
-    small_vector,
-    turning,
-)
+from ..rotations import cross
 from ..sections import Section
-from .prestress import Prestressed, checked_links, stretch
+from .member import Member
+from .prestress import Prestressed, checked_links
 
-_PROPERTIES = ("torsional_stiffness", "up", "rest_length", "weight", "expansion", "strength")
+_PROPERTIES = (
+    "torsional_stiffness",
+    "up",
+    "rest_length",
+    "weight",
+    "expansion",
+    "strength",
+    "springs",
+)
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
+_LEANING = 0.1  # sine below which the default axes of an element that leans are not to be trusted
 
 
 @pytree(indices=("links", "hinges"), static=("points",))
-class Beams(Prestressed):
+class Beams(Member, Prestressed):
     """A group of beam elements; their nodes have rotations.
 
     Args:
         links: node numbers, [n_elem, 2].
         section: `Section` of all elements of the group.
         up: vector in the plane of the element's axis and the section's z, [3] or [n_elem, 3];
-            default the global z, for vertical elements (within 0.06 degrees) the global x.
+            default the global z, for vertical elements (within 0.06 degrees) the global x. An
+            element that leans by up to 6 degrees has no default, unless its section bends alike in
+            all directions: the axes would jump by 90 degrees with a small lean.
         torsional_stiffness: GJ, scalar or [n_elem], N m2; default from the section's torsion
             constant with Poisson's ratio 0.3.
         rest_length, weight, expansion, strength: as for `Bars`. Weight bends the element.
-        hinges: True where the rotation of an end is released (ball and socket), [n_elem, 2].
-        points: number of integration points, ends included; default 3 for linear laws (exact), else
-            5.
+        hinges: True where an end turns against its node, [n_elem, 2] in all directions (ball and
+            socket), or [n_elem, 2, 3] about the element's own axes: along it (torsion), and the
+            section's y and z as they are initially, carried along by the node.
+        points: number of places at which results along an element are given, ends included, and of
+            integration points of sections that are not linear; default 3, for those 5.
+        springs: stiffness of the joint where an end turns (semi-rigid), scalar, [2, 3] or
+            [n_elem, 2, 3], N m per radian; default none. Where `hinges` is False it has no meaning.
+            Joints that springs hold, or that are free in some directions only, turn by less than a
+            full turn.
 
     Raises:
-        ValueError: wrong shapes, non-positive values, `up` along an element, both ends hinged.
+        ValueError: wrong shapes, values that are not positive, `up` along an element or missing
+            near the vertical, torsion released at both ends.
 
     Source: Crisfield (1990); Battini and Pacoste (2002).
 
     Example:
-        Cantilever of 2 m with 100 N at its tip: ``P L^3 / 3 EI`` = 4 mm, and 1 % more because ten
-        layers of fibres have 1 % less inertia:
+        Cantilever of 2 m with 100 N at its tip: ``P L^3 / 3 EI`` = 4 mm.
 
         >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
         >>> nodes = np.linspace([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], 3)
@@ -69,7 +74,7 @@ class Beams(Prestressed):
         >>> structure = jc.Structure(nodes, beam, supports=jc.clamped([0]))
         >>> solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100.0))))
         >>> print(f"{jc.describe(solution.status)}: {1e3 * solution.displacement[2, 2]:.2f} mm")
-        converged: -4.04 mm
+        converged: -4.00 mm
         >>> print(f"{solution.reaction_moments[0, 1]:.1f} N m")  # about y, at the clamp
         -200.0 N m
     """
@@ -84,6 +89,7 @@ class Beams(Prestressed):
     strength: object = None
     hinges: object = None
     points: int = None
+    springs: object = None
 
     tension_only = False
     rising = False  # bending energy is not convex in the positions
@@ -120,33 +126,87 @@ class Beams(Prestressed):
         self._check_hinges()
 
     def _check_hinges(self):
-        if self.hinges is None or isinstance(self.hinges, Indices):
+        """Make `hinges` [n_elem, 2, 3], and `springs` likewise unless all hinges are balls."""
+        count, put = len(self.links), object.__setattr__
+        if self.hinges is not None and not isinstance(self.hinges, Indices):
+            hinges = np.asarray(self.hinges)
+            if hinges.dtype != bool or hinges.shape not in ((count, 2), (count, 2, 3)):
+                raise ValueError(
+                    f"hinges: expected booleans [{count}, 2] or [{count}, 2, 3], "
+                    f"got {hinges.dtype} {hinges.shape}"
+                )
+            hinges = hinges if hinges.ndim == 3 else np.repeat(hinges[:, :, None], 3, axis=2)
+            put(self, "hinges", Indices(hinges) if hinges.any() else None)
+        if self.hinges is None:
+            if self.springs is not None:
+                raise ValueError("springs: give hinges, too, True where an end turns")
             return
-        hinges = np.asarray(self.hinges)
-        if hinges.dtype != bool or hinges.shape != (len(self.links), 2):
+        hinges, springs = self.hinges.array, self.springs
+        if springs is None:
+            springs = np.zeros((count, 2, 3))
+            partly = (hinges.any(axis=2) != hinges.all(axis=2)).any()
+        else:
+            springs, partly = _check.floats(springs, "springs"), True
+            if springs.shape not in ((), (2, 3), (count, 2, 3)):
+                raise ValueError(
+                    f"springs: expected a scalar or shape (2, 3) or ({count}, 2, 3), "
+                    f"got {springs.shape}"
+                )
+            _check.require(springs, lambda v: v >= 0, "springs", "must not be negative")
+            pack = jnp if isinstance(springs, jax.Array) else np
+            springs = pack.broadcast_to(springs, (count, 2, 3))
+        known = _check.concrete(springs)
+        if known is not None:
+            self._require_torsion(hinges & ~(known > 0))
+        put(self, "springs", springs if partly else None)
+
+    def _require_torsion(self, free):
+        """Raise ValueError if nothing keeps an element from spinning; `free`, [n_elem, 2, 3]."""
+        spinning = free[:, :, 0].all(axis=1)
+        if spinning.any():
             raise ValueError(
-                f"hinges: expected booleans [{len(self.links)}, 2], "
-                f"got {hinges.dtype} {hinges.shape}"
+                f"hinges[{int(spinning.argmax())}]: both ends are released, the element could spin "
+                "about its axis; make it a bar, or keep the torsion of one end"
             )
-        both = hinges.all(axis=1)
-        if both.any():
-            raise ValueError(
-                f"hinges[{int(both.argmax())}]: both ends are released, the element could spin "
-                "about its axis; make it a bar"
-            )
-        object.__setattr__(self, "hinges", Indices(hinges) if hinges.any() else None)
 
     def check(self, nodes):
-        """Raise ValueError if `up` is along an element, for initial positions [n_node, 3]."""
-        up = None if self.up is None else _check.concrete(self.up)
+        """Raise ValueError if the axes of an element are not known, for [n_node, 3] positions."""
+        chord = nodes[self.links.array[:, 1]] - nodes[self.links.array[:, 0]]
+        length = np.linalg.norm(chord, axis=1)
+        if self.up is None:
+            sine = np.linalg.norm(chord[:, :2], axis=1) / length
+            leaning = (sine >= _UPRIGHT) & (sine < _LEANING)
+            if leaning.any() and _differs(self.section):
+                k = int(leaning.argmax())
+                raise ValueError(
+                    f"up: missing; element {k} leans by {np.degrees(np.arcsin(sine[k])):.3g} "
+                    "degrees, and its section does not bend alike in all directions: say where "
+                    "its z axis points, such as up=(1.0, 0.0, 0.0)"
+                )
+            return
+        up = _check.concrete(self.up)
         if up is None:
             return
-        chord = nodes[self.links.array[:, 1]] - nodes[self.links.array[:, 0]]
         off = np.linalg.norm(np.cross(chord, up), axis=1)
-        along = off <= 1e-9 * np.linalg.norm(chord, axis=1) * np.linalg.norm(up, axis=1)
+        along = off <= 1e-9 * length * np.linalg.norm(up, axis=1)
         if along.any():
             k = int(along.argmax())
             raise ValueError(f"up[{k}] = {up[k].tolist()}: must not be along the element")
+
+    def start(self, ends):
+        """As `Prestressed.start`; NaN where nobody can say which way the section stands."""
+        state = super().start(ends)
+        if self.up is not None:
+            return state
+        chord = ends[:, 1] - ends[:, 0]
+        sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
+        unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~_alike(self.section)
+        return copy(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
+
+    def at_ends(self, amount, ends):
+        """`amount` [n_elem] in halves to the ends, [n_elem, n_end], nothing to inner rows."""
+        halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
+        return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
 
     def properties(self):
         """The arrays with one value per element, by name."""
@@ -154,6 +214,44 @@ class Beams(Prestressed):
         return {name: value for name, value in values.items() if value is not None}
 
     # --- the group
+
+    def balls(self):
+        """Ends that turn freely in all directions, with a row of their own, [n_elem, 2], or None.
+
+        Ends that springs hold, or that are free in some directions only, are joints with inner
+        numbers instead.
+        """
+        if self.hinges is None or self.springs is not None:
+            return None
+        return self.hinges.array.all(axis=2)
+
+    def idle(self):
+        """Columns of its inner rows that an element does not use, [n_elem, n_inner_row, 3]."""
+        count = len(self.links)
+        idle = np.ones((count, self.n_inner_row, 3), bool)
+        if not self.section.is_elastic:
+            idle[:, :2, :2] = False
+        if self.springs is not None:
+            idle[:, -2:] = ~self.hinges.array
+        return idle
+
+    def axes_of(self, nodes):
+        """Axes of the elements at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
+
+        Example:
+            >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
+            >>> beam = jc.Beams([[0, 1]], section=section)
+            >>> print(beam.axes_of(np.array([[0.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))[0].round(6))
+            [[ 0.  1.  0.]
+             [-1.  0.  0.]
+             [ 0.  0.  1.]]
+        """
+        ends = jnp.asarray(nodes)[jnp.asarray(self.links.array)[:, :2]]
+
+        def one(up, ends):
+            return copy(self, up=up).axes(ends)
+
+        return jax.vmap(one)(self.up, ends)
 
     @property
     def remembers(self):
@@ -201,141 +299,21 @@ class Beams(Prestressed):
         z = z / jnp.sqrt(z @ z)
         return jnp.stack([along, cross(z, along), z])
 
-    def deformation(self, ends, motion):
-        """Change of length, rotations of the ends in element axes [2, 3], rotation of the axes."""
-        axes = self.axes(ends)
-        vector, length, change, _ = stretch(ends, motion[:, :3])
-        mean = middle(motion[0, 3:], motion[1, 3:])
-        frame = product(shortest(rotate(mean, axes[0]), vector / length), mean)
-        back = inverse(frame)
-        rotations = jax.vmap(lambda q: axes @ small_vector(product(back, q)))(motion[:, 3:])
-        return change, rotations, frame
 
-    @jax.jit  # traced once for all its uses; a compilation has it many times over
-    def _strains(self, state, ends, motion):
-        """Section strains [n_point, 3], twist, and the line load's work on the bent axis."""
-        change, (first, second), frame = self.deformation(ends, motion)
-        bend = 2 * first[1:] ** 2 - first[1:] * second[1:] + 2 * second[1:] ** 2
-        e0 = (state.elongation + change) / state.rest_length + jnp.sum(bend) / 30
-        place = jnp.asarray(_lobatto(self.points)[0], e0.dtype)[:, None]
-        curvature = (6 * place - 4) * first[None, 1:] + (6 * place - 2) * second[None, 1:]
-        strain = jnp.column_stack([jnp.full(self.points, e0), curvature / state.rest_length])
-        work = jnp.zeros((), e0.dtype)
-        if state.line_load is not None:
-            # mean deflection of a cubic: L/12 (theta_1 - theta_2) about the axis across it
-            about = state.rest_length / 12 * (first - second)
-            _, y, z = self.axes(ends)
-            mean = rotate(frame, about[2] * y - about[1] * z)
-            work = state.rest_length * state.line_load @ mean
-        return strain, second[0] - first[0], work
-
-    def _twisting(self):
-        """Torsional stiffness, N m2."""
-        given = self.torsional_stiffness
-        return self.section.torsional_stiffness() if given is None else given
-
-    @jax.jit  # as above
-    def end_forces_about(self, state, ends, motion, step):
-        """Forces and moments conjugate to `step` (translation and spin, [2, 6]), [2, 6]."""
-
-        def forces(strain):
-            return jnp.stack(self.section.forces(*strain.T, state.plastic), axis=-1)
-
-        return self._balance(state, ends, motion, step, forces)
-
-    def _balance(self, state, ends, motion, step, forces):
-        """Forces conjugate to `step`, for any section forces [n_point, 3] from section strains."""
-        (strain, twist, work), pull = jax.vjp(
-            lambda s: self._strains(state, ends, jax.vmap(turning)(motion, s)), step
-        )
-        weight = jnp.asarray(_lobatto(self.points)[1], twist.dtype) * state.rest_length
-        torque = self._twisting() * twist / state.rest_length
-        return pull((weight[:, None] * forces(strain), torque, -jnp.ones_like(work)))[0]
-
-    def end_forces(self, state, ends, motion):
-        """Internal forces and spatial moments at both ends, [2, 6], N and N m."""
-        return self.end_forces_about(state, ends, motion, jnp.zeros((2, 6), ends.dtype))
-
-    @jax.jit  # as above
-    def tangent(self, state, ends, motion):
-        """Tangent stiffness, [2, 6, 2, 6]: symmetric, being a Hessian in the steps.
-
-        By autodiff, of the section first: its tangent is the same for all 12 columns, and linear
-        forces with this tangent save going through all fibres for each of them.
-        """
-        at = self.section_strain(state, ends, motion)
-        force, stiffness = self.section.linearized(*at.T, state.plastic)
-
-        def forces(strain):
-            return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
-
-        step = jnp.zeros((2, 6), ends.dtype)
-        return jax.jacfwd(lambda s: self._balance(state, ends, motion, s, forces))(step)
-
-    def energy(self, state, ends, motion):
-        """Stored energy less the line load's work on the bent axis, J."""
-        strain, twist, work = self._strains(state, ends, motion)
-        weight = jnp.asarray(_lobatto(self.points)[1], twist.dtype) * state.rest_length
-        bending = weight @ self.section.energy(*strain.T, state.plastic)
-        return bending + 0.5 * self._twisting() * twist**2 / state.rest_length - work
-
-    def tension(self, state, ends, motion):
-        """Axial force, mean over the element, N."""
-        force = self.section_forces(state, ends, motion)[:, 0]
-        return jnp.asarray(_lobatto(self.points)[1], force.dtype) @ force
-
-    def section_strain(self, state, ends, motion):
-        """Strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
-        return self._strains(state, ends, motion)[0]
-
-    def section_forces(self, state, ends, motion):
-        """``N, My, Mz`` and torque at the integration points, [n_point, 4], N and N m.
-
-        Those of the cubic deflection: of a line load they have its work at the ends, not the
-        ``q L^2 / 12`` that its own element adds there. Use several elements where it matters.
-        """
-        strain, twist, _ = self._strains(state, ends, motion)
-        torque = jnp.full(self.points, self._twisting() * twist / state.rest_length)
-        return jnp.stack([*self.section.forces(*strain.T, state.plastic), torque], axis=-1)
-
-    def size(self, state, ends, motion):
-        """Sum of the absolute forces of all fibres, mean over the element, N."""
-        size = self.section.size(*self.section_strain(state, ends, motion).T, state.plastic)
-        return jnp.asarray(_lobatto(self.points)[1], size.dtype) @ size
-
-    def rounding(self, state, ends, motion):
-        """What the rounding of its displacements leaves of its end forces, [2, 6], N and N m."""
-        vector, length, _, _ = stretch(ends, motion[:, :3])
-        stiffness = jnp.diagonal(self.section.stiffness())
-        bending = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2
-        moved = jnp.max(jnp.abs(motion[:, :3])) / length
-        force = stiffness[0] * jnp.abs(vector) / length + bending
-        both = jnp.append(force, jnp.full(3, bending * length, force.dtype))
-        return 8 * jnp.finfo(force.dtype).eps * moved * jnp.stack([both, both])
-
-    def settle(self, state, ends, motion):
-        """Plastic strains after an increment that ended here, as `state.plastic`."""
-        return self.settle_at(self.section_strain(state, ends, motion), state.plastic)
-
-    def settle_at(self, strain, plastic):
-        """Plastic strains after an increment that ended at section strains [n_point, 3]."""
-        return self.section.settle(*strain.T, plastic)
-
-    def fibre_stress(self, strain, plastic=None):
-        """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
-        return self.section.fibre_stress(*strain.T, plastic)
-
-    def beyond(self, state, ends, motion):
-        """Whether a fibre is strained beyond its curve."""
-        return jnp.any(self.section.beyond(*self.section_strain(state, ends, motion).T))
-
-    def is_slack(self, state, ends, motion):
-        """A beam holds in compression too: never slack."""
-        return jnp.zeros((), bool)
+def _differs(section):
+    """Whether a section is known not to bend alike in all directions."""
+    if any(_check.concrete(leaf) is None for leaf in jax.tree.leaves(section)):
+        return False  # `start` sees to it
+    with jax.ensure_compile_time_eval():
+        return not bool(_alike(section))
 
 
-def _lobatto(n):
-    """Gauss-Lobatto points from 0 to 1 and weights, [n] each (exact to degree 2 n - 3)."""
-    legendre = np.polynomial.legendre.Legendre.basis(n - 1)
-    points = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
-    return 0.5 + 0.5 * points, 1 / (n * (n - 1) * legendre(points) ** 2)
+def _alike(section):
+    """Whether a section bends alike in all directions, about the axis of the element."""
+    stiffness = section.stiffness()
+    scale = jnp.maximum(stiffness[1, 1], stiffness[2, 2])
+    radius = jnp.sqrt(stiffness[0, 0] * scale)
+    apart = jnp.abs(stiffness[1, 1] - stiffness[2, 2]) + jnp.abs(stiffness[1, 2])
+    off = jnp.abs(stiffness[0, 1]) + jnp.abs(stiffness[0, 2])
+    tiny = 1e3 * jnp.finfo(stiffness.dtype).eps  # sums over some hundred fibres
+    return (apart <= tiny * scale) & (off <= tiny * radius)

@@ -65,6 +65,8 @@ class Prestressed:
     """
 
     shaped_by_load = False
+    inner = ()
+    n_inner_row = 0
 
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""

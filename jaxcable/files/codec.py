@@ -29,7 +29,8 @@ from ..materials import Elastic, Parallel, Polygonal
 from ..phases import Phase
 from ..sections import Section
 from ..selection import Only
-from ..structure import Structure, Supports, is_group
+from ..structure import Structure, is_group
+from ..supports import Supports
 from .reading import FileError
 
 TYPES = {

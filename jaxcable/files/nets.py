@@ -9,7 +9,8 @@ from ..elements import Bars, Cables
 from ..loads import NodalLoads
 from ..phases import Phase
 from ..scenes import Scene
-from ..structure import Structure, Supports, pinned
+from ..structure import Structure
+from ..supports import Supports, pinned
 
 PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
 STATEMENTS = ("pretension", "force_density", "prestrain")

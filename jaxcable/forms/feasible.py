@@ -93,7 +93,7 @@ def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None
     n_group = number.max() + 1
     if group is not None and not 0 <= group < n_group:
         raise ValueError(f"group = {group}: there are groups 0 to {n_group - 1}")
-    free = ~structure.fixed(structure.supports).ravel()
+    free = ~structure.held().ravel()
     spread = np.zeros((len(links), n_group))
     spread[np.arange(len(links)), number] = 1.0
     modes = None

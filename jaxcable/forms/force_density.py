@@ -17,7 +17,8 @@ import numpy as np
 from jax import lax
 
 from .. import _check, implicit, linear, plausibility
-from .._tree import Indices, copy, fill, pytree, thaw
+from .._tree import copy, fill, pytree, thaw
+from ..supports import Fixed
 from .members import check_members, nodal_loads, stated, total
 
 
@@ -69,7 +70,7 @@ def force_density(structure, q, loads=None, linear_solver=None):
             )
         if group.tension_only:
             _check.require(own, lambda v: v >= 0, "q", "a cable carries tension only; use Bars")
-    fixed = Indices(structure.fixed(structure.supports))
+    fixed = Fixed(structure.held())
     net = number_axes(fixed, tuple(group.links for group in structure.groups), linear_solver)
     thawed, arrays = thaw((structure.nodes, densities, loads))
     return _positions(thawed, arrays, net)

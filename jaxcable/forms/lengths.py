@@ -17,7 +17,7 @@ from jax import lax
 from .. import linear, status
 from .._tree import copy, pytree
 from ..elements.prestress import stretch
-from ..structure import number_freedoms
+from ..freedoms import number_freedoms
 
 _HALVINGS = 12
 

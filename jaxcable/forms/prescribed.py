@@ -20,7 +20,8 @@ from .. import _check, equilibrium, implicit, plausibility, status
 from .._tree import Indices, copy, fill, thaw
 from ..assembly import System
 from ..equilibrium import Newton
-from ..structure import number_freedoms
+from ..freedoms import number_freedoms
+from ..supports import Fixed
 from . import lengths
 from .force_density import number_axes, shape
 from .form import arranged, make_form
@@ -95,10 +96,10 @@ def find_form(structure, tension=None, loads=None, length=None, stress=None, met
     loads = nodal_loads(structure, loads)
     tensions, sought, given = statements(structure, tension, stress, length)
     mixed = any(own.any() for own in sought)
-    fixed = Indices(structure.fixed(structure.supports))
+    fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
-    freedoms = number_freedoms(fixed, None, tuple((own, 3) for own in links), solver)
+    freedoms = number_freedoms(fixed, None, tuple((own, 3, ()) for own in links), solver)
     extra = lengths.number(fixed, links, tuple(map(Indices, sought)), solver) if mixed else None
     convex = not mixed and all(group.tension_only for group in structure.groups)
     net = number_axes(fixed, links, solver) if convex else None

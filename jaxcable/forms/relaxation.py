@@ -113,7 +113,7 @@ def dynamic_relaxation(
             structure.groups, forces, rests, held, cut, strict=True
         )
     ]
-    fixed = structure.fixed(structure.supports)
+    fixed = structure.held()
     thawed, arrays = thaw((structure.nodes, members, loads, start))
     return arranged(_relax(thawed, arrays, fixed, tol, max_steps), structure)
 

@@ -210,7 +210,7 @@ def self_stress(structure, tol=None):
     """
     links, cable = members(structure)
     nodes = host_nodes(structure, "self_stress")
-    free = ~structure.fixed(structure.supports).ravel()
+    free = ~structure.held().ravel()
     if not free.any():
         raise ValueError("supports: every freedom is fixed; there is nothing to balance")
     if tol is None:

@@ -39,6 +39,8 @@ class Strings:
     tension_only: bool = False
 
     n_freedom = 3
+    inner = ()
+    n_inner_row = 0
     rising = True
     breaks = remembers = shaped_by_load = False
     rounding = None

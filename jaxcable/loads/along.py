@@ -145,8 +145,10 @@ class LineLoads:
                 if self.per == "unstressed":
                     share = group.at_ends(state.rest_length, ends)
                 else:  # half of each piece to each of its ends
-                    half = 0.5 * self._pieces(ends)
+                    n_inner = group.n_inner_row
+                    half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
                     share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
+                    share = jnp.pad(share, ((0, 0), (0, n_inner)))
                 total = total.at[group.links].add(share)
         return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
@@ -156,7 +158,8 @@ class LineLoads:
             return None
         share = jnp.ones_like(state.rest_length)
         if self.per != "unstressed":
-            share = jnp.sum(self._pieces(ends), axis=-1) / state.rest_length
+            own = ends[:, : ends.shape[1] - group.n_inner_row]
+            share = jnp.sum(self._pieces(own), axis=-1) / state.rest_length
         return jnp.outer(share, self.factor * self.forces)
 
     def _pieces(self, ends):

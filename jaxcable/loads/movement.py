@@ -63,22 +63,29 @@ class SupportMovement:
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
 
     def check_supported(self, fixed):
-        """Raise ValueError if a moved freedom is not held; `fixed`, [n_node, 3 or 6].
+        """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`.
 
         Of a traced movement it is not known which components are zero: a node without any support
         is refused here, and a free component that moves ends as NONFINITE (see `ramp`).
         """
-        own = fixed[self.nodes.array]
+        own = fixed.array[self.nodes.array]
         moves = _check.concrete(self.displacements)
         for k, node in enumerate(self.nodes.array):
             if moves is None:
                 loose = ~own[k, :3] & ~own[k, :3].any()
             else:
-                loose = (np.broadcast_to(moves, (len(own), 3))[k] != 0) & ~own[k, :3]
+                move = np.broadcast_to(moves, (len(own), 3))[k]
+                if fixed.axes is not None:
+                    size = np.abs(move).max()
+                    move = fixed.axes.array[node] @ move
+                    move = np.where(np.abs(move) <= 1e-15 * size, 0.0, move)
+                loose = (move != 0) & ~own[k, :3]
             if loose.any():
+                where = "xyz"[int(loose.argmax())]
+                skew = fixed.axes is not None and (fixed.axes.array[node] != np.eye(3)).any()
                 raise ValueError(
                     f"displacements[{k}]: node {node} is free along "
-                    f"{'xyz'[int(loose.argmax())]}; only what is held can be moved"
+                    f"{'its own ' if skew else ''}{where}; only what is held can be moved"
                 )
             if self.rotations is not None and not own[k, 3:].all():
                 raise ValueError(f"rotations[{k}]: node {node} is not clamped")

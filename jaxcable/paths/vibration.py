@@ -127,7 +127,7 @@ def _node_mass(structure, thawed, arrays, gravity, distribution):
     """Mass matrix of the nodes, the same in every direction, [n_node, n_node], kg."""
     nodes, groups, carry = filled(thawed, arrays)
     rows = structure.rows()[0]
-    node = np.arange(structure.n_node) if rows is None else rows.array
+    node = np.arange(structure.n_node) if rows is None else rows.node
     mass = jnp.zeros((structure.n_node, structure.n_node), nodes.dtype)
     for group, given, state in zip(groups, structure.groups, carry.states, strict=True):
         if getattr(group, "weight", None) is None:

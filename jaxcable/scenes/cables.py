@@ -6,7 +6,8 @@ from ..elements import Cables, Catenaries
 from ..forms.hanging import hanging_chain
 from ..loads import LineLoads, NodalLoads, SelfWeight
 from ..phases import Phase
-from ..structure import Structure, pinned
+from ..structure import Structure
+from ..supports import pinned
 from .nets import Scene
 
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254

@@ -8,7 +8,8 @@ from ..elements import Bars, Cables
 from ..forms.feasible import feasible_prestress
 from ..loads import NodalLoads
 from ..phases import Phase
-from ..structure import Structure, pinned
+from ..structure import Structure
+from ..supports import pinned
 from .nets import Scene
 
 

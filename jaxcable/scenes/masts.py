@@ -7,7 +7,8 @@ from ..loads import NodalLoads, SelfWeight
 from ..materials import Elastic, steel
 from ..phases import Phase
 from ..sections import Section
-from ..structure import Structure, clamped, pinned
+from ..structure import Structure
+from ..supports import clamped, pinned
 from .nets import Scene
 
 STEEL_WEIGHT = 77e3  # N/m3 (7 850 kg/m3)

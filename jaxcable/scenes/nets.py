@@ -7,7 +7,8 @@ import numpy as np
 from ..elements import Cables
 from ..loads import NodalLoads
 from ..phases import Phase
-from ..structure import Structure, pinned
+from ..structure import Structure
+from ..supports import pinned
 
 
 class Scene(NamedTuple):

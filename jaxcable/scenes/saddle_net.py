@@ -7,7 +7,8 @@ from ..loads import NodalLoads
 from ..materials import Elastic
 from ..phases import Phase
 from ..sections import Section
-from ..structure import Structure, pinned
+from ..structure import Structure
+from ..supports import pinned
 from .nets import Scene, grid
 
 DIAMETER = 0.05  # m: the paper's area is 19.63 cm2

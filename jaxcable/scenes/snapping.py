@@ -7,7 +7,8 @@ from ..loads import NodalLoads
 from ..materials import Elastic
 from ..phases import Phase
 from ..sections import Section
-from ..structure import Structure, Supports
+from ..structure import Structure
+from ..supports import Supports
 from .nets import Scene
 
 

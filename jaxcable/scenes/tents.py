@@ -5,7 +5,8 @@ import numpy as np
 from ..elements import Bars, Cables
 from ..loads import CablePressure, LineLoads
 from ..phases import Phase
-from ..structure import Structure, pinned
+from ..structure import Structure
+from ..supports import pinned
 from .nets import Scene
 
 

@@ -5,7 +5,8 @@ import numpy as np
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
 from ..phases import Phase
-from ..structure import Structure, Supports
+from ..structure import Structure
+from ..supports import Supports
 from .nets import Scene
 
 FORMS = ("biconcave", "biconvex")

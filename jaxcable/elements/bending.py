@@ -1,0 +1,192 @@
+"""Strains along a beam in its own frame, and the forces that they make.
+
+Along the axis, ``s`` from 0 to 1, with Legendre's polynomials on it, ``P1 = 2 s - 1`` and
+``P2 = 6 s^2 - 6 s + 1``:
+
+    e0(s) = e + h + a_1 P1 + a_2 P2,      k(s) = (t_2 - t_1)/L + 3 (t_1 + t_2)/L P1 + b P2
+
+for each of the curvatures ky, kz with the end rotations ``t_1, t_2`` about y, z. ``e`` is the
+stretch of the chord; ``h`` the shortening of the deflected axis, its mean (or it would lock),
+
+    h = sum_{y,z} (2 t_1^2 - t_1 t_2 + 2 t_2^2)/30 - b L (t_2 - t_1)/60 + (b L)^2/420.
+
+The deflection is that of the cubic and of ``b L^2 s^2 (1 - s)^2 / 2``, which is that of a clamped
+beam under a uniform load. With ``a_1, a_2`` the axial strain follows what bending does to the axis,
+where the neutral axis is not on it or moves, and the load along it. These four numbers (b is one
+about y and one about z) belong to the element alone:
+
+- in a linear section they follow from the load and the ends without iteration: each order of
+  Legendre's balances by itself, ``N_1 = -q_x L/2``, ``N_2 = 0``, ``M_2 = L^2 (-q_z, q_y)/12``.
+  That is exact in linear theory, wherever the section's neutral axis is;
+- in a section of other laws they are unknowns of the analysis (`Beams.inner`), and the residual
+  says that the section's forces balance the load in the mean weighed by these shapes.
+"""
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._tree import pytree
+from ..rotations import cross
+
+
+@pytree
+class Field:
+    """Strains along an element, and where they come from.
+
+    Attributes:
+        strain: coefficients of e0, ky, kz for 1, P1, P2, [3, 3].
+        shortening: derivatives of h by ``t_1``, ``t_2`` and b, each about y and z, [3, 2].
+        sag: b about y and z, [2], 1/m.
+        twist: rotation of the second end about the axis against the first, rad.
+        yielding: of a linear section, curvature by moment about the neutral axis, [2, 2], else
+            None.
+    """
+
+    strain: object
+    shortening: object
+    sag: object
+    twist: object
+    yielding: object = None
+
+
+def field(rotations, stretch, length, load, stiffness=None, inner=None):
+    """`Field` of an element.
+
+    Args:
+        rotations: of the ends, [2, 3], rad.
+        stretch: e.
+        length: unstressed, L, m.
+        load: dead load per unstressed length along the turned axes, [3], N/m, or None.
+        stiffness: of a linear section, [3, 3].
+        inner: of another one, ``(a_1, a_2), (b_y, b_z)``, [2, 2], -, 1/m.
+    """
+    first, second = rotations[0, 1:], rotations[1, 1:]
+    even, odd = (second - first) / length, 3 * (first + second) / length
+    bent = 2 * first**2 - first * second + 2 * second**2
+    slopes = jnp.stack([4 * first - second, 4 * second - first, jnp.zeros_like(first)]) / 30
+    yielding = None
+    if stiffness is None:
+        (a_1, a_2), sag = inner
+    else:
+        # curvature about the neutral axis first: far from the axis nothing cancels
+        coupling = stiffness[0, 1:] / stiffness[0, 0]
+        a_1, a_2, sag = -coupling @ odd, jnp.zeros(()), None
+        if load is not None:
+            yielding = _inverse(stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:]))
+            a_1 = a_1 - 0.5 * load[0] * length / stiffness[0, 0]
+            sag = yielding @ (length**2 / 12 * across(load))
+            a_2 = -coupling @ sag
+    if sag is None:
+        sag = jnp.zeros_like(even)
+    else:
+        turn = length * sag
+        bent = bent - turn * (second - first) / 2 + turn**2 / 14
+        by_end = turn / 60
+        by_sag = length * (turn / 210 - (second - first) / 60)
+        slopes = slopes + jnp.stack([by_end, -by_end, by_sag])
+    axial = jnp.stack([stretch + jnp.sum(bent) / 30, a_1, a_2])
+    strain = jnp.column_stack([axial, jnp.stack([even, odd, sag])])
+    return Field(strain, slopes, sag, rotations[1, 0] - rotations[0, 0], yielding)
+
+
+def _inverse(matrix):
+    """Of a matrix [2, 2]."""
+    (a, b), (c, d) = matrix
+    return jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / (a * d - b * c)
+
+
+def across(load):
+    """What a load [3] bends with about y and z, [2]: moments per length and lever."""
+    return jnp.stack([-load[2], load[1]])
+
+
+def basis(places):
+    """1, P1 and P2 at places [n], [n, 3]."""
+    place = jnp.asarray(places)
+    return jnp.stack([jnp.ones_like(place), 2 * place - 1, 6 * place * (place - 1) + 1], axis=1)
+
+
+def displaced(field, rotations, length):
+    """Mean displacement of the axis against its chord, along the turned axes, [3], m."""
+    bow = length / 12 * (rotations[0, 1:] - rotations[1, 1:]) + length**2 / 60 * field.sag
+    return jnp.stack([-field.strain[1, 0] * length / 6, bow[1], -bow[0]])
+
+
+def generalized(field, rotations, length, sums, torsion, load):
+    """Forces of an element from the sums of its section's forces over the axis.
+
+    Args:
+        field, rotations, length, load: as of `field`.
+        sums: integrals over s of N, My, Mz times 1, P1, P2, [3, 3], N and N m.
+        torsion: torsional stiffness, N m2.
+
+    Returns:
+        Axial force, N; moments on the ends [2, 3], N m; torque on the frame [3], N m; and residuals
+        of ``a_1, a_2`` and b, [2, 2], J and N m2.
+    """
+    force, even, odd = sums[0, 0], sums[0, 1:], 3 * sums[1, 1:]
+    if load is not None:
+        odd_load = length**2 / 12 * across(load)
+        first_load, second_load = odd_load, -odd_load
+    bend = length * force * field.shortening
+    first, second = bend[0] - even + odd, bend[1] + even + odd
+    by_sag = length * sums[2, 1:] + bend[2]
+    by_axial = length * sums[1:, 0]
+    torque = jnp.zeros(3, force.dtype)
+    if load is not None:
+        first, second = first - first_load, second - second_load
+        by_sag = by_sag - length**3 / 60 * across(load)
+        by_axial = by_axial + jnp.stack([load[0] * length**2 / 6, jnp.zeros_like(force)])
+        pull = -length * displaced(field, rotations, length)
+        if field.yielding is not None:
+            # b follows a load that turns against the frame
+            turned = length**2 / 12 * (field.yielding @ bend[2])
+            pull = pull + jnp.stack([jnp.zeros_like(force), turned[1], -turned[0]])
+        torque = cross(load, pull)
+    twisting = torsion * field.twist / length
+    moments = jnp.stack(
+        [jnp.append(-twisting[None], first), jnp.append(twisting[None], second)]
+    )
+    return force, moments, torque, jnp.stack([by_axial, by_sag])
+
+
+def linear_sums(stiffness, strain):
+    """`generalized`'s sums in a linear section: each order by itself, [3, 3]."""
+    return strain @ stiffness * jnp.array([1, 1 / 3, 1 / 5], strain.dtype)[:, None]
+
+
+def curve(field, rotations, length, chord, places):
+    """The deflected axis along the turned axes of the element.
+
+    Args:
+        field, rotations, length: as of `field`.
+        chord: its length, m.
+        places: s, [n].
+
+    Returns:
+        Places [n, 3], m; integrals of these from 0 to s, [n, 3], m; rotation vectors [n, 3], rad.
+    """
+    s = jnp.asarray(places)[:, None]
+    (first, second), sag = rotations[:, 1:], length * field.sag
+    bubble = s**2 * (1 - s) ** 2 / 2
+    turn = first * (1 - 4 * s + 3 * s**2) + second * (3 * s**2 - 2 * s)
+    turn = turn + sag * s * (1 - s) * (1 - 2 * s)
+    way = first * s * (1 - s) ** 2 - second * s**2 * (1 - s) + sag * bubble
+    area = first * (s**2 / 2 - 2 * s**3 / 3 + s**4 / 4) + second * (s**4 / 4 - s**3 / 3)
+    area = area + sag * (s**3 / 6 - s**4 / 4 + s**5 / 10)
+    push = length * field.strain[1, 0]
+    along = chord * s - push * s * (1 - s)
+    along_area = chord * s**2 / 2 - push * (s**2 / 2 - s**3 / 3)
+    twist = rotations[0, 0] + s * field.twist
+
+    def vectors(x, about):
+        return jnp.concatenate([x, length * about[:, 1:], -length * about[:, :1]], axis=1)
+
+    return vectors(along, way), vectors(along_area, area), jnp.concatenate([twist, turn], axis=1)
+
+
+def lobatto(n):
+    """Gauss-Lobatto points from 0 to 1 and weights, [n] each (exact to degree 2 n - 3)."""
+    legendre = np.polynomial.legendre.Legendre.basis(n - 1)
+    points = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
+    return 0.5 + 0.5 * points, 1 / (n * (n - 1) * legendre(points) ** 2)

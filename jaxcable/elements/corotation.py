@@ -1,0 +1,107 @@
+"""The frame that a straight element of two ends carries along, and the statics of what acts in it.
+
+The frame follows the chord and the mean of the rotations of the ends (Crisfield 1990; Battini and
+Pacoste 2002). In it only small rotations of the ends remain, and a rigid motion of any size leaves
+none. Forces in the frame come from a law of the element (`beam`, `bending`); what they are at the
+nodes follows from virtual work, written out here instead of derived by autodiff, so that a tangent
+takes one derivative and not two.
+
+With the spins ``w_1, w_2`` of the ends, ``w_E`` of the frame and the relative translation ``v``,
+
+    dW = N dl + M_1.(w_1 - w_E) + M_2.(w_2 - w_E) - T.w_E,   w_E = b x v / l + tau b,
+
+``b`` along the chord, ``T`` the moment of loads that do not turn with the frame. About the chord
+the frame follows the mean rotation, which takes the initial axis to ``a``, by the shortest way from
+``a`` to ``b``; that way has no spin along ``a + b``, hence with the spin ``w_m`` of the mean
+
+    (w_E - w_m).(a + b) = 0.
+
+The mean is halfway: with ``(c, h)`` the quaternion of half the rotation between the ends,
+``w_m = (w_1 + w_2)/2 + (w_2 - w_1) x h / 2c``.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from .._tree import pytree
+from ..rotations import (
+    cross,
+    from_stereographic,
+    inverse,
+    middle,
+    moment_of_spin,
+    product,
+    rotate,
+    shortest,
+    stereographic,
+)
+from .prestress import stretch
+
+
+@pytree
+class Pose:
+    """Where an element is, as its own frame sees it.
+
+    Attributes:
+        length: of the chord, m.
+        change: of that length, without a subtraction of lengths, m.
+        mean: direction a that the mean rotation gives the initial axis, [3].
+        chord: direction b of the chord, [3].
+        frame: rotation of the element's axes, quaternion [4].
+        half: half of the rotation between the ends, quaternion [4].
+        turns: rotations of the ends out of the frame in the element's axes, `stereographic`, [2, 3].
+        rotations: the same as rotation vectors, [2, 3], rad.
+    """
+
+    length: object
+    change: object
+    mean: object
+    chord: object
+    frame: object
+    half: object
+    turns: object
+    rotations: object
+
+
+def pose(axes, ends, displacements, quaternions):
+    """`Pose` from initial axes (rows, [3, 3]), initial ends [2, 3] and their motion."""
+    vector, length, change, _ = stretch(ends, displacements)
+    halfway = middle(*quaternions)
+    mean, chord = rotate(halfway, axes[0]), vector / length
+    frame = product(shortest(mean, chord), halfway)
+    back = inverse(frame)
+    turns = jax.vmap(lambda q: axes @ stereographic(product(back, q)))(quaternions)
+    half = product(quaternions[1], inverse(halfway))
+    half = jnp.where(half[0] < 0, -half, half)
+    rotations = jax.vmap(from_stereographic)(turns)
+    return Pose(length, change, mean, chord, frame, half, turns, rotations)
+
+
+def seen(axes, pose, vector):
+    """A vector in space [3] as components along the turned axes of the element, [3]."""
+    return axes @ rotate(inverse(pose.frame), vector)
+
+
+def placed(axes, pose, components):
+    """The vector in space [3] that has these components along the turned axes."""
+    return rotate(pose.frame, components @ axes)
+
+
+def end_forces(axes, pose, force, moments, torque):
+    """Pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
+
+    Args:
+        axes, pose: of the element.
+        force: work per change of length, N.
+        moments: work per change of the rotation vectors of the ends, [2, 3], N m.
+        torque: work per spin of the frame that loads do not make, [3], N m; components, as of the
+            moments, along the turned axes.
+    """
+    own = jax.vmap(moment_of_spin)(pose.turns, moments)
+    first, second = (placed(axes, pose, moment) for moment in own)
+    onto = first + second + placed(axes, pose, torque)
+    along = (onto @ pose.chord) / (1 + pose.mean @ pose.chord)
+    shared = along * (pose.mean + pose.chord)
+    skew = cross(pose.half[1:], shared) / (2 * pose.half[0])
+    pull = force * pose.chord - cross(onto - along * pose.mean, pose.chord) / pose.length
+    return pull, jnp.stack([first - 0.5 * shared + skew, second - 0.5 * shared - skew])

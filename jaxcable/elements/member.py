@@ -1,0 +1,282 @@
+"""One beam: forces, tangent, energy and results from the motion of its two ends.
+
+What `beam.Beams` evaluates for every element of a group, out of `corotation` (the frame, statics)
+and `bending` (strains along the axis). An element whose section is not linear, or whose ends turn
+against their nodes, has inner numbers beside the motion of its ends: unknowns of the analysis in
+rows of motion of its own, after those of the ends (`Structure.rows`).
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..rotations import (
+    angles,
+    conjugate,
+    cross,
+    exp,
+    exp_stereographic,
+    inverse,
+    moment_of_stereographic,
+    product,
+    rotate,
+    turning,
+)
+from . import bending, corotation
+from .prestress import stretch
+
+
+class Member:
+    """Members of a group of beams (see `elements`) that concern one element.
+
+    The group has `section`, `springs`, `torsional_stiffness`, `points` and `axes(ends)`.
+    """
+
+    @property
+    def inner(self):
+        """Inner numbers as (row after the ends, column), a tuple.
+
+        Of a section that is not linear ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
+        middle that the cubic does not have; of joints the rotation of each end, times a length.
+        """
+        field = () if self.section.is_elastic else ((0, 0), (0, 1), (1, 0), (1, 1))
+        rows = 0 if self.section.is_elastic else 2
+        joints = () if self.springs is None else np.ndindex(2, 3)
+        return (*field, *((rows + end, axis) for end, axis in joints))
+
+    @property
+    def n_inner_row(self):
+        """Rows of motion that an element has for its inner numbers."""
+        return (0 if self.section.is_elastic else 2) + (0 if self.springs is None else 2)
+
+    def _pose(self, state, ends, motion):
+        """Initial axes, and `corotation.Pose` of the element."""
+        axes = self.axes(ends)
+        turns = [motion[k, 3:] for k in (0, 1)]
+        if self.springs is not None:  # the ends turn against their nodes
+            turns = [
+                product(turn, exp_stereographic(joint @ axes))
+                for turn, joint in zip(turns, self._joints(state, motion), strict=True)
+            ]
+        return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns))
+
+    def _joints(self, state, motion):
+        """Rotations of the ends against their nodes, ``tan(angle / 4) axis``, [2, 3]."""
+        return motion[-2:, :3] / (4 * state.rest_length)
+
+    def _field(self, state, axes, pose, motion):
+        """`bending.Field` of the element, and its line load along the turned axes, or None."""
+        load = None
+        if state.line_load is not None:
+            load = corotation.seen(axes, pose, state.line_load)
+        length, inner = state.rest_length, None
+        if not self.section.is_elastic:
+            size = jnp.stack([length, length**2 / 32])
+            inner = jnp.stack([motion[2, :2], motion[3, :2]]) / size[:, None]
+        stretch = (state.elongation + pose.change) / length
+        stiffness = self.section.stiffness() if inner is None else None
+        return bending.field(pose.rotations, stretch, length, load, stiffness, inner), load
+
+    def _strains(self, field):
+        """Section strains at the integration points, [n_point, 3]."""
+        places = bending.lobatto(self.points)[0]
+        return bending.basis(jnp.asarray(places, field.strain.dtype)) @ field.strain
+
+    def _twisting(self):
+        """Torsional stiffness, N m2."""
+        given = self.torsional_stiffness
+        return self.section.torsional_stiffness() if given is None else given
+
+    def _sums(self, state, field, forces=None):
+        """Integrals over the axis of section forces times 1, P1, P2, [3, 3], N and N m."""
+        if self.section.is_elastic:
+            return bending.linear_sums(self.section.stiffness(), field.strain)
+        strain = self._strains(field)
+        if forces is None:
+            force = jnp.stack(self.section.forces(*strain.T, state.plastic), axis=-1)
+        else:
+            force = forces(strain)
+        places, weight = (jnp.asarray(v, force.dtype) for v in bending.lobatto(self.points))
+        return (weight[:, None] * bending.basis(places)).T @ force
+
+    @jax.jit  # traced once for all its uses; a compilation has it many times over
+    def _resistance(self, state, ends, motion):
+        """Pull on the second end [3], moments on both ends [2, 3], forces of inner numbers [k]."""
+        return self._balance(state, ends, motion)
+
+    def _balance(self, state, ends, motion, forces=None):
+        axes, pose = self._pose(state, ends, motion)
+        field, load = self._field(state, axes, pose, motion)
+        length, rotations = state.rest_length, pose.rotations
+        force, moments, torque, unbalanced = bending.generalized(
+            field, rotations, length, self._sums(state, field, forces), self._twisting(), load
+        )
+        pull, moments = corotation.end_forces(axes, pose, force, moments, torque)
+        inner = []
+        if not self.section.is_elastic:
+            inner = [unbalanced[0] / length, unbalanced[1] * 32 / length**2]
+        if self.springs is not None:
+            for k, joint in enumerate(self._joints(state, motion)):
+                own = axes @ rotate(inverse(motion[k, 3:]), moments[k])
+                own = moment_of_stereographic(joint, own)
+                angle, pull_back = jax.vjp(angles, joint)
+                inner.append((own + pull_back(self.springs[k] * angle)[0]) / (4 * length))
+        return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
+
+    def _step(self, state, ends, motion, step, forces=None):
+        """Forces conjugate to a step: relative translation, spins, inner numbers, [9 + k]."""
+        moved = jnp.zeros_like(motion[:2, :6]).at[1, :3].set(step[:3])
+        moved = moved.at[:, 3:].set(step[3:9].reshape(2, 3))
+        new = jax.vmap(turning)(motion[:2], moved)
+        if self.inner:
+            new = jnp.concatenate([new, motion[2:].at[self._places].add(step[9:])])
+        pull, moments, inner = (
+            self._resistance(state, ends, new)
+            if forces is None
+            else self._balance(state, ends, new, forces)
+        )
+        moments = jax.vmap(conjugate)(step[3:9].reshape(2, 3), moments)
+        return jnp.concatenate([pull, moments.ravel(), inner])
+
+    @property
+    def _places(self):
+        """Rows and columns of its inner numbers among the rows after its two ends."""
+        return tuple(np.array(self.inner).T)
+
+    def end_forces_about(self, state, ends, motion, step):
+        """Forces and moments conjugate to `step` (translation and spin), both [n_end, 6]."""
+        inner = step[2:][self._places] if self.inner else jnp.zeros(0, step.dtype)
+        own = jnp.concatenate([step[1, :3] - step[0, :3], step[:2, 3:].ravel(), inner])
+        return self._spread(self._step(state, ends, motion, own))
+
+    def _spread(self, force):
+        """Forces of a step [9 + k] at all ends and inner rows, [n_end, 6]."""
+        pull, first, second, inner = jnp.split(force, [3, 6, 9])
+        at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
+        if not self.inner:
+            return at
+        rows = jnp.zeros((self.n_inner_row, 6), force.dtype).at[self._places].set(inner)
+        return jnp.concatenate([at, rows])
+
+    def end_forces(self, state, ends, motion):
+        """Internal forces and spatial moments at both ends, N and N m; forces of inner numbers.
+
+        [n_end, 6]: the two ends, then the rows of its inner numbers.
+        """
+        pull, moments, inner = self._resistance(state, ends, motion)
+        return self._spread(jnp.concatenate([pull, moments.ravel(), inner]))
+
+    @jax.jit  # as above
+    def tangent(self, state, ends, motion):
+        """Tangent stiffness, [12 + k, 12 + k]: symmetric, being a Hessian in the steps.
+
+        Rows and columns are translation and spin of the first end, of the second, inner numbers.
+
+        By autodiff, of the section first: its tangent is the same for all columns, and linear
+        forces with this tangent save going through all fibres for each of them. Forces depend on
+        the relative translation alone, so that nine columns make twelve.
+        """
+        forces = None
+        if not self.section.is_elastic:
+            at = self.section_strain(state, ends, motion)
+            force, stiffness = self.section.linearized(*at.T, state.plastic)
+
+            def forces(strain):
+                return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
+
+        step = jnp.zeros(9 + len(self.inner), ends.dtype)
+        slope = jax.jacfwd(lambda s: self._step(state, ends, motion, s, forces))(step)
+        for axis in (0, 1):
+            pull, first, second, inner = jnp.split(slope, [3, 6, 9], axis)
+            slope = jnp.concatenate([-pull, first, pull, second, inner], axis)
+        return slope
+
+    def energy(self, state, ends, motion):
+        """Stored energy less the line load's work on the bent axis, J."""
+        axes, pose = self._pose(state, ends, motion)
+        field, load = self._field(state, axes, pose, motion)
+        length = state.rest_length
+        # a linear section's energy is of the fourth degree along the axis
+        count = max(4, self.points) if self.section.is_elastic else self.points
+        places, weight = (jnp.asarray(v, field.strain.dtype) for v in bending.lobatto(count))
+        strain = bending.basis(places) @ field.strain
+        total = length * weight @ self.section.energy(*strain.T, state.plastic)
+        total = total + 0.5 * self._twisting() * field.twist**2 / length
+        if load is not None:
+            total = total - length * load @ bending.displaced(field, pose.rotations, length)
+        if self.springs is not None:
+            turned = jax.vmap(angles)(self._joints(state, motion))
+            total = total + 0.5 * jnp.sum(self.springs * turned**2)
+        return total
+
+    def tension(self, state, ends, motion):
+        """Axial force, mean over the element, N."""
+        axes, pose = self._pose(state, ends, motion)
+        return self._sums(state, self._field(state, axes, pose, motion)[0])[0, 0]
+
+    def section_strain(self, state, ends, motion):
+        """Strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
+        axes, pose = self._pose(state, ends, motion)
+        return self._strains(self._field(state, axes, pose, motion)[0])
+
+    def section_forces(self, state, ends, motion, places=None):
+        """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, default the integration points, [n, 6].
+
+        From equilibrium of the part before the section: exact for the end forces and the load,
+        whatever the laws of the fibres. In the axes of the section there, which follows the
+        deflected axis. N and N m.
+        """
+        places = bending.lobatto(self.points)[0] if places is None else places
+        s = jnp.asarray(places, ends.dtype)
+        axes, pose = self._pose(state, ends, motion)
+        field, load = self._field(state, axes, pose, motion)
+        length = state.rest_length
+        pull, moments, _ = self._resistance(state, ends, motion)
+        load = jnp.zeros(3, ends.dtype) if load is None else load * length
+        start = corotation.seen(axes, pose, -pull) - load / 2  # of the node on the element
+        turning_moment = corotation.seen(axes, pose, moments[0])
+        place, area, turn = bending.curve(field, pose.rotations, length, pose.length, s)
+        carried = start + s[:, None] * load
+        lever = jax.vmap(cross)
+        moment = lever(place, carried) - lever(area, jnp.broadcast_to(load, area.shape))
+        back = jax.vmap(lambda spin, v: rotate(inverse(exp(spin)), v))
+        return jnp.concatenate([back(turn, -carried), back(turn, moment - turning_moment)], axis=1)
+
+    def size(self, state, ends, motion):
+        """Sum of the absolute forces of all fibres, mean over the element, N."""
+        size = self.section.size(*self.section_strain(state, ends, motion).T, state.plastic)
+        return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
+
+    def rounding(self, state, ends, motion):
+        """What the rounding of its displacements leaves of `end_forces`, as these."""
+        vector, length, _, _ = stretch(ends, motion[:2, :3])
+        stiffness = jnp.diagonal(self.section.stiffness())
+        across = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2
+        moved = jnp.max(jnp.abs(motion[:2, :3])) / length
+        force = stiffness[0] * jnp.abs(vector) / length + across
+        both = jnp.append(force, jnp.full(3, across * length, force.dtype))
+        # inner numbers are lengths along and across, too
+        rows = jnp.broadcast_to(stiffness[0] + across, (self.n_inner_row, 6))
+        each = jnp.concatenate([jnp.stack([both, both]), rows])
+        return 8 * jnp.finfo(force.dtype).eps * moved * each
+
+    def settle(self, state, ends, motion):
+        """Plastic strains after an increment that ended here, as `state.plastic`."""
+        return self.settle_at(self.section_strain(state, ends, motion), state.plastic)
+
+    def settle_at(self, strain, plastic):
+        """Plastic strains after an increment that ended at section strains [n_point, 3]."""
+        return self.section.settle(*strain.T, plastic)
+
+    def fibre_stress(self, strain, plastic=None):
+        """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
+        return self.section.fibre_stress(*strain.T, plastic)
+
+    def beyond(self, state, ends, motion):
+        """Whether a fibre is strained beyond its curve."""
+        return jnp.any(self.section.beyond(*self.section_strain(state, ends, motion).T))
+
+    def is_slack(self, state, ends, motion):
+        """A beam holds in compression too: never slack."""
+        return jnp.zeros((), bool)
+

@@ -1,0 +1,167 @@
+"""Numbering of the unknowns: rows of motion, and which of their freedoms are free.
+
+Every node is a row of motion. Further rows belong to elements: a hinged end of a beam has the
+displacement of its node and a rotation of its own; inner numbers of beams (`elements.member`) stand
+in the displacements of rows that nothing else shares. A node that another one carries rigidly has
+no freedom of its own: it moves by those of its carrier.
+"""
+
+import functools
+
+import numpy as np
+
+from . import linear
+from ._tree import Indices, pytree
+from .supports import N_FREEDOM
+
+
+class Rows:
+    """The rows of motion of a structure that has more of them than nodes.
+
+    Attributes:
+        node: the node that every row belongs to, [n_row], NumPy.
+        inner: rows of inner numbers, [n_row] bool, NumPy.
+        idle: columns of these that no element uses, [n_row, 3] bool, NumPy.
+    """
+
+    def __init__(self, node, inner, idle):
+        self.node = np.array(node, np.int32)
+        self.inner, self.idle = np.array(inner, bool), np.array(idle, bool).reshape(-1, 3)
+        self._key = tuple(Indices(a) for a in (self.node, self.inner, self.idle))
+
+    def __hash__(self):
+        return hash(self._key)
+
+    def __eq__(self, other):
+        return isinstance(other, Rows) and self._key == other._key
+
+    def __len__(self):
+        return len(self.node)
+
+
+@pytree
+class Freedoms:
+    """Numbering of the unknowns of a phase; the only freedoms that are solved for.
+
+    A row of motion (see the module) has three freedoms, or six in a structure with beams, along
+    directions of its own.
+
+    Attributes:
+        free: free freedoms as flat numbers n_freedom row + direction, [n_free].
+        source: where each freedom finds its value in (unknowns, held values), [3 n_node]; None in a
+            structure with beams.
+        number: unknown's number, or n_free for a held freedom, [n_row, n_freedom].
+        fixed: True where held, [n_row, n_freedom].
+        axes: directions of the freedoms, rows of [n_row, 3, 3]; None if they are x, y, z.
+        rows: the node that every row belongs to, or None if every row is a node.
+        inner: rows of inner numbers, [n_row] bool, or None.
+        carried: (nodes that others carry, their carriers), [n] each, or None.
+        pattern: `linear.Pattern` of sparse matrices; None if they are dense.
+    """
+
+    free: object
+    source: object
+    number: object
+    fixed: object
+    axes: object = None
+    rows: object = None
+    inner: object = None
+    carried: object = None
+    pattern: object = None
+
+    @property
+    def held(self):
+        """What results need of it: all but the numbering."""
+        return Freedoms(
+            *(None, None, None, self.fixed, self.axes, self.rows, self.inner, self.carried)
+        )
+
+
+def numbers_of(number, links, width, inner=(), carried=None):
+    """Numbers of the unknowns in the order of an element's matrix, [n_elem, d].
+
+    Args:
+        number: of every row and direction, [n_row, 3 or 6].
+        links: rows of the elements, [n_elem, n_end]: ends, then rows of inner numbers.
+        width: freedoms that an element gives an end, 3 or 6.
+        inner: inner numbers as (row after the ends, column), a tuple.
+        carried: as of `Freedoms`: ends at such nodes have the six unknowns of their carriers.
+    """
+    n_inner_row = 1 + max((row for row, _ in inner), default=-1)
+    n_end = links.shape[1] - n_inner_row
+    ends = links[:, :n_end]
+    if carried is not None:
+        ends, width = carriers(len(number), carried)[ends], 6
+    numbers = number[ends][..., :width].reshape(len(links), -1)
+    if not inner:
+        return numbers
+    rows, columns = np.array(inner).T
+    own = number[links[:, n_end + rows], columns]
+    pack = np if isinstance(number, np.ndarray) and isinstance(links, np.ndarray) else _jnp()
+    return pack.concatenate([numbers, own], axis=1)
+
+
+def _jnp():
+    import jax.numpy as jnp
+
+    return jnp
+
+
+def carriers(n_row, carried):
+    """The row that every row moves with, itself but for carried nodes, [n_row]."""
+    if isinstance(carried[0], np.ndarray):
+        found = np.arange(n_row)
+        found[carried[0]] = carried[1]
+        return found
+    return _jnp().arange(n_row).at[carried[0]].set(carried[1])
+
+
+@functools.lru_cache(maxsize=16)
+def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, rigid=None):
+    """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
+
+    Args:
+        fixed: `Fixed`, True where a freedom is held, [n_row, 3 or 6].
+        rows: `Rows`, or None.
+        links: (`Indices` of links, freedoms of an end, inner numbers) for every group and every
+            load that follows, a tuple; None for no pattern.
+        solver: the solver that the pattern is made for; None to choose by size.
+        symmetric: False if loads follow; with rotations it is unsymmetric in any case.
+        rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
+    """
+    mask = fixed.array.copy()
+    carried = None
+    if rows is not None:
+        shared = (np.arange(len(mask)) != rows.node) & ~rows.inner
+        mask[shared, :3] = True  # numbered with their node
+    if rigid is not None:
+        carried = rigid.array[:, 1], rigid.array[:, 0]
+        mask[carried[0]] = True  # numbered with their carrier
+    free = np.flatnonzero(~mask.ravel()).astype(np.int32)
+    n_free = len(free)
+    number = np.full(mask.size, n_free, np.int32)
+    number[free] = np.arange(n_free, dtype=np.int32)
+    source = np.where(mask.ravel(), n_free + np.arange(mask.size), number).astype(np.int32)
+    number = number.reshape(mask.shape)
+    if rows is not None:
+        number[shared, :3] = number[rows.node[shared], :3]
+    turning = mask.shape[1] > N_FREEDOM
+    pattern = None
+    if links is not None and n_free > 0 and not (turning and linear.is_dense(solver, n_free)):
+        numbers = [
+            numbers_of(number, own.array, width, inner, carried) for own, width, inner in links
+        ]
+        if turning:  # moments have entries of their own, unsymmetric ones
+            numbers.append(number[:, 3:])
+        pattern = linear.make_pattern(numbers, n_free, symmetric and not turning, solver)
+    return Freedoms(
+        free,
+        None if turning else source,
+        number,
+        fixed.array,
+        None if fixed.axes is None else fixed.axes.array,
+        None if rows is None else rows.node,
+        rows.inner if rows is not None and rows.inner.any() else None,
+        carried,
+        pattern,
+    )
