@@ -1,0 +1,381 @@
+"""Linear space frames by the direct stiffness method, and closed forms of beams: an oracle.
+
+Plain NumPy and SciPy in float64, first order, Euler-Bernoulli, no shear flexibility, no warping.
+
+Axes of a member: x from its first to its second end, z the component of `up` normal to x,
+y = z cross x. Section: strain = e0 + ky z - kz y with ky, kz the derivatives of the rotations
+about y, z; N = sum s A, My = sum s A z, Mz = -sum s A y.
+
+Internal forces (N, Vy, Vz, T, My, Mz) are the force and the moment which the part beyond the cut
+(towards the second end) exerts on the part before it, in the axes x, y, z. Equilibrium with the
+load q per length: N' = -qx, Vy' = -qy, Vz' = -qz, T' = 0, My' = Vz, Mz' = -Vy (' = d/dx = d/ds/L).
+With z up, a load downwards and sagging, My < 0: the bottom (z < 0) is stretched.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.integrate import quad
+from scipy.linalg import block_diag, null_space, solve
+from scipy.optimize import brentq, root
+
+RIGID = ((np.inf,) * 3,) * 2
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A straight member between two nodes.
+
+    EA [N], GJ, EIy, EIz [N m2]; D [3, 3] in place of EA, EIy, EIz: (e0, ky, kz) -> (N, My, Mz).
+    The shear forces act on the axis (no torque by them), also where D is off-centre.
+    joints [2, 3]: rotational springs [N m/rad] between each end and its node (or rigid arm), about
+    the local x, y, z: inf rigid, 0 released. offsets [2, 3]: rigid arms from node to member end, in
+    global components [m]. axial: carries EA only, and `tension` [N] which is there at zero
+    displacement and stiffens transversally by tension / L. load [3]: dead load in global
+    components [N/m], over the length; an axial member hands half of it to each end.
+    """
+
+    first: int
+    second: int
+    EA: float = 0.0
+    GJ: float = 0.0
+    EIy: float = 0.0
+    EIz: float = 0.0
+    up: tuple = (0.0, 0.0, 1.0)
+    D: np.ndarray | None = None
+    joints: tuple = RIGID
+    offsets: tuple = (ZERO, ZERO)
+    axial: bool = False
+    tension: float = 0.0
+    load: tuple = ZERO
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Results; global components but for the members' forces, which are local.
+
+    displacements [n, 6]: translations [m], rotations [rad]. reactions [n, 6]: forces and moments
+    of the supports upon the structure; held [c]: the same along each held direction; springs [k]:
+    those of the springs to ground. end_forces [m, 12]: what the nodes exert on the member's two
+    ends, force and moment each, at the member's ends. lengths [m], loads [m, 3] of the members.
+    """
+
+    displacements: np.ndarray
+    reactions: np.ndarray
+    held: np.ndarray
+    springs: np.ndarray
+    end_forces: np.ndarray
+    lengths: np.ndarray
+    loads: np.ndarray
+    axial: np.ndarray
+
+    def internal(self, member, s):
+        """(N, Vy, Vz, T, My, Mz) [..., 6] at s [...] in 0..1; axial members have no moments."""
+        x = np.asarray(s, float)[..., None] * self.lengths[member]
+        force, moment = np.split(self.end_forces[member, :6], 2)
+        q = self.loads[member]
+        axis = np.array([1.0, 0.0, 0.0])
+        moments = -moment + x * np.cross(axis, force) + x**2 / 2 * np.cross(axis, q)
+        return np.concatenate([-force - q * x, moments * (not self.axial[member])], axis=-1)
+
+
+def local_axes(along, up):
+    """Rows x, y, z [3, 3] of a member along the vector `along` [3]."""
+    x = np.asarray(along, float) / np.linalg.norm(along)
+    z = np.asarray(up, float) - np.dot(up, x) * x
+    if np.linalg.norm(z) <= 1e-9 * np.linalg.norm(up):
+        raise ValueError("`up` is parallel to the member")
+    z = z / np.linalg.norm(z)
+    return np.array([x, np.cross(z, x), z])
+
+
+def section_stiffness(EA, EIy, EIz, y=0.0, z=0.0):
+    """D [3, 3] of a section whose centroid lies at (y, z) off the axis (parallel axis theorem)."""
+    place = np.array([1.0, z, -y])
+    return EA * np.outer(place, place) + np.diag([0.0, EIy, EIz])
+
+
+def rigid_arm(r):
+    """[6, 6]: displacement and rotation at a point -> those at the point displaced by r [3]."""
+    x, y, z = r
+    arm = np.eye(6)
+    arm[:3, 3:] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
+    return arm
+
+
+def _beam(length, D, GJ, q):
+    """Stiffness [12, 12] and end forces at rest [12] of a beam, from exact internal forces.
+
+    As a cantilever held at its first end; two Gauss points integrate the cubics exactly.
+    """
+    flexibility = np.zeros((6, 6))
+    flexibility[np.ix_([0, 4, 5], [0, 4, 5])] = np.linalg.inv(D)
+    flexibility[3, 3] = 1 / GJ
+    lever = np.array([0.0, -q[2], q[1]])  # x cross q
+    f, v = np.zeros((6, 6)), np.zeros(6)
+    for a in length / 2 * (1 + np.array([-1, 1]) / np.sqrt(3)):  # distance from the second end
+        forces = rigid_arm([a, 0, 0]).T  # at the second end -> at the cut
+        f += length / 2 * forces.T @ flexibility @ forces
+        v += length / 2 * forces.T @ flexibility @ np.r_[q * a, lever * a**2 / 2]
+    relative = np.hstack([-rigid_arm([length, 0, 0]), np.eye(6)])
+    rest = -relative.T @ np.linalg.solve(f, v)
+    rest[:6] -= np.r_[q * length, lever * length**2 / 2]
+    return relative.T @ np.linalg.solve(f, relative), rest
+
+
+def _bar(length, EA, tension, q):
+    """Stiffness [12, 12] and end forces at rest [12] of an axial member."""
+    k = np.zeros((12, 12))
+    k[:3, :3] = k[6:9, 6:9] = np.diag([EA, tension, tension]) / length
+    k[:3, 6:9] = k[6:9, :3] = -k[:3, :3]
+    rest = np.zeros(12)
+    rest[[0, 6]] = -tension, tension
+    rest[:3] -= q * length / 2
+    rest[6:9] -= q * length / 2
+    return k, rest
+
+
+def _joined(k, rest, joints):
+    """Stiffness and end forces at rest with the ends' rotations joined by springs, condensed."""
+    springs = np.asarray(joints, float).ravel()
+    soft = np.flatnonzero(np.isfinite(springs))
+    if springs[0] == 0 == springs[3]:
+        raise ValueError("torsion is released at both ends")
+    dofs = np.array([3, 4, 5, 9, 10, 11])[soft]
+    inner = np.eye(12)[:, dofs]
+    ends = np.hstack([np.eye(12) - inner @ inner.T, inner])
+    jump = np.hstack([-inner.T, np.eye(len(soft))])
+    k, rest = ends.T @ k @ ends + jump.T @ np.diag(springs[soft]) @ jump, ends.T @ rest
+    held = np.linalg.solve(k[12:, 12:], np.column_stack([k[12:, :12], rest[12:]]))
+    return k[:12, :12] - k[:12, 12:] @ held[:, :12], rest[:12] - k[:12, 12:] @ held[:, 12]
+
+
+def _element(nodes, member):
+    """Stiffness and end forces at rest (local), map from global nodes [12, 12], length, load."""
+    arms = np.asarray(member.offsets, float)
+    along = nodes[member.second] + arms[1] - nodes[member.first] - arms[0]
+    axes, length = local_axes(along, member.up), np.linalg.norm(along)
+    q = axes @ np.asarray(member.load, float)
+    if member.axial:
+        k, rest = _bar(length, member.EA, member.tension, q)
+    else:
+        plain = section_stiffness(member.EA, member.EIy, member.EIz)
+        D = plain if member.D is None else np.asarray(member.D, float)
+        k, rest = _joined(*_beam(length, D, member.GJ, q), member.joints)
+    turn = block_diag(axes, axes)
+    return k, rest, block_diag(turn @ rigid_arm(arms[0]), turn @ rigid_arm(arms[1])), length, q
+
+
+def _direction(n, node, vector, kind):
+    """[6 n] with the unit vector at the node's translations or rotations."""
+    row = np.zeros((n, 6))
+    start = {"translation": 0, "rotation": 3}[kind]
+    row[node, start : start + 3] = np.asarray(vector, float) / np.linalg.norm(vector)
+    return row.ravel()
+
+
+def solve_frame(nodes, members, supports, loads, springs=()):
+    """Solution of a frame.
+
+    nodes [n, 3]; supports: (node, vector, "translation" | "rotation") each held direction;
+    loads [n, 6]: forces and moments; springs: (node, vector, kind, stiffness) to ground.
+    Rotations of nodes that only axial members meet are held. A mechanism is refused.
+    """
+    nodes, loads = np.asarray(nodes, float), np.asarray(loads, float)
+    n = len(nodes)
+    K, rest, elements = np.zeros((6 * n, 6 * n)), np.zeros(6 * n), []
+    for member in members:
+        k, p, to_local, length, q = _element(nodes, member)
+        dofs = (6 * np.array([[member.first], [member.second]]) + np.arange(6)).ravel()
+        K[np.ix_(dofs, dofs)] += to_local.T @ k @ to_local
+        rest[dofs] += to_local.T @ p
+        elements.append((k, p, to_local, length, q, dofs))
+    ground = np.array([_direction(n, *spring[:3]) for spring in springs]).reshape(-1, 6 * n)
+    stiffness = np.array([spring[3] for spring in springs])
+    K += ground.T @ (stiffness[:, None] * ground)
+    held = np.array([_direction(n, *support) for support in supports]).reshape(-1, 6 * n)
+    idle = [i for i in range(6 * n) if i % 6 > 2 and not K[i].any()]
+    if loads.ravel()[idle].any():
+        raise ValueError("a moment acts on a node without rotational stiffness")
+    free = null_space(np.vstack([held, np.eye(6 * n)[idle]]))
+    u = free @ _regular_solve(free.T @ K @ free, free.T @ (loads.ravel() - rest))
+    along = np.linalg.lstsq(held.T, K @ u + rest - loads.ravel(), rcond=None)[0]
+    return Solution(
+        displacements=u.reshape(n, 6),
+        reactions=(held.T @ along).reshape(n, 6),
+        held=along,
+        springs=-stiffness * (ground @ u),
+        end_forces=np.array([k @ to @ u[dofs] + p for k, p, to, _, _, dofs in elements]),
+        lengths=np.array([element[3] for element in elements]),
+        loads=np.array([element[4] for element in elements]),
+        axial=np.array([member.axial for member in members]),
+    )
+
+
+def _regular_solve(K, f):
+    """K^-1 f of a symmetric matrix scaled to a unit diagonal; refused where singular."""
+    scale = np.sqrt(np.abs(np.diag(K)))
+    scaled = K / np.outer(scale, scale) if scale.all() else np.zeros_like(K)
+    # round-off leaves about 1e-16 in place of a mechanism's zero
+    if len(K) and np.abs(np.linalg.eigvalsh(scaled)).min() < 1e-14:
+        raise ValueError("the frame is a mechanism")
+    return solve(scaled, f / scale, assume_a="sym") / scale
+
+
+# Closed forms -----------------------------------------------------------------------------------
+
+
+def beam_forces(kind, q, L, s):
+    """Bending moment M (sagging > 0) and V = dM/dx at s in 0..1 under q [N/m], down > 0.
+
+    kind: "simple", "cantilever" and "propped" (both clamped at s = 0), "clamped".
+    Any handbook, e.g. Young & Budynas, Roark's Formulas for Stress and Strain, table 8.1.
+    """
+    start = {"simple": 0, "cantilever": -1 / 2, "propped": -1 / 8, "clamped": -1 / 12}[kind]
+    shear = {"simple": 1 / 2, "cantilever": 1, "propped": 5 / 8, "clamped": 1 / 2}[kind]
+    return q * L**2 * (start + shear * s - s**2 / 2), q * L * (shear - s)
+
+
+def fixed_end_moment(q, L, EI, N=0.0):
+    """Hogging moment (> 0) at the ends of a clamped beam under q and axial N, tension > 0.
+
+    Timoshenko & Gere, Theory of Elastic Stability, ch. 1: qL2/12 * 3 (tan u - u) / (u2 tan u),
+    u = L/2 sqrt(-N/EI); in tension tanh. Compression below 4 pi2 EI / L2.
+    """
+    c = -N * L**2 / (4 * EI)
+    u = np.sqrt(abs(c))
+    if abs(c) < 1e-3:
+        factor = 1 + c / 15 + 2 * c**2 / 315 + c**3 / 1575  # its series
+    else:
+        factor = 3 * (1 - (u / np.tan(u) if c > 0 else u / np.tanh(u))) / c
+    return q * L**2 / 12 * factor
+
+
+def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
+    """Critical uniform moment of a fork-ended beam without warping; EIy carries the moment.
+
+    Timoshenko & Gere, Theory of Elastic Stability, ch. 6; with the curvature before buckling:
+    Trahair, Flexural-Torsional Buckling of Structures (after Michell 1899).
+    """
+    moment = np.pi / L * np.sqrt(EIz * GJ)
+    return moment / np.sqrt((1 - EIz / EIy) * (1 - GJ / EIy)) if prebuckling else moment
+
+
+def euler_load(kind, EI, L):
+    """Lowest buckling load; "pinned-pinned", "clamped-free", "clamped-pinned" (tan x = x), ...
+
+    Timoshenko & Gere, Theory of Elastic Stability, ch. 2.
+    """
+    propped = brentq(lambda x: np.sin(x) - x * np.cos(x), 4.0, 4.7, xtol=1e-15)
+    roots = {
+        "pinned-pinned": np.pi,
+        "clamped-free": np.pi / 2,
+        "clamped-pinned": propped,
+        "clamped-clamped": 2 * np.pi,
+    }
+    return EI * (roots[kind] / L) ** 2
+
+
+def frequency(kind, mode, EI, mass, L):
+    """Bending frequency [Hz] of mode 1, 2, ...; mass per length; "pinned-pinned", "clamped-free".
+
+    Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1; cos x cosh x = -1 clamped.
+    """
+    x = mode * np.pi
+    if kind == "clamped-free":
+        near = (mode - 0.5) * np.pi
+        x = brentq(lambda x: np.cos(x) + 1 / np.cosh(x), near - 0.4, near + 0.4, xtol=1e-14)
+    elif kind != "pinned-pinned":
+        raise ValueError(kind)
+    return (x / L) ** 2 * np.sqrt(EI / mass) / (2 * np.pi)
+
+
+def offset_cantilever(P, N, L, EA, EI, e):
+    """Tip (u along x, w along z, slope w' = -rotation about y) of the axis of the nodes.
+
+    Centroid at z = e off that axis; P along z and N along x act at the tip, on the axis. EI about
+    the centroid. From EI w'' = P (L - x) + N e and e0 = N / EA + e w''.
+    """
+    w = P * L**3 / (3 * EI) + N * e * L**2 / (2 * EI)
+    slope = P * L**2 / (2 * EI) + N * e * L / EI
+    return N * L / EA + e * slope, w, slope
+
+
+@dataclass(frozen=True)
+class CrackedSection:
+    """Rectangle b x h [m] of elastic concrete without tension, elastic steel As [m2] at z = +-d.
+
+    Moduli Ec, Es [Pa]; strain = e0 + k z, N = sum s A, M = sum s A z about mid-height. The concrete
+    displaced by the steel is not deducted.
+    """
+
+    b: float
+    h: float
+    Ec: float
+    Es: float
+    As: float
+    d: float
+
+    def forces(self, e0, k):
+        """(N, M) of (e0, k), integrated in closed form over the compressed part."""
+        half, turn = self.h / 2, abs(k)
+        top = half if e0 < 0 else -half  # compressed from -half up to top, k >= 0
+        if turn > 0:
+            top = np.clip(-e0 / turn, -half, half)
+        I0, I1, I2 = ((top**m - (-half) ** m) / m for m in (1, 2, 3))
+        N = self.Ec * self.b * (e0 * I0 + turn * I1) + 2 * self.Es * self.As * e0
+        M = self.Ec * self.b * (e0 * I1 + turn * I2) + 2 * self.Es * self.As * turn * self.d**2
+        return N, np.copysign(M, k) if k else 0.0
+
+    def stiffness(self, concrete=True):
+        """(EA, EI) of the whole section, or of the steel alone."""
+        EA, EI = 2 * self.Es * self.As, 2 * self.Es * self.As * self.d**2
+        area = concrete * self.b * self.h
+        return EA + self.Ec * area, EI + self.Ec * area * self.h**2 / 12
+
+    def limit(self, N):
+        """Moment up to which an edge stays closed (N < 0), or the whole height open (N > 0)."""
+        EA, EI = self.stiffness(concrete=N < 0)
+        return abs(N) / EA * EI / (self.h / 2)
+
+    def strains(self, N, M):
+        """(e0, k) of (N, M), by root finding on scaled unknowns."""
+        EA, EI = self.stiffness()
+        unit = abs(N) / EA + abs(M) / EI * self.h / 2
+        if unit == 0:
+            return 0.0, 0.0
+        scale = np.array([unit, unit / (self.h / 2)])
+        forces = np.array([EA * scale[0], EI * scale[1]])
+        found = root(
+            lambda x: (self.forces(*(x * scale)) - np.array([N, M])) / forces,
+            np.array([N / EA, M / EI]) / scale,
+            options={"xtol": 1e-13},
+        )
+        if np.abs(found.fun).max() > 1e-10:
+            raise ValueError("no strains found")
+        return tuple(found.x * scale)
+
+    def tip_deflection(self, P, N, L):
+        """Of a cantilever under P at its tip, along P: first order, M = P (L - x), N constant."""
+        kink = self.limit(N) / abs(P)  # distance from the tip, where the section's state changes
+        points = [kink] if 0 < kink < L else None
+
+        def integrand(a):
+            return self.strains(N, P * a)[1] * a
+
+        return quad(integrand, 0, L, points=points, epsabs=0, epsrel=1e-10)[0]
+
+
+def plastic_tip_deflection(P, L, b, h, E, strength):
+    """Of an elastic-perfectly-plastic rectangular cantilever (h along P > 0), up to collapse.
+
+    (Py/P)2 (5 - (3 + P/Py) sqrt(3 - 2 P/Py)) times that at first yield Py = strength b h2 / 6 / L,
+    collapse at 3/2 Py: Prager & Hodge, Theory of Perfectly Plastic Solids, ch. 2.
+    """
+    first = strength * b * h**2 / 6 / L
+    p = P / first
+    if p > 1.5:
+        raise ValueError("beyond collapse")
+    at_yield = first * L**3 / (3 * E * b * h**3 / 12)
+    return at_yield * (p if p <= 1 else (5 - (3 + p) * np.sqrt(3 - 2 * p)) / p**2)
