@@ -28,6 +28,7 @@ from .equilibrium import Newton
 from .files import load_scene, save_scene
 from .forms import find_form, force_density
 from .incremental import Incremental
+from .internal_forces import section_forces
 from .loads import (
     AreaLoads,
     CablePressure,
@@ -107,8 +108,10 @@ __all__ = [
     "replace",
     "report",
     "reports",
+    "restrained",
     "save_scene",
     "scenes",
+    "section_forces",
     "solve",
     "trace_path",
 ]

@@ -153,11 +153,11 @@ class FrameSystem(System):
         scale = self._scaling()
         slopes = jnp.zeros((len(motion), 6, 6), motion.dtype)
         if freedoms.axes is None:
-            slopes = slopes + jnp.eye(6, dtype=motion.dtype)
+            slopes = slopes + jnp.eye(6, dtype=motion.dtype)[None]
         else:
             slopes = slopes.at[:, :3, :3].set(jnp.swapaxes(jnp.asarray(freedoms.axes), 1, 2))
             slopes = slopes.at[:, 3:, 3:].set(jnp.swapaxes(self._spin_axes(motion), 1, 2))
-        slopes = slopes * scale
+        slopes = slopes * scale[None]
         if freedoms.carried is not None:
             nodes, by = freedoms.carried
             own = slopes[by]

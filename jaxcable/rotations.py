@@ -38,6 +38,22 @@ def product(p, q):
     return (jnp.asarray(_PRODUCT, q.dtype) @ q) @ p
 
 
+# the matrix of a rotation, as a quadratic form of its quaternion
+_MATRIX = np.zeros((3, 3, 4, 4))
+for _k in range(3):
+    _i, _j = (_k + 1) % 3, (_k + 2) % 3
+    _MATRIX[_k, _k] = np.diag([1.0, -1.0, -1.0, -1.0])
+    _MATRIX[_k, _k, _k + 1, _k + 1] = 1.0
+    _MATRIX[_i, _j, _i + 1, _j + 1] = _MATRIX[_j, _i, _i + 1, _j + 1] = 2.0
+    _MATRIX[_j, _i, 0, _k + 1], _MATRIX[_i, _j, 0, _k + 1] = 2.0, -2.0
+
+
+def matrix(q):
+    """Matrix [3, 3] of the rotation `q`: ``matrix(q) @ v`` is ``rotate(q, v)``."""
+    table = jnp.asarray(_MATRIX.reshape(9, 16), q.dtype)
+    return (table @ jnp.outer(q, q).ravel()).reshape(3, 3)
+
+
 def inverse(q):
     """The rotation back."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0], q.dtype)
@@ -136,27 +152,28 @@ def turned(motion, step):
     return jnp.concatenate([motion[:3] + step[:3], unit(product(exp(step[3:]), motion[3:]))])
 
 
-def turning(motion, step):
-    """`turned` near a zero step, where derivatives are taken: the same up to the fifth order."""
-    return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:]), motion[3:])])
+def turning(motion, step, order=5):
+    """`turned` near a zero step, where derivatives are taken: the same up to an order, 1 or 5."""
+    return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:], order), motion[3:])])
 
 
-def turn_by(spin):
-    """`exp` near a zero spin, where derivatives are taken: the same up to the fifth order."""
+def turn_by(spin, order=5):
+    """`exp` near a zero spin, where derivatives are taken: the same up to an order, 1 or 5."""
+    if order == 1:
+        return jnp.append(jnp.ones_like(spin[:1]), 0.5 * spin)
     t = spin @ spin
     return jnp.append((1 - t / 8 * (1 - t / 48))[None], 0.5 * (1 - t / 24 * (1 - t / 80)) * spin)
 
 
-def conjugate(spin, moment):
+def conjugate(spin, moment, order=5):
     """Moment that does the work of the spatial `moment` on changes of the rotation vector `spin`.
 
     At ``exp(spin)`` a change d of the vector is a spin ``T d`` with ``T = sum_k [spin x]^k /
-    (k + 1)!``; the result is ``T^T moment`` near a zero spin, where derivatives are taken: to the
-    fifth order.
-    With it a moment that keeps its direction is linearised exactly (it has no potential).
+    (k + 1)!``; the result is ``T^T moment`` near a zero spin, where derivatives are taken: up to
+    an order. With it a moment that keeps its direction is linearised exactly (it has no potential).
     """
     term = total = moment
-    for k in range(2, 7):
+    for k in range(2, order + 2):
         term = -cross(spin, term) / k
         total = total + term
     return total

@@ -31,12 +31,13 @@ class State:
         phase: number of the phase it belongs to, from 0; -1 before the first increment.
         load_factor: load factor of that phase.
         carry: what a further phase starts from.
-        fixed: supported freedoms before the first phase and in each phase, [n_node, 3] each (with
-            beams 6, and a row more for every hinged end).
+        fixed: supported freedoms before the first phase and in each phase, `Fixed` [n_node, 3]
+            each (with beams 6, and more rows for hinged ends and inner numbers of elements).
         rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
         reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
-        section_forces: ``N, My, Mz`` and torque at the integration points of beams, in the shape of
-            `elements`, each [n_elem, n_point, 4] or None for other groups; None without beams.
+        section_forces: ``N, Vy, Vz, T, My, Mz`` at `points` places of beams from end to end, in the
+            shape of `elements`, each [n_elem, n_point, 6] or None for other groups, N and N m; None
+            without beams. `section_forces` has their signs, and gives them at any place.
 
     Example:
         Where an analysis stopped that did not converge:
@@ -85,7 +86,7 @@ class Path:
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
         strain: strains of the fibres in the shape of `elements`, NaN from a failure on: of bars and
             cables with a law or section [n_inc, n_elem]; of beams ``e0, ky, kz`` at the integration
-            points, [n_inc, n_elem, n_point, 3]. None for a group with a mere stiffness, and None
+            points, [n_inc, n_elem, n_point, 3], loads along the beams and all. None for a group with a mere stiffness, and None
             altogether if there is nothing else. `fibre_stress` makes stresses of them.
 
     Example:

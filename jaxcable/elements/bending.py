@@ -167,7 +167,7 @@ def curve(field, rotations, length, chord, places):
         Places [n, 3], m; integrals of these from 0 to s, [n, 3], m; rotation vectors [n, 3], rad.
     """
     s = jnp.asarray(places)[:, None]
-    (first, second), sag = rotations[:, 1:], length * field.sag
+    first, second, sag = rotations[:1, 1:], rotations[1:, 1:], length * field.sag[None]
     bubble = s**2 * (1 - s) ** 2 / 2
     turn = first * (1 - 4 * s + 3 * s**2) + second * (3 * s**2 - 2 * s)
     turn = turn + sag * s * (1 - s) * (1 - 2 * s)

@@ -28,6 +28,7 @@ from ..rotations import (
     cross,
     from_stereographic,
     inverse,
+    matrix,
     middle,
     moment_of_spin,
     product,
@@ -47,7 +48,7 @@ class Pose:
         change: of that length, without a subtraction of lengths, m.
         mean: direction a that the mean rotation gives the initial axis, [3].
         chord: direction b of the chord, [3].
-        frame: rotation of the element's axes, quaternion [4].
+        axes: the element's axes as they are turned, rows, [3, 3].
         half: half of the rotation between the ends, quaternion [4].
         turns: rotations of the ends out of the frame in the element's axes, `stereographic`, [2, 3].
         rotations: the same as rotation vectors, [2, 3], rad.
@@ -57,7 +58,7 @@ class Pose:
     change: object
     mean: object
     chord: object
-    frame: object
+    axes: object
     half: object
     turns: object
     rotations: object
@@ -74,32 +75,23 @@ def pose(axes, ends, displacements, quaternions):
     half = product(quaternions[1], inverse(halfway))
     half = jnp.where(half[0] < 0, -half, half)
     rotations = jax.vmap(from_stereographic)(turns)
-    return Pose(length, change, mean, chord, frame, half, turns, rotations)
+    turned = axes @ matrix(frame).T
+    return Pose(length, change, mean, chord, turned, half, turns, rotations)
 
 
-def seen(axes, pose, vector):
-    """A vector in space [3] as components along the turned axes of the element, [3]."""
-    return axes @ rotate(inverse(pose.frame), vector)
-
-
-def placed(axes, pose, components):
-    """The vector in space [3] that has these components along the turned axes."""
-    return rotate(pose.frame, components @ axes)
-
-
-def end_forces(axes, pose, force, moments, torque):
+def end_forces(pose, force, moments, torque):
     """Pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
 
     Args:
-        axes, pose: of the element.
+        pose: of the element.
         force: work per change of length, N.
         moments: work per change of the rotation vectors of the ends, [2, 3], N m.
         torque: work per spin of the frame that loads do not make, [3], N m; components, as of the
             moments, along the turned axes.
     """
     own = jax.vmap(moment_of_spin)(pose.turns, moments)
-    first, second = (placed(axes, pose, moment) for moment in own)
-    onto = first + second + placed(axes, pose, torque)
+    first, second = own @ pose.axes
+    onto = first + second + torque @ pose.axes
     along = (onto @ pose.chord) / (1 + pose.mean @ pose.chord)
     shared = along * (pose.mean + pose.chord)
     skew = cross(pose.half[1:], shared) / (2 * pose.half[0])

@@ -6,6 +6,8 @@ against their nodes, has inner numbers beside the motion of its ends: unknowns o
 rows of motion of its own, after those of the ends (`Structure.rows`).
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,16 +16,21 @@ from ..rotations import (
     angles,
     conjugate,
     cross,
-    exp,
     exp_stereographic,
     inverse,
+    matrix,
     moment_of_stereographic,
     product,
     rotate,
+    turn_by,
     turning,
 )
 from . import bending, corotation
 from .prestress import stretch
+
+
+_FINITE = turning, conjugate
+_NEAR = partial(turning, order=1), partial(conjugate, order=1)
 
 
 class Member:
@@ -68,7 +75,7 @@ class Member:
         """`bending.Field` of the element, and its line load along the turned axes, or None."""
         load = None
         if state.line_load is not None:
-            load = corotation.seen(axes, pose, state.line_load)
+            load = pose.axes @ state.line_load
         length, inner = state.rest_length, None
         if not self.section.is_elastic:
             size = jnp.stack([length, length**2 / 32])
@@ -111,7 +118,7 @@ class Member:
         force, moments, torque, unbalanced = bending.generalized(
             field, rotations, length, self._sums(state, field, forces), self._twisting(), load
         )
-        pull, moments = corotation.end_forces(axes, pose, force, moments, torque)
+        pull, moments = corotation.end_forces(pose, force, moments, torque)
         inner = []
         if not self.section.is_elastic:
             inner = [unbalanced[0] / length, unbalanced[1] * 32 / length**2]
@@ -123,10 +130,14 @@ class Member:
                 inner.append((own + pull_back(self.springs[k] * angle)[0]) / (4 * length))
         return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
 
-    def _step(self, state, ends, motion, step, forces=None):
-        """Forces conjugate to a step: relative translation, spins, inner numbers, [9 + k]."""
-        moved = jnp.zeros_like(motion[:2, :6]).at[1, :3].set(step[:3])
-        moved = moved.at[:, 3:].set(step[3:9].reshape(2, 3))
+    def _step(self, state, ends, motion, step, forces=None, near=False):
+        """Forces conjugate to a step: relative translation, spins, inner numbers, [9 + k].
+
+        With `near` only to the first order of the step: all that a tangent needs.
+        """
+        turning, conjugate = _NEAR if near else _FINITE
+        zero, spins = jnp.zeros_like(step[:3]), step[3:9].reshape(2, 3)
+        moved = jnp.concatenate([jnp.stack([zero, step[:3]]), spins], axis=1)
         new = jax.vmap(turning)(motion[:2], moved)
         if self.inner:
             new = jnp.concatenate([new, motion[2:].at[self._places].add(step[9:])])
@@ -135,7 +146,7 @@ class Member:
             if forces is None
             else self._balance(state, ends, new, forces)
         )
-        moments = jax.vmap(conjugate)(step[3:9].reshape(2, 3), moments)
+        moments = jax.vmap(conjugate)(spins, moments)
         return jnp.concatenate([pull, moments.ravel(), inner])
 
     @property
@@ -185,7 +196,7 @@ class Member:
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
 
         step = jnp.zeros(9 + len(self.inner), ends.dtype)
-        slope = jax.jacfwd(lambda s: self._step(state, ends, motion, s, forces))(step)
+        slope = jax.jacfwd(lambda s: self._step(state, ends, motion, s, forces, True))(step)
         for axis in (0, 1):
             pull, first, second, inner = jnp.split(slope, [3, 6, 9], axis)
             slope = jnp.concatenate([-pull, first, pull, second, inner], axis)
@@ -233,14 +244,17 @@ class Member:
         length = state.rest_length
         pull, moments, _ = self._resistance(state, ends, motion)
         load = jnp.zeros(3, ends.dtype) if load is None else load * length
-        start = corotation.seen(axes, pose, -pull) - load / 2  # of the node on the element
-        turning_moment = corotation.seen(axes, pose, moments[0])
+        start = -(pose.axes @ pull) - load / 2  # of the node on the element
+        twist = pose.axes @ moments[0]
         place, area, turn = bending.curve(field, pose.rotations, length, pose.length, s)
-        carried = start + s[:, None] * load
-        lever = jax.vmap(cross)
-        moment = lever(place, carried) - lever(area, jnp.broadcast_to(load, area.shape))
-        back = jax.vmap(lambda spin, v: rotate(inverse(exp(spin)), v))
-        return jnp.concatenate([back(turn, -carried), back(turn, moment - turning_moment)], axis=1)
+        carried = start[None] + jnp.outer(s, load)
+
+        def at(place, area, turn, carried):
+            own = matrix(turn_by(turn))  # the section's axes, along the rows of its transpose
+            moment = cross(place, carried) - cross(area, load) - twist
+            return jnp.concatenate([-carried @ own, moment @ own])
+
+        return jax.vmap(at)(place, area, turn, carried)
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of all fibres, mean over the element, N."""
