@@ -39,6 +39,8 @@ def attach(system, x, valid, memory=None, tol=0.0, limit=0):
     x = lax.stop_gradient(x)
     frozen = lax.stop_gradient(system)
     residual, numbers, back = system.chart(system.carried(x))
+    if not numbers.size:  # nothing is free
+        return back(numbers)
 
     def build():
         matrix = linear.or_identity(frozen.tangent(x), valid)
