@@ -6,6 +6,7 @@ PER_PHASE = (
     "displacement",
     "positions",
     "tension",
+    "peak_tension",
     "rest_length",
     "reactions",
     "rotation",
@@ -24,7 +25,11 @@ class State:
     Attributes:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
-        tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
+            the mean of both ends.
+        peak_tension: the axial force of largest size along each element, likewise: what strength is
+            judged by. Of catenaries the larger end tension (its derivative jumps where both ends
+            are equal), of all others `tension`.
         rest_length: unstressed length per element, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act, [n_node, 3], N.
@@ -63,6 +68,7 @@ class State:
     rotation: object = None
     reaction_moments: object = None
     section_forces: object = None
+    peak_tension: object = None
 
 
 @pytree
@@ -74,6 +80,7 @@ class Path:
         displacement: from the geometry in which the phase began, [n_inc, n_node, 3], m; NaN from a
             failure on.
         tension: in the shape of `elements`, each [n_inc, n_elem], N; NaN from a failure on.
+        peak_tension: likewise, as in `State`.
         status: codes, [n_inc]; from a failure on its code.
         iterations: linear solves, [n_inc].
         factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
@@ -115,6 +122,7 @@ class Path:
     n_loose: object
     equilibrated: object
     strain: object = None
+    peak_tension: object = None
 
 
 @pytree
@@ -124,7 +132,7 @@ class PhaseResult:
     Attributes:
         status: code at the end of the phase.
         displacement: from the geometry in which the phase began, [n_node, 3], m.
-        positions, tension, rest_length, reactions: as in `State`.
+        positions, tension, peak_tension, rest_length, reactions: as in `State`.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
         path: `Path`.
         began: plastic strains that the phase began with, in the shape of `elements`, or None.
@@ -151,6 +159,7 @@ class PhaseResult:
     reaction_moments: object = None
     section_forces: object = None
     began: object = None
+    peak_tension: object = None
 
 
 @pytree(static=("links",))
@@ -167,6 +176,7 @@ class Solution:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        peak_tension: the force of largest size along each element, as in `State`.
         rest_length: unstressed lengths at the end: the cutting list, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
@@ -201,3 +211,4 @@ class Solution:
     rotation: object = None
     reaction_moments: object = None
     section_forces: object = None
+    peak_tension: object = None
