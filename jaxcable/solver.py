@@ -28,8 +28,8 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
         method: `Newton` (default) or `Incremental`.
         start: `Solution` (or its `.last`) of the same structure to continue from.
         differentiate_path: with Newton, also give derivatives of `phases[k].path.displacement` and
-            the forces there (one adjoint system per increment); without it those derivatives are NaN.
-            All else is differentiable in any case.
+            of the forces there (one adjoint system per increment); without it those derivatives are
+            NaN. All else is differentiable in any case.
 
         progress: True to have long work say on stderr where it is, a line every half second
             (increment, iterations, residual); or a function of a `progress.Increment`, which is

@@ -15,6 +15,7 @@ from . import contents
 from .contents import State
 from .table import as_text, empty, finite, headed
 
+_OWN = ("tension", "peak_tension", "reactions")  # of `contents.State`, as results have them
 _LONG = 30  # rows of a table up to which its text shows them all
 
 
@@ -129,7 +130,7 @@ def report(structure, solution, phases=None, cases=None, names=None):
     state = solution.last
     states, failed = _states(solution, cases, names)
     summary = _summary(structure, solution, failed)
-    at_end = {"end": State(state.tension, state.reactions, _reached(state))}
+    at_end = {"end": State(state.tension, state.peak_tension, state.reactions, _reached(state))}
     if cases is None and solution.status == status.OK:
         at_end = {}  # it is that of the last phase
     tables = {
@@ -154,7 +155,7 @@ def _states(solution, cases, names):
         parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
         codes = {name: int(part.status) for name, part in parts.items()}
         good = {
-            name: State(part.tension, part.reactions, np.asarray(fixed.array))
+            name: State(*(getattr(part, own) for own in _OWN), np.asarray(fixed.array))
             for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
             if codes[name] == status.OK
         }
@@ -171,7 +172,7 @@ def _states(solution, cases, names):
         codes = dict(zip(names, codes.tolist(), strict=True))
         good = {
             name: State(
-                *jax.tree.map(lambda x, k=k: np.asarray(x)[k], (cases.tension, cases.reactions)),
+                *(jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n)) for n in _OWN),
                 fixed,
             )
             for k, name in enumerate(names)
