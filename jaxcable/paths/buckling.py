@@ -1,5 +1,7 @@
 """Linear buckling: how far loads can grow until the tangent of a state is singular, estimated."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ from .. import _check
 from .._tree import Indices, copy, pytree
 from ..ramp import follows, make_system, unloaded
 from ..solution import Solution, State
-from ..tangent import filled, prepared, tangent_of
+from ..tangent import filled, prepared, tangent_at
 
 _ROUNDING = 64  # times eps of the sums that an eigenvalue is the difference of: it is zero
 _SYMMETRIC = 1e-6  # part of the change of the tangent that may be unsymmetric
@@ -94,14 +96,15 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     _refuse_following(thawed[2], "state")
-    after, slack = tangent_of(structure, state, fixed), _slack(thawed, arrays)
+    after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
     if reference is None:
         if any(hasattr(g, "end_tensions") for g in structure.groups) and thawed[2].element_loads:
             raise ValueError(
                 "reference: missing; catenaries under load have no stiffness in common with "
                 "those without, give the state before the loads to be multiplied"
             )
-        before, alike = _without_stress(thawed, arrays, freedoms, slack), True
+        bare = _without_stress(thawed, arrays, slack)
+        before, alike = tangent_at((*thawed[:2], bare), arrays, freedoms), True
     else:
         if not isinstance(reference, Solution | State):
             raise ValueError(
@@ -109,9 +112,9 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
                 f"phases[:1]), got {type(reference).__name__}"
             )
         held = Indices(freedoms.fixed)
-        own, indices, _ = prepared(structure, reference, held)
+        own, indices, numbered = prepared(structure, reference, held)
         _refuse_following(own[2], "reference")
-        before = tangent_of(structure, reference, held)
+        before = tangent_at(own, indices, numbered)
         pairs = zip(_slack(own, indices), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
     symmetric = _is_symmetric(before, after)
@@ -141,9 +144,18 @@ def _slack(thawed, arrays):
     return make_system(nodes, groups, carry, None, None).slack(carry.motion)
 
 
+def _without_stress(thawed, arrays, slack):
+    """`Carry` of the structure as it was, every element as long as its chord or slack.
+
+    It has the loads of the state times zero: one program serves for both tangents.
+    """
+    bare, carry = _bare(thawed, arrays, slack), thawed[2]
+    loads = [(load, 0.0 * factor) for load, factor in carry.element_loads]
+    return copy(bare, element_loads=loads)
+
+
 @jax.jit
-def _without_stress(thawed, arrays, freedoms, slack):
-    """Tangent of the structure as it was, every element as long as its chord or slack, [n, n]."""
+def _bare(thawed, arrays, slack):
     nodes, groups, _ = filled(thawed, arrays)
     bare = unloaded(nodes, groups)
     states = []
@@ -151,8 +163,7 @@ def _without_stress(thawed, arrays, freedoms, slack):
         chord = group.chord(nodes[group.links])
         longer = jnp.where(loose, chord, 0.0)  # twice its chord: slack for certain
         states.append(copy(state, rest_length=chord + longer, elongation=-longer))
-    system = make_system(nodes, groups, copy(bare, states=states), bare.motion, freedoms)
-    return system.tangent(system.unknowns(bare.motion))
+    return copy(bare, states=states)
 
 
 def _is_symmetric(before, after):
@@ -170,6 +181,7 @@ def _stable(matrix):
     return values[0] > 4 * len(values) * jnp.finfo(matrix.dtype).eps * values[-1]
 
 
+@functools.partial(jax.jit, static_argnames=("n",))
 def _solve(before, after, n):
     """The lowest `n` factors and their vectors [n_free, n].
 

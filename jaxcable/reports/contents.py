@@ -6,11 +6,12 @@ import numpy as np
 
 from ..design import utilisation
 from ..parts import first_and_last, groups_by_name, per_group
+from ..paths import buckling_factor
 from .table import Table
 
 BUCKLING = (
     "utilisation in compression is force over strength, buckling is not in it: see "
-    "paths.buckling_factor, or report(..., buckling=True)"
+    "paths.buckling_factor"
 )
 _ROUNDING = 1e-9  # of the largest force: compression that is none
 
@@ -141,6 +142,26 @@ def _compressed(structure, used, *forces):
         for state in forces
         for group, share, own in zip(structure.groups, used, state, strict=True)
     )
+
+
+def buckling(structure, state, reference=None):
+    """A sentence on the lowest buckling factor of a state, by linear theory.
+
+    Args:
+        structure, state, reference: as for `paths.buckling_factor`.
+    """
+    factor = float(buckling_factor(structure, state, reference).factor[0])
+    loads = "the loads and all forces of this state"
+    if reference is not None:
+        loads = "what has come since the reference"
+    if np.isnan(factor):
+        return (
+            "buckling: no estimate; the state is a mechanism or has buckled, or cables went slack "
+            "since the reference (trace_path follows the path)"
+        )
+    if np.isinf(factor):
+        return f"buckling: at no multiple of {loads}, by linear theory"
+    return f"buckling: at {factor:.4g} times {loads}, by linear theory"
 
 
 def cutting_list(structure, solution, phases):

@@ -95,7 +95,7 @@ class Report:
         return self.text()
 
 
-def report(structure, solution, phases=None, cases=None, names=None):
+def report(structure, solution, phases=None, cases=None, names=None, buckling=False):
     """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
 
     Args:
@@ -107,12 +107,17 @@ def report(structure, solution, phases=None, cases=None, names=None):
             are over these, otherwise over the ends of the phases. Failed cases are named and left
             out.
         names: of the cases.
+        buckling: whether to say in the summary by which factor on its loads the state would buckle
+            (`paths.buckling_factor`, an eigenproblem); or the `Solution` or `State` of the
+            prestress, which the factor then leaves as it is.
 
     Returns:
-        `Report`.
+        `Report`. Forces and utilisation are those of the largest force along an element;
+        compression is compared with strength alone.
 
     Raises:
-        ValueError: `solution` is a batch, or names of another number than the cases.
+        ValueError: `solution` is a batch, or names of another number than the cases; those of
+            `paths.buckling_factor` if it is asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -130,6 +135,9 @@ def report(structure, solution, phases=None, cases=None, names=None):
     state = solution.last
     states, failed = _states(solution, cases, names)
     summary = _summary(structure, solution, failed)
+    if buckling is not False and buckling is not None:
+        reference = None if buckling is True else buckling
+        summary.append(contents.buckling(structure, state, reference))
     at_end = {"end": State(state.tension, state.peak_tension, state.reactions, _reached(state))}
     if cases is None and solution.status == status.OK:
         at_end = {}  # it is that of the last phase
