@@ -43,10 +43,11 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
     The tangent stiffness is taken to change with the loads in proportion, from that of a reference
     to that of the state: ``K(f) = K_ref + f (K_state - K_ref)``. Found are the lowest ``f > 0``
     with ``K(f) phi = 0``: ``f`` times the loads, and with them the forces, buckle the structure.
-    The change contains the displacements so far: exact where these are small before it buckles, an
-    estimate else (of a shallow truss that snaps 1.7 times the limit load, from small loads). It is
-    the better the nearer the state is to buckling, where ``f`` is 1; `trace_path` follows the
-    exact path. Laws that are not linear and ends of catenaries enter by their tangents as well.
+    The change contains the displacements so far, not stress alone: exact where elements hardly turn
+    before it buckles, an estimate else (of a shallow truss that snaps 1.7 times the limit load,
+    from small loads; with loads across stiff elements as a rule less than the stress alone gives).
+    It is the better the nearer the state is to buckling, where ``f`` is 1; `trace_path` follows the
+    exact path. Laws that are not linear and the sag of catenaries enter by their tangents as well.
 
     With a `reference`, such as the prestressed state, factors are on what has come since, and its
     own forces stay. Without one it is the structure without any stress, straight between its
@@ -96,13 +97,14 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     _refuse_following(thawed[2], "state")
+    catenary = any(hasattr(group, "end_tensions") for group in structure.groups)
+    if reference is None and catenary and thawed[2].element_loads:
+        raise ValueError(
+            "reference: missing; catenaries under load have no stiffness in common with those "
+            "without, give the state before the loads to be multiplied"
+        )
     after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
     if reference is None:
-        if any(hasattr(g, "end_tensions") for g in structure.groups) and thawed[2].element_loads:
-            raise ValueError(
-                "reference: missing; catenaries under load have no stiffness in common with "
-                "those without, give the state before the loads to be multiplied"
-            )
         bare = _without_stress(thawed, arrays, slack)
         before, alike = tangent_at((*thawed[:2], bare), arrays, freedoms), True
     else:
