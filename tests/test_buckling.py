@@ -258,8 +258,10 @@ def test_a_column_with_a_moment_is_refused():
     solution = jc.solve(structure, jc.Phase(loads=turned), start=solution)
     assert int(solution.status) == 0
     mask = np.array(structure.supports.mask)
-    mask[1:, 3:] = False  # free to turn about all axes, or only the symmetric part is left
-    mask[1:, :3] = False
+    # in its plane the work of a moment is that of one angle
+    factor = buckling_factor(structure, solution).factor[0]
+    assert bool(jnp.isfinite(factor))
+    mask[1:] = False  # free to turn about all axes it has no potential
     with pytest.raises(ValueError, match="state: moments act on nodes"):
         buckling_factor(structure, solution, fixed=mask)
 

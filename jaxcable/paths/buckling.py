@@ -13,7 +13,6 @@ from ..solution import Solution, State
 from ..tangent import filled, prepared, tangent_at
 
 _ROUNDING = 64  # times eps of the sums that an eigenvalue is the difference of: it is zero
-_SYMMETRIC = 1e-6  # part of the change of the tangent that may be unsymmetric
 
 
 @pytree
@@ -119,7 +118,7 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
         before = tangent_at(own, indices, numbered)
         pairs = zip(_slack(own, indices), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
-    symmetric = _is_symmetric(before, after)
+    symmetric = _is_symmetric(before) & _is_symmetric(after)
     if _check.concrete(symmetric) is not None and not symmetric:
         raise ValueError(
             "state: moments act on nodes and make its tangent stiffness unsymmetric; linear "
@@ -168,12 +167,11 @@ def _bare(thawed, arrays, slack):
     return copy(bare, states=states)
 
 
-def _is_symmetric(before, after):
-    """Whether both tangents are symmetric, measured by how much they differ; NaN counts as such."""
-    size = jnp.maximum(jnp.max(jnp.abs(before)), jnp.max(jnp.abs(after)))
-    skew = jnp.maximum(*(jnp.max(jnp.abs(k - k.T)) for k in (before, after)))
-    rounding = _ROUNDING * jnp.finfo(after.dtype).eps * size
-    return ~(skew > _SYMMETRIC * jnp.max(jnp.abs(after - before)) + rounding)
+def _is_symmetric(matrix):
+    """Whether a tangent is symmetric but for its rounding; NaN counts as such."""
+    size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
+    tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)  # sums of many rotations, squares of their angles
+    return ~jnp.any(jnp.abs(matrix - matrix.T) > tol * jnp.outer(size, size))
 
 
 @jax.jit
