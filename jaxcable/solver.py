@@ -97,9 +97,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
         if not differentiate_path and isinstance(method, Newton):
             names = ("displacement", "tension", "peak_tension", "strain")
             rows = {n: getattr(path, n) for n in names if getattr(path, n) is not None}
-            path = copy(
-                path, **{n: implicit.undifferentiated(v, parameters) for n, v in rows.items()}
-            )
+            path = copy(path, **implicit.undifferentiated(rows, parameters))
         now = (jnp.int32(number), factor, phase.freedoms.fixed)
         reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
         end = state_of(frame, carry, load, *reached)

@@ -9,6 +9,8 @@ import scipy.optimize
 from test_gradients import slope
 
 import jaxcable as jc
+from jaxcable._tree import copy
+from jaxcable.assembly import each
 from jaxcable.cli.solve import highlights
 from jaxcable.plots import members, stages
 
@@ -115,6 +117,7 @@ def test_who_has_one_force_shares_it(hung):
     assert int(without.status) == 0 and without.peak_tension is without.tension
 
 
+@pytest.mark.slow
 def test_failures_have_none():
     phases = [
         jc.Phase(sag=40.0, loads=jc.SelfWeight()),
@@ -127,6 +130,26 @@ def test_failures_have_none():
     assert float(solution.last.peak_tension[0]) > 1.9e5
 
 
+def test_the_larger_end_tension_differentiates():
+    """Taylor test of the element by chord, stiffness, weight and unstressed length."""
+
+    @jax.jit
+    def peak(p):
+        group = jc.Catenaries([[0, 1]], axial_stiffness=EA * p[1], rest_length=370.0 * p[3])
+        group = copy(group, links=group.links.array)
+        nodes = p[0] * NODES[:2]
+        load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
+        state = copy(group.start(nodes[group.links]), line_load=load)
+        return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
+
+    p = jnp.ones(4)
+    gradient = jax.grad(peak)(p)
+    assert float(peak(p)) == pytest.approx(by_quadrature(370.0, EA, WEIGHT)[1] / 1e6, rel=1e-10)
+    assert slope(peak, p, gradient) == pytest.approx(2, abs=0.1)
+    assert slope(peak, p, 1.02 * gradient) < 1.5
+
+
+@pytest.mark.slow
 def test_utilisation_differentiates():
     """Taylor test by stiffness, weight and strength."""
 
