@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..design import utilisation
-from ..parts import first_and_last, groups_by_name, per_group
+from ..parts import first_and_last, groups_by_name, per_group, pieces
 from ..paths import buckling_factor
 from .table import Table
 
@@ -151,6 +151,11 @@ def buckling(structure, state, reference=None):
         structure, state, reference: as for `paths.buckling_factor`.
     """
     factor = float(buckling_factor(structure, state, reference).factor[0])
+    before = np.asarray(structure.nodes)
+    if reference is not None:
+        before = np.asarray(getattr(reference, "last", reference).positions)
+    ends = pieces([group.links for group in structure.groups])[0]
+    turn = np.degrees(_turn(before[ends], np.asarray(state.positions)[ends]))
     loads = "the loads and all forces of this state"
     if reference is not None:
         loads = "what has come since the reference"
@@ -161,7 +166,17 @@ def buckling(structure, state, reference=None):
         )
     if np.isinf(factor):
         return f"buckling: at no multiple of {loads}, by linear theory"
-    return f"buckling: at {factor:.4g} times {loads}, by linear theory"
+    return (
+        f"buckling: at {factor:.4g} times {loads}, by linear theory, which takes turns for small: "
+        f"elements have turned by {turn:.2g} degrees at most"
+    )
+
+
+def _turn(before, after):
+    """Largest angle between elements then and now, rad; ends [n, 2, 3]."""
+    first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
+    sine = np.linalg.norm(np.cross(first, second), axis=1)
+    return float(np.arctan2(sine, (first * second).sum(axis=1)).max())
 
 
 def cutting_list(structure, solution, phases):
