@@ -44,11 +44,11 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
     with ``K(f) phi = 0``: ``f`` times the loads, and with them the forces, buckle the structure.
     The change contains the displacements so far, not stress alone: exact where elements hardly turn
     before it buckles, an estimate else, too high or too low: from small loads it is 1.7 times the
-    limit load of a shallow truss that snaps; and a mast between slack guys whose top moves by 4 % of
-    its height in the wind gets 1.15 where it never buckles, because a stiff element that has turned
-    looks softer to first order. Take a turn of the root of its strain for much. `trace_path`
-    follows the exact path. Laws that are not linear and the sag of catenaries enter by their
-    tangents as well.
+    limit load of a shallow truss that snaps; and a mast between slack guys whose top moves by 4 %
+    of its height gets 1.15 where it still stands at 6 times the load, because a stiff element that
+    has turned looks softer to first order. Take the root of its strain for a large turn.
+    `trace_path` follows the exact path. Laws that are not linear and the sag of catenaries enter by
+    their tangents as well.
 
     With a `reference`, such as the prestressed state, factors are on what has come since, and its
     own forces stay. Without one it is the structure without any stress, straight between its
