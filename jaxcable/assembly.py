@@ -235,6 +235,18 @@ class System:
             for group, state in zip(self.groups, self.states, strict=True)
         ]
 
+    def peak_tensions(self, motion):
+        """Axial forces of largest size along the elements; None where they are the `tensions`.
+
+        Without load along an element its axial force is the same everywhere.
+        """
+        return [
+            each("peak_tension", group, state, self.nodes, motion)
+            if hasattr(group, "peak_tension") and state.line_load is not None
+            else None
+            for group, state in zip(self.groups, self.states, strict=True)
+        ]
+
     def reactions(self, motion):
         """Forces of the supports on the structure, [n_node, 3], N; zero where free."""
         force, axes = self.unbalanced(motion), self.freedoms.axes

@@ -25,6 +25,7 @@ def state_of(frame, carry, load, number, factor, freedoms):
         load_factor=factor,
         carry=None,
         fixed=None,
+        peak_tension=system.peak_tensions(motion),
     )
     if not turns:
         return state
@@ -49,7 +50,14 @@ def row_of(ramp, system, x):
     strain = system.strains(motion)
     if all(own is None for own in strain):
         strain = None
-    return moved, system.tensions(motion), n_slack, n_loose, strain
+    forces = system.tensions(motion), system.peak_tensions(motion)
+    return moved, *forces, n_slack, n_loose, strain
+
+
+def with_peaks(part):
+    """Peak tensions put where a group has none of its own: its tensions, the same arrays."""
+    pairs = zip(part.tension, part.peak_tension, strict=True)
+    return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
 
 
 def on_nodes(structure, part, per_element, per_node=("displacement",)):
@@ -78,7 +86,8 @@ def arranged(structure, solution, fixed):
         return copy(part, **{name: structure.arrange(getattr(part, name)) for name in present})
 
     def fold(part):
-        part = arrange(part, "tension", "rest_length", "section_forces")
+        names = ("tension", "peak_tension", "rest_length", "section_forces")
+        part = arrange(with_peaks(part), *names)
         if rows is None:
             return part
         one = ("displacement", "positions", "rotation")
@@ -91,7 +100,8 @@ def arranged(structure, solution, fixed):
 
     phases = []
     for phase in solution.phases:
-        path = on_nodes(structure, phase.path, ("tension", "strain"))
+        names = ("tension", "peak_tension", "strain")
+        path = on_nodes(structure, with_peaks(phase.path), names)
         phases.append(copy(arrange(fold(phase), "began"), path=path))
     last = copy(fold(solution.last), fixed=fixed)
     links = tuple(group.links for group in structure.groups)

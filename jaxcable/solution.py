@@ -6,6 +6,7 @@ PER_PHASE = (
     "displacement",
     "positions",
     "tension",
+    "peak_tension",
     "rest_length",
     "reactions",
     "rotation",
@@ -24,7 +25,11 @@ class State:
     Attributes:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
-        tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
+            the mean of both ends.
+        peak_tension: the axial force of largest size along each element, likewise: what strength is
+            judged by. Of catenaries the larger end tension (its derivative jumps where both ends
+            are equal), of all others `tension`.
         rest_length: unstressed length per element, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act, [n_node, 3], N.
@@ -64,6 +69,7 @@ class State:
     rotation: object = None
     reaction_moments: object = None
     section_forces: object = None
+    peak_tension: object = None
 
 
 @pytree
@@ -75,6 +81,7 @@ class Path:
         displacement: from the geometry in which the phase began, [n_inc, n_node, 3], m; NaN from a
             failure on.
         tension: in the shape of `elements`, each [n_inc, n_elem], N; NaN from a failure on.
+        peak_tension: likewise, as in `State`.
         status: codes, [n_inc]; from a failure on its code.
         iterations: linear solves, [n_inc].
         factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
@@ -116,6 +123,7 @@ class Path:
     n_loose: object
     equilibrated: object
     strain: object = None
+    peak_tension: object = None
 
 
 @pytree
@@ -125,7 +133,7 @@ class PhaseResult:
     Attributes:
         status: code at the end of the phase.
         displacement: from the geometry in which the phase began, [n_node, 3], m.
-        positions, tension, rest_length, reactions: as in `State`.
+        positions, tension, peak_tension, rest_length, reactions: as in `State`.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
         path: `Path`.
         began: plastic strains that the phase began with, in the shape of `elements`, or None.
@@ -152,6 +160,7 @@ class PhaseResult:
     reaction_moments: object = None
     section_forces: object = None
     began: object = None
+    peak_tension: object = None
 
 
 @pytree(static=("links",))
@@ -168,6 +177,7 @@ class Solution:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
+        peak_tension: the force of largest size along each element, as in `State`.
         rest_length: unstressed lengths at the end: the cutting list, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
@@ -202,3 +212,4 @@ class Solution:
     rotation: object = None
     reaction_moments: object = None
     section_forces: object = None
+    peak_tension: object = None

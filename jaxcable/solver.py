@@ -28,8 +28,8 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
         method: `Newton` (default) or `Incremental`.
         start: `Solution` (or its `.last`) of the same structure to continue from.
         differentiate_path: with Newton, also give derivatives of `phases[k].path.displacement` and
-            `.tension` (one adjoint system per increment); without it those derivatives are NaN.
-            All else is differentiable in any case.
+            of the forces there (one adjoint system per increment); without it those derivatives are
+            NaN. All else is differentiable in any case.
 
         progress: True to have long work say on stderr where it is, a line every half second
             (increment, iterations, residual); or a function of a `progress.Increment`, which is
@@ -95,11 +95,9 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
             problem, method, code, differentiate_path, memory, teller
         )
         if not differentiate_path and isinstance(method, Newton):
-            names = ("displacement", "tension", "strain")
+            names = ("displacement", "tension", "peak_tension", "strain")
             rows = {n: getattr(path, n) for n in names if getattr(path, n) is not None}
-            path = copy(
-                path, **{n: implicit.undifferentiated(v, parameters) for n, v in rows.items()}
-            )
+            path = copy(path, **implicit.undifferentiated(rows, parameters))
         now = (jnp.int32(number), factor, phase.freedoms.held)
         reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
         end = state_of(frame, carry, load, *reached)
@@ -226,7 +224,7 @@ def _plastic(carry):
 
 def _path(rows, factors, outcome, good):
     """The increments of a phase; NaN where they are not good."""
-    displacement, tension, n_slack, n_loose, strain = rows
+    displacement, tension, peak, n_slack, n_loose, strain = rows
     nan = jnp.where(good, 1.0, jnp.nan).astype(factors.dtype)
     if strain is not None:
         strain = jax.tree.map(lambda e: e * nan.reshape(-1, *(1,) * (e.ndim - 1)), strain)
@@ -243,6 +241,7 @@ def _path(rows, factors, outcome, good):
         n_loose=jnp.where(good, n_loose, -1).astype(jnp.int32),
         equilibrated=outcome.equilibrated,
         strain=strain,
+        peak_tension=[None if p is None else p * nan[:, None] for p in peak],
     )
 
 

@@ -42,11 +42,12 @@ def tangent_of(structure, state, fixed=None):
         >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
         0 [25800.   200. 14600.]
     """
-    return _tangent(*prepared(structure, state, fixed))
+    return tangent_at(*prepared(structure, state, fixed))
 
 
 @jax.jit
-def _tangent(thawed, arrays, freedoms):
+def tangent_at(thawed, arrays, freedoms):
+    """The tangent stiffness of what `prepared` gives, [n_free, n_free], N/m."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.tangent(system.unknowns(carry.motion))

@@ -331,7 +331,7 @@ def test_tables_have_units_and_all_digits(solved, tmp_path):
     assert nodes[0][:3] == ["node", "support", "x (m)"] and "reaction z (N)" in nodes[0]
     assert [row[1] for row in nodes[1:5]] == ["xyz", "xyz", "xyz", ""]
     assert float(nodes[4][7]) == float(solution.displacement[3, 2])
-    assert elements[0][4:] == ["tension (N)", "unstressed length (m)"]
+    assert elements[0][4:] == ["tension (N)", "unstressed length (m)", "peak tension (N)"]
     assert [float(row[4]) for row in elements[1:-1]] == solution.tension["net"].tolist()
     assert len(increments) == 13 and increments[1][:3] == ["1", "1", "1.0"]
     with pytest.raises(ValueError, match=r"ends with .npz, .json or .csv"):

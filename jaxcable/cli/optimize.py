@@ -52,7 +52,7 @@ def run(options):
         f"status {code}: {status.describe(code)}",
         f"{told}, {int(found.evaluations)} analyses",
         f"pretension {inputs.spread(found.params)} N",
-        f"forces at the end {inputs.spread(solution.last.tension)} N",
+        f"forces at the end {inputs.spread(solution.last.peak_tension)} N",
         f"largest displacement {inputs.short(float(moved))} m",
     ]
     if options.save is not None:

@@ -77,5 +77,5 @@ def highlights(solution):
     name = "in phase 1" if len(solution.phases) == 1 else f"in phase {len(solution.phases)}"
     return [
         f"largest displacement {name}: {where}",
-        f"forces: {inputs.spread(solution.tension)} N",
+        f"forces: {inputs.spread(solution.peak_tension)} N",
     ]

@@ -187,7 +187,8 @@ def total_prestress(solution, phase=0):
 def material_use(solution, stress):
     """Volume of material if every element were sized for its force: ``sum |N| L0 / stress``, m3.
 
-    Not smooth where another load case comes to govern.
+    N is the largest force along an element, `peak_tension`. Not smooth where another load case, or
+    the other end of a catenary, comes to govern.
 
     Args:
         solution: `Solution`; of several load cases the largest force of every element counts.
@@ -202,14 +203,14 @@ def material_use(solution, stress):
         >>> print(prestressed.status, f"{1e9 * volume:.1f} mm3")
         0 9580.4 mm3
     """
-    stress = jax.tree.broadcast(stress, solution.tension)
+    stress = jax.tree.broadcast(stress, solution.peak_tension)
 
     def volume(force, length, stress):
         cases = (-1, length.shape[-1])
         force, length = jnp.abs(force).reshape(cases), length.reshape(cases)
         return jnp.sum(jnp.max(force, axis=0) * jnp.max(length, axis=0) / stress)
 
-    parts = jax.tree.map(volume, solution.tension, solution.rest_length, stress)
+    parts = jax.tree.map(volume, solution.peak_tension, solution.rest_length, stress)
     return sum(jax.tree.leaves(parts))
 
 

@@ -79,7 +79,7 @@ def envelope(values):
     """Extremes over load cases.
 
     Args:
-        values: any result with the cases on its leading axis, a pytree: ``solution.tension``.
+        values: any result with the cases on its leading axis, a pytree: ``solution.peak_tension``.
 
     Returns:
         `Envelope`, its entries in the shape of one case.
@@ -97,17 +97,38 @@ def envelope(values):
 def utilisation(structure, tension):
     """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
 
+    Compression is compared with the strength alone: buckling is not in it. How far a state is from
+    buckling is what `paths.buckling_factor` and `trace_path` tell. Of beams it is that of their
+    axial force alone (`fibre_stress` has bending too).
+
     Args:
         structure: `Structure` whose groups have a `strength`, or a law that ends.
-        tension: in the shape of the elements, N; leading axes (load cases, increments) are kept.
+        tension: `Solution`, `State`, or the result or path of a phase: the largest force along each
+            element counts, its `peak_tension`. Or forces in the shape of the elements, N, as they
+            are; of catenaries give `peak_tension` then, as their `tension` is the mean of both
+            ends. Leading axes (load cases, increments) are kept.
 
     Returns:
-        In the shape of the elements; None for groups of unknown strength.
+        In the shape of the elements; None for groups of unknown strength. Differentiable in forces
+        and strengths.
 
     Raises:
-        ValueError: no group has a strength.
+        ValueError: no group has a strength, or forces of another number of groups.
 
     Example:
+        A guy that is 300 m high has 150 kN more at its top than at its foot:
+
+        >>> nodes = [[0.0, 0.0, 0.0], [200.0, 0.0, 300.0]]
+        >>> guy = jc.Catenaries([[0, 1]], axial_stiffness=80e6, weight=500.0, strength=1e6)
+        >>> structure = jc.Structure(nodes, guy, supports=jc.pinned([0, 1]))
+        >>> solution = jc.solve(structure, jc.Phase(sag=40.0, loads=jc.SelfWeight()))
+        >>> used = jc.design.utilisation(structure, solution)
+        >>> mean = jc.design.utilisation(structure, solution.tension)
+        >>> print(solution.status, f"{used[0]:.3f}, by the mean {mean[0]:.3f}")
+        0 0.190, by the mean 0.116
+
+        Forces as they are:
+
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, strength=2e3)
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
@@ -115,7 +136,7 @@ def utilisation(structure, tension):
         [0.25 0.5 ]
     """
     groups = structure.groups
-    leaves = jax.tree.leaves(tension)
+    leaves = jax.tree.leaves(getattr(tension, "peak_tension", tension))
     if len(leaves) != len(groups):
         raise ValueError(f"tension: has {len(leaves)} arrays, the structure {len(groups)} groups")
     found = []

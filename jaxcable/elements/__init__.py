@@ -24,7 +24,9 @@ ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (u
 - ``tangent``: its derivative, the tangent stiffness, by autodiff and never written by hand;
 - ``end_forces_about(state, ends, motion, step)``, with rotations: forces conjugate to a step;
 - ``energy``: stored energy, J, written apart from the forces: they must be its gradient;
-- ``tension``: axial force, N; ``is_slack``: whether it has gone slack and holds nothing;
+- ``tension``: axial force, N; ``peak_tension``, where a load along an element makes that vary: the
+  one of largest size along it, with its sign;
+- ``is_slack``: whether it has gone slack and holds nothing;
 - ``section_strain``: strains of its fibres; ``beyond``: whether they have left their curve;
 - ``settle``: plastic strains after an increment that ended here; ``size``: sum of the forces in it
   that can balance each other, N;

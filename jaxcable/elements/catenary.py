@@ -23,7 +23,8 @@ class Catenaries(Cables):
     It carries weight where a phase has `SelfWeight` and line loads where it has `LineLoads`, by the
     factor of the moment: a slack one without any load has no force. `tension` in results is the
     mean of the tensions at the two ends, which is at least half of the load on the element;
-    `end_tensions` has both. Prestress is stated as for cables: a tension is that in the straight
+    `peak_tension` is the larger of them, which strength is judged by, and `forms.end_tensions` has
+    both. Prestress is stated as for cables: a tension is that in the straight
     element without load; a `sag` that under its whole weight, hanging down along -z. A taut one
     without load takes its first load stiffly, not in proportion: `Incremental` needs small first
     increments or corrections there.
@@ -108,6 +109,10 @@ class Catenaries(Cables):
         force = self._hang(state, ends, motion)[0]
         half = 0.5 * state.rest_length * state.line_load
         return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
+
+    def peak_tension(self, state, ends, motion):
+        """The larger of the tensions at both ends, N; between them it is smaller."""
+        return jnp.max(self.end_tensions(state, ends, motion))
 
     def depth(self, state, ends, motion):
         """How far the middle of the cable hangs below that of its chord, along the load, m."""

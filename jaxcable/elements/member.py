@@ -225,6 +225,13 @@ class Member:
         axes, pose = self._pose(state, ends, motion)
         return self._sums(state, self._field(state, axes, pose, motion)[0])[0, 0]
 
+    def peak_tension(self, state, ends, motion):
+        """Axial force of largest size along the element, N: at an end, where a load acts along."""
+        force = self.tension(state, ends, motion)
+        vector, length, _, _ = stretch(ends, motion[:2, :3])
+        half = 0.5 * state.rest_length * jnp.abs(state.line_load @ vector / length)
+        return force + jnp.where(force < 0, -half, half)
+
     def section_strain(self, state, ends, motion):
         """Strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
         axes, pose = self._pose(state, ends, motion)

@@ -15,7 +15,7 @@ from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable result"
 _PER_NODE = ("positions", "displacement", "reactions", "load", "rotation", "reaction_moments")
-_PER_ELEMENT = ("tension", "rest_length", "section_forces")
+_PER_ELEMENT = ("tension", "peak_tension", "rest_length", "section_forces")
 _PER_INCREMENT = (
     *("load_factor", "status", "iterations", "factorizations", "residual", "relative_residual"),
     *("n_slack", "n_loose", "displacement"),
@@ -88,7 +88,7 @@ def load_result(path, largest=8 * LARGEST):
         >>> _ = jc.files.save_result(path, structure, jc.solve(structure, phases))
         >>> read = jc.files.load_result(path)
         >>> sorted(name for name in read if "." not in name)[:4]
-        ['displacement', 'links', 'load', 'positions']
+        ['displacement', 'links', 'load', 'peak_tension']
     """
     path = Path(path)
     if path.suffix == ".json":
@@ -157,7 +157,8 @@ def flat(structure, solution):
     for number, phase in enumerate(solution.phases, 1):
         for name in _PER_INCREMENT:
             found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
-        _put(found, f"phase{number}.tension", structure, phase.path.tension)
+        for name in ("tension", "peak_tension"):
+            _put(found, f"phase{number}.{name}", structure, getattr(phase.path, name))
     return found
 
 
@@ -209,12 +210,16 @@ def tables(structure, solution):
     for k in range(structure.n_node):
         held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
         nodes.append([k, held, *(float(v) for column in columns for v in column[k])])
-    elements = [["group", "element", "first", "last", "tension (N)", "unstressed length (m)"]]
-    forces = per_group(structure, solution.tension)
-    rests = per_group(structure, solution.rest_length)
-    for (name, group), force, rest in zip(groups_by_name(structure), forces, rests, strict=True):
+    columns = {
+        "tension (N)": solution.tension,
+        "unstressed length (m)": solution.rest_length,
+        "peak tension (N)": solution.peak_tension,
+    }
+    elements = [["group", "element", "first", "last", *columns]]
+    values = zip(*(per_group(structure, own) for own in columns.values()), strict=True)
+    for (name, group), own in zip(groups_by_name(structure), values, strict=True):
         for k, ends in enumerate(first_and_last(group).tolist()):
-            elements.append([name, k, *ends, float(force[k]), float(rest[k])])
+            elements.append([name, k, *ends, *(float(column[k]) for column in own)])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
     units = {"residual": "residual (N)"}
     increments = [["phase", "increment", *(units.get(n, n) for n in names)]]

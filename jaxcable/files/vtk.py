@@ -8,14 +8,15 @@ from ..parts import groups_by_name, one_case, per_group, pieces
 from .reading import written
 
 _LINE = 3  # cell type of VTK
+_FORCES = ("tension", "peak_tension")
 
 
 def save_vtk(path, structure, solution, increments=False):
     """Write a result as lines in space, for ParaView.
 
     Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have
-    ``tension``, ``rest_length``, and the numbers of their ``element`` and ``group``. Cables over
-    several nodes are drawn in pieces.
+    ``tension``, ``peak_tension``, ``rest_length``, and the numbers of their ``element`` and
+    ``group``. Cables over several nodes are drawn in pieces.
 
     Args:
         path: of the file, ending with .vtk.
@@ -47,7 +48,7 @@ def save_vtk(path, structure, solution, increments=False):
         last = solution.last
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
         vectors = {name: np.asarray(getattr(last, own)) for name, own in names.items()}
-        scalars = {name: getattr(last, name) for name in ("tension", "rest_length")}
+        scalars = {name: getattr(last, name) for name in (*_FORCES, "rest_length")}
         _write(path, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
     done = []
@@ -60,9 +61,11 @@ def save_vtk(path, structure, solution, increments=False):
             begin = np.asarray(solution.last.positions - phase.path.displacement[good[-1]])
         for k in good:
             moved = np.asarray(phase.path.displacement[k])
-            tension = [f[k] for f in per_group(structure, phase.path.tension)]
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
-            scalars = {"tension": structure.arrange(tension)}
+            scalars = {
+                name: structure.arrange([f[k] for f in per_group(structure, own)])
+                for name, own in ((name, getattr(phase.path, name)) for name in _FORCES)
+            }
             _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
     return done
 

@@ -1,5 +1,6 @@
-"""To failure: paths followed by arc length, stability, vibration, flexibility."""
+"""To failure: paths followed by arc length, stability, buckling, vibration, flexibility."""
 
+from .buckling import Buckling, buckling_factor
 from .events import (
     BIFURCATION,
     FAILURES,
@@ -23,9 +24,11 @@ __all__ = [
     "NAMES",
     "SLACKENING",
     "TIGHTENING",
+    "Buckling",
     "Events",
     "TracedPath",
     "Vibration",
+    "buckling_factor",
     "flexibility",
     "natural_frequencies",
     "trace_path",

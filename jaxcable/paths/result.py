@@ -15,8 +15,8 @@ class TracedPath(Path):
     and -1 in counts where nothing was reached.
 
     Attributes:
-        load_factor, displacement, tension, residual, relative_residual: as of a `Path`, a row a
-            point.
+        load_factor, displacement, tension, peak_tension, residual, relative_residual: as of a
+            `Path`, a row a point.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
             BIFURCATION if it was to end there; MATERIAL_FAILURE, MECHANISM, NOT_CONVERGED,

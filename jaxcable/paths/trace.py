@@ -13,7 +13,7 @@ from .._tree import copy, fill
 from ..equilibrium import Newton
 from ..preparation import as_phases, prepare, ready
 from ..ramp import Ramp
-from ..results import on_nodes
+from ..results import on_nodes, with_peaks
 from ..solver import solve
 from .continuation import alignment, march
 from .events import BIFURCATION, LIMIT_POINT, Events
@@ -107,7 +107,7 @@ def trace_path(
     )
     room = int(steps), int(events)
     path, n_row, n_event = _trace(thawed, arrays, method, settings, code, room)
-    path = on_nodes(structure, path, ("tension", "strain"))
+    path = on_nodes(structure, with_peaks(path), ("tension", "peak_tension", "strain"))
     happened = on_nodes(structure, path.events, ("elements",), ("displacement", "mode"))
     if not isinstance(n_row, jax.core.Tracer):
         happened = jax.tree.map(lambda a: a[: int(n_event)], happened)
@@ -142,7 +142,7 @@ def _trace(thawed, arrays, method, settings, code, room):
     run = lax.stop_gradient(march(ramp, method, settings, code, room))
     code = run.code
     factor, own, negative, stiffness, rise, steps, residual, scale = run.rows
-    moved, tension, n_slack, n_loose, strain = own
+    moved, tension, peak, n_slack, n_loose, strain = own
     reached = jnp.arange(room[0]) < run.n_row
     happened = jnp.arange(room[1]) < run.n_event
 
@@ -184,6 +184,7 @@ def _trace(thawed, arrays, method, settings, code, room):
         n_loose=known(jnp.asarray(n_loose, jnp.int32), reached),
         equilibrated=None,
         strain=None if strain is None else known(strain, reached),
+        peak_tension=known(peak, reached),
         n_negative=known(negative, reached),
         stiffness=known(stiffness, reached),
         rise=known(rise, reached),

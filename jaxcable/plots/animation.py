@@ -107,9 +107,10 @@ def _shots(solution, begin, structure, magnify, colour, frames):
         place = base + own.displacement[row]
         if k > 0 or len(solution.phases) == 1:
             place = origin + magnify * (place - origin)
-        tension = jax.tree.map(lambda t, row=row: t[row], own.tension)
+        both = own.tension, own.peak_tension
+        tension, peak = jax.tree.map(lambda t, row=row: t[row], both)
         title = f"Phase {k + 1}, load factor {own.load_factor[row]:.2f}"
-        shots.append(_Shot(k, title, place, Forces(tension, structure, colour)))
+        shots.append(_Shot(k, title, place, Forces(tension, structure, colour, peak)))
     return shots
 
 

@@ -19,13 +19,19 @@ _NOTHING = 1e-9  # of the largest force: compression that is none
 class Forces:
     """Forces of all elements in one state, in one row, and what is said of them.
 
+    Args:
+        tension: of all elements, in their shape, N.
+        structure: `Structure`, or None.
+        colour: what colours them, of `COLOURS`.
+        peak: their forces of largest size, which utilisation is of; default `tension`.
+
     Attributes:
         tension: [n_elem], N.
         slack, compressed: [n_elem] bool.
         value: what colours them, in the unit of `Scale`, [n_elem]; NaN where it is not known.
     """
 
-    def __init__(self, tension, structure=None, colour="tension"):
+    def __init__(self, tension, structure=None, colour="tension", peak=None):
         self.tension = _row(tension)
         self.slack = self.tension == 0.0
         if structure is not None:
@@ -36,7 +42,7 @@ class Forces:
         self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
         self.value = self.tension
         if colour == "utilisation":
-            self.value = _utilisation(structure, tension)
+            self.value = _utilisation(structure, tension if peak is None else peak)
 
 
 class Scale:

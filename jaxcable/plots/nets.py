@@ -35,7 +35,8 @@ def net(
         path: where to save a picture (the suffix says in which format), or None.
         magnify: factor on the displacement after the first phase, in the second picture; None for a
             round one that makes the largest a tenth of the structure.
-        colour: "tension", or "utilisation", force over breaking strength, which needs `structure`.
+        colour: "tension" (of catenaries the mean of both ends), or "utilisation", the largest force
+            along an element over its breaking strength, which needs `structure`.
         structure: the `Structure` that was analysed. It tells cables from bars and beams: without
             it whatever has exactly no tension is drawn as slack, and no support as clamped.
         state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.

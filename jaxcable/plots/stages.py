@@ -64,7 +64,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
             round_factor(end - origin, np.concatenate([end, begin])) if magnify is None else magnify
         )
 
-    forces = Forces(state.tension, structure, colour)
+    forces = Forces(state.tension, structure, colour, state.peak_tension)
     stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
     if number < 1:  # a single phase: both pictures are of its end
         name = f"After phase 1{stopped}" if number == 0 else "Start"
@@ -78,7 +78,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
     middle = np.asarray(first.positions)
     name = f"Phase {number + 1}{stopped}" if stopped else "After loading"
     factor = factor(middle)
-    before = Forces(first.tension, structure, colour)
+    before = Forces(first.tension, structure, colour, first.peak_tension)
     stages = [
         Stage("Before loading", middle, begin, before, fixed(0)),
         Stage(

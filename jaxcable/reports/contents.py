@@ -5,8 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ..design import utilisation
-from ..parts import first_and_last, groups_by_name, per_group
+from ..parts import first_and_last, groups_by_name, per_group, pieces
+from ..paths import buckling_factor
 from .table import Table
+
+BUCKLING = (
+    "utilisation in compression is force over strength, buckling is not in it: see "
+    "paths.buckling_factor"
+)
+_ROUNDING = 1e-9  # of the largest force: compression that is none
 
 
 class State(NamedTuple):
@@ -14,11 +21,13 @@ class State(NamedTuple):
 
     Attributes:
         tension: in the shape of the elements, N.
+        peak_tension: the force of largest size along each element, likewise, N.
         reactions: [n_node, 3], N.
         fixed: freedoms that are held in it, [n_row, 3 or 6] bool.
     """
 
     tension: object
+    peak_tension: object
     reactions: object
     fixed: object
 
@@ -88,17 +97,14 @@ def equilibrium(structure, state):
 
 
 def members(structure, state, states):
-    """Force, utilisation and envelope of every element."""
+    """Force, utilisation and envelope of every element; the largest force along it counts."""
     try:
-        used = per_group(structure, utilisation(structure, state.tension))
-        most = {
-            name: per_group(structure, utilisation(structure, own.tension))
-            for name, own in states.items()
-        }
+        used = per_group(structure, utilisation(structure, state))
+        most = {name: per_group(structure, utilisation(structure, s)) for name, s in states.items()}
     except ValueError:  # no group has a strength
         used, most = [None] * len(structure.groups), {}
-    own = per_group(structure, state.tension)
-    each = {name: per_group(structure, own.tension) for name, own in states.items()}
+    own = per_group(structure, state.peak_tension)
+    each = {name: per_group(structure, s.peak_tension) for name, s in states.items()}
     names, rows = list(each), []
     for number, (label, group) in enumerate(groups_by_name(structure)):
         force = np.array([each[name][number] for name in names])
@@ -118,10 +124,59 @@ def members(structure, state, states):
     units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
     known = any(value is not None for row in rows for value in row[-2:])
     notes = [] if known else ["no group has a strength: no utilisation"]
+    if any(hasattr(group, "end_tensions") for group in structure.groups):
+        notes.append("force of a catenary: the larger of the tensions at its two ends")
+    if _compressed(structure, used, own, *each.values()):
+        notes.append(BUCKLING)
     if known and structure.turning:
         notes.append("utilisation of beams is that of their axial force alone: see fibre_stress")
     title = "Forces, tension positive, and their envelope"
     return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
+
+
+def _compressed(structure, used, *forces):
+    """Whether compression is compared with strength anywhere; all lists with an item per group."""
+    largest = max(np.abs(own).max() for state in forces for own in state)
+    return any(
+        share is not None and not group.tension_only and (own < -_ROUNDING * largest).any()
+        for state in forces
+        for group, share, own in zip(structure.groups, used, state, strict=True)
+    )
+
+
+def buckling(structure, state, reference=None):
+    """A sentence on the lowest buckling factor of a state, by linear theory.
+
+    Args:
+        structure, state, reference: as for `paths.buckling_factor`.
+    """
+    factor = float(buckling_factor(structure, state, reference).factor[0])
+    before = np.asarray(structure.nodes)
+    if reference is not None:
+        before = np.asarray(getattr(reference, "last", reference).positions)
+    ends = pieces([group.links for group in structure.groups])[0]
+    turn = np.degrees(_turn(before[ends], np.asarray(state.positions)[ends]))
+    loads = "the loads and all forces of this state"
+    if reference is not None:
+        loads = "what has come since the reference"
+    if np.isnan(factor):
+        return (
+            "buckling: no estimate; the state is a mechanism or has buckled, or cables went slack "
+            "since the reference (trace_path follows the path)"
+        )
+    if np.isinf(factor):
+        return f"buckling: at no multiple of {loads}, by linear theory"
+    return (
+        f"buckling: at {factor:.4g} times {loads}, by linear theory, which takes turns for small: "
+        f"elements have turned by {turn:.2g} degrees at most"
+    )
+
+
+def _turn(before, after):
+    """Largest angle between elements then and now, rad; ends [n, 2, 3]."""
+    first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
+    sine = np.linalg.norm(np.cross(first, second), axis=1)
+    return float(np.arctan2(sine, (first * second).sum(axis=1)).max())
 
 
 def cutting_list(structure, solution, phases):

@@ -15,6 +15,7 @@ from . import contents
 from .contents import State
 from .table import as_text, empty, finite, headed
 
+_OWN = ("tension", "peak_tension", "reactions")  # of `contents.State`, as results have them
 _LONG = 30  # rows of a table up to which its text shows them all
 
 
@@ -94,7 +95,7 @@ class Report:
         return self.text()
 
 
-def report(structure, solution, phases=None, cases=None, names=None):
+def report(structure, solution, phases=None, cases=None, names=None, buckling=False):
     """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
 
     Args:
@@ -106,12 +107,17 @@ def report(structure, solution, phases=None, cases=None, names=None):
             are over these, otherwise over the ends of the phases. Failed cases are named and left
             out.
         names: of the cases.
+        buckling: whether to say in the summary by which factor on its loads the state would buckle
+            (`paths.buckling_factor`, an eigenproblem); or the `Solution` or `State` of the
+            prestress, which the factor then leaves as it is.
 
     Returns:
-        `Report`.
+        `Report`. Forces and utilisation are those of the largest force along an element;
+        compression is compared with strength alone.
 
     Raises:
-        ValueError: `solution` is a batch, or names of another number than the cases.
+        ValueError: `solution` is a batch, or names of another number than the cases; those of
+            `paths.buckling_factor` if it is asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -129,7 +135,10 @@ def report(structure, solution, phases=None, cases=None, names=None):
     state = solution.last
     states, failed = _states(solution, cases, names)
     summary = _summary(structure, solution, failed)
-    at_end = {"end": State(state.tension, state.reactions, _reached(state))}
+    if buckling is not False and buckling is not None:
+        reference = None if buckling is True else buckling
+        summary.append(contents.buckling(structure, state, reference))
+    at_end = {"end": State(state.tension, state.peak_tension, state.reactions, _reached(state))}
     if cases is None and solution.status == status.OK:
         at_end = {}  # it is that of the last phase
     tables = {
@@ -154,7 +163,7 @@ def _states(solution, cases, names):
         parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
         codes = {name: int(part.status) for name, part in parts.items()}
         good = {
-            name: State(part.tension, part.reactions, np.asarray(fixed.array))
+            name: State(*(getattr(part, own) for own in _OWN), np.asarray(fixed.array))
             for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
             if codes[name] == status.OK
         }
@@ -171,7 +180,7 @@ def _states(solution, cases, names):
         codes = dict(zip(names, codes.tolist(), strict=True))
         good = {
             name: State(
-                *jax.tree.map(lambda x, k=k: np.asarray(x)[k], (cases.tension, cases.reactions)),
+                *(jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n)) for n in _OWN),
                 fixed,
             )
             for k, name in enumerate(names)
