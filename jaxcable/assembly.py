@@ -174,7 +174,10 @@ class System:
         slopes = self._slopes(motion)
         if slopes is not None:
             n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
-            blocks = _by_numbers(blocks, slopes[links[:, :n_end], :width], len(inner))
+            own = slopes[links[:, :n_end], :width]
+            if freedoms.carried is None:
+                own = own[..., :width]
+            blocks = _by_numbers(blocks, own, len(inner))
         return blocks, number
 
     def _slopes(self, motion):

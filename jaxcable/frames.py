@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from . import linear
 from ._tree import pytree
 from .assembly import System, along, combined, each, motion_of
 from .elements.prestress import element
@@ -32,6 +33,8 @@ from .rotations import (
     turn_by,
     turned,
 )
+
+_NO_STIFFNESS = 1e-9  # of that of one node's spin, which a free spin may have from rounding
 
 
 @pytree
@@ -286,7 +289,32 @@ class FrameSystem(System):
 
         parts = self._blocks(block, x)
         parts += self._following_blocks(x)
-        return self._assemble([*parts, self._turning_part(x)])
+        return self._without_spins(self._assemble([*parts, self._turning_part(x)]), x)
+
+    def _without_spins(self, matrix, x):
+        """The tangent with free spins held at a node each, as far as they are without stiffness.
+
+        A spring on one unknown that a spin z moves, where K z is zero: solutions for loads without
+        work on z are those of K, with that unknown at rest.
+        """
+        if self.freedoms.spins is None:
+            return matrix
+        rows, piece, ends = self.freedoms.spins
+        number = self.freedoms.number[rows, 3:]
+        lines = self.nodes[ends[:, 1]] - self.nodes[ends[:, 0]]
+        lines = lines / jnp.linalg.norm(lines, axis=1, keepdims=True)
+        own = jax.vmap(rotate)(x[rows, 3:], lines[piece])
+        if self.freedoms.axes is not None:
+            own = along(self._spin_axes(x)[rows], own)
+        diagonal = linear.diagonal(matrix)
+        for k in range(len(ends)):
+            mine = jnp.asarray(piece == k, own.dtype)[:, None]
+            spin = jnp.zeros_like(diagonal).at[number].add(own * mine, mode="drop")
+            held = jnp.argmax(jnp.abs(spin))
+            stiffness = diagonal[held]
+            left = jnp.max(jnp.abs(matrix @ spin)) <= _NO_STIFFNESS * stiffness
+            matrix = linear.plus_entry(matrix, held, jnp.where(left, stiffness, 0.0))
+        return matrix
 
     def _turning_part(self, x):
         """What nodal moments, and forces on arms, take from the tangent as nodes turn.

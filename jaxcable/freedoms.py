@@ -56,6 +56,7 @@ class Freedoms:
         rows: the node that every row belongs to, or None if every row is a node.
         inner: rows of inner numbers, [n_row] bool, or None.
         carried: (nodes that others carry, their carriers), [n] each, or None.
+        spins: of free spins, rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
     """
 
@@ -68,6 +69,7 @@ class Freedoms:
     inner: object = None
     carried: object = None
     pattern: object = None
+    spins: object = None
 
     @property
     def held(self):
@@ -129,7 +131,7 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
         symmetric: False if loads follow; with rotations it is unsymmetric in any case.
         rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
     """
-    mask = fixed.array.copy()
+    mask, spins = fixed.array.copy(), fixed.spins
     carried = None
     if rows is not None:
         shared = (np.arange(len(mask)) != rows.node) & ~rows.inner
@@ -164,4 +166,5 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
         rows.inner if rows is not None and rows.inner.any() else None,
         carried,
         pattern,
+        None if spins is None else (spins.rows, spins.piece, spins.ends),
     )

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import _check, plausibility, status
+from . import _check, plausibility, spins, status
 from ._tree import copy, thaw
 from .equilibrium import Newton
 from .freedoms import number_freedoms
@@ -108,6 +108,8 @@ def _support_sets(structure, phases, fixed):
     sets = [fixed]
     for phase in phases:
         sets.append(sets[-1] if phase.supports is None else structure.fixed(phase.supports))
+        if phase.supports is not None and structure.turning:
+            spins.warn(structure, sets[-1].spins)
     if all(own.axes is None for own in sets):
         return sets
     sets = [own.directed() for own in sets]

@@ -9,6 +9,8 @@ from scipy import sparse
 from . import _check, plausibility
 from ._tree import Indices, copy, pytree
 from .freedoms import Rows
+from .spins import free_spins
+from .spins import warn as warn_of_spins
 from .supports import Fixed, Supports
 
 
@@ -96,6 +98,7 @@ class Structure:
         fixed = self.fixed(self.supports)
         if positions is not None:
             plausibility.places(positions, self.groups, fixed.array)
+            warn_of_spins(self, fixed.spins)
 
     def _check_rigid(self):
         """Raise ValueError for pairs of nodes that cannot be carrier and carried."""
@@ -225,13 +228,14 @@ class Structure:
                     f"supports of node {node}: another node carries it; support that one"
                 )
         fixed[:, 3:] |= ~self.turns()[:, None]
+        spins = free_spins(self, fixed, axes)
         if rows is not None:
             fixed, axes = fixed[rows.node], axes[rows.node]
             fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
             fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.idle[rows.inner]
             axes[rows.inner] = np.eye(3)
         plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
-        return Fixed(fixed, None if plain else axes)
+        return Fixed(fixed, None if plain else axes, spins)
 
     def held(self):
         """Fixed displacements along x, y, z, [n_node, 3] bool, of a structure without rotations.

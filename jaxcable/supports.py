@@ -17,25 +17,30 @@ class Fixed(Indices):
         axes: directions of a row's displacements and rotations, `Indices` [n_row, 3, 3] with a
             direction in each row; None if they are those of x, y, z everywhere and no row is held
             in exactly one rotation.
+        spins: `spins.Spins` that these leave free, or None.
     """
 
-    __slots__ = ("axes",)
+    __slots__ = ("axes", "spins")
 
-    def __init__(self, array, axes=None):
+    def __init__(self, array, axes=None, spins=None):
         super().__init__(array)
         self.axes = axes if axes is None or isinstance(axes, Indices) else Indices(axes)
+        self.spins = spins
+
+    def _whole(self):
+        return self._digest, self.axes, self.spins
 
     def __hash__(self):
-        return hash((self._digest, self.axes))
+        return hash(self._whole())
 
     def __eq__(self, other):
-        return isinstance(other, Fixed) and (self._digest, self.axes) == (other._digest, other.axes)
+        return isinstance(other, Fixed) and self._whole() == other._whole()
 
     def directed(self):
         """The same with directions, those of x, y, z if it had none."""
         if self.axes is not None:
             return self
-        return Fixed(self.array, np.broadcast_to(np.eye(3), (len(self.array), 3, 3)))
+        return Fixed(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
 
 
 @pytree(indices=("mask", "nodes", "clamps", "chosen", "held", "axes"))

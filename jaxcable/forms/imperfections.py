@@ -98,7 +98,8 @@ def imperfect(structure, shapes, amplitudes):
     geometry. For elements made to the perfect geometry state the `rest_length` of that. Where a
     mode is a mechanism that prestress holds, the elements hardly notice its shape (their lengths
     change by its square) and the structure springs back: there errors of length are what counts
-    (`Phase(shortening=...)`).
+    (`Phase(shortening=...)`). Beams keep the directions of their sections: their `up` becomes the
+    z axis that they have in the perfect geometry, where a small lean could turn it by 90 degrees.
 
     Args:
         structure: `Structure`.
@@ -130,4 +131,11 @@ def imperfect(structure, shapes, amplitudes):
     amplitudes = _check.per_element(amplitudes, len(shapes), "amplitudes")
     moved = jnp.tensordot(jnp.asarray(amplitudes), jnp.asarray(shapes), axes=1)
     nodes = jnp.asarray(structure.nodes)
-    return replace(structure, nodes=nodes + moved.astype(nodes.dtype))
+    upright = [
+        replace(group, up=group.axes_of(nodes)[:, 2])
+        if group.n_freedom == 6 and group.up is None
+        else group
+        for group in structure.groups
+    ]
+    elements = structure.arrange(upright)
+    return replace(structure, nodes=nodes + moved.astype(nodes.dtype), elements=elements)

@@ -27,6 +27,7 @@ __all__ = [
     "no_memory",
     "or_identity",
     "plus_diagonal",
+    "plus_entry",
     "solve_bordered",
     "solve_built",
     "solve_definite",
@@ -46,6 +47,13 @@ def plus_diagonal(matrix, shift):
     if isinstance(matrix, Sparse):
         return matrix.plus_diagonal(shift)
     return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
+
+
+def plus_entry(matrix, place, value):
+    """A matrix and `value` on one place of its diagonal, both scalars."""
+    if isinstance(matrix, Sparse):
+        return matrix.plus_entry(place, value)
+    return matrix.at[place, place].add(value)
 
 
 def or_identity(matrix, valid):

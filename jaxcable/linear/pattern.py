@@ -146,6 +146,10 @@ class Sparse:
         values = at.add(shift, indices_are_sorted=True, unique_indices=True)
         return copy(self, values=values)
 
+    def plus_entry(self, place, value):
+        """This matrix and `value` on one place of its diagonal."""
+        return copy(self, values=self.values.at[self.pattern.diagonal[place]].add(value))
+
     def or_identity(self, valid):
         """This matrix where `valid`, else the identity."""
         one = jnp.zeros_like(self.values).at[self.pattern.diagonal].set(1.0)
