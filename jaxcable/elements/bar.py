@@ -276,8 +276,8 @@ class Bars(Prestressed):
         law = self._section()[1]
         if self.section is None:
             return law.stress_at(strain, plastic)
-        parts = law.each(plastic) if isinstance(law, Parallel) else [(1.0, law, plastic)]
-        stress = [one.stress_at(strain, own) for _, one, own in parts]
+        several = isinstance(law, Parallel)
+        stress = law.stresses(strain, plastic) if several else [law.stress_at(strain, plastic)]
         counts = self.section.counts
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
