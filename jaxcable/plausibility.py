@@ -15,14 +15,14 @@ from . import _check
 STRAIN = 0.15
 """Stated strain that a constant stiffness describes in no cable; steel breaks at 0.02 to 0.04."""
 
-OFF_AXIS = 1e-6
-"""Distance of a beam's axis from its centroid, over the size of its section, that is no rounding."""
-
 LOADED = 0.5
 """The same of a load, of which a batch or a search may hold large ones."""
 
 FAR = 100.0
 """Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
+
+OFF_AXIS = 1e-6
+"""Distance of a beam's axis from its centroid, over the section's size, that is no rounding."""
 
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
@@ -236,8 +236,8 @@ def _judge_axis(label, section):
     size = max(np.ptp(section.y), np.ptp(section.z), float(section.total_area) ** 0.5)
     if np.abs(off).max() > OFF_AXIS * size:
         yield (
-            f"{label}: its centroid is at y = {off[0]:.6g}, z = {off[1]:.6g} m from the axis of the "
-            "beam, which is the origin of its points or parts; .centred() puts the axis there, "
+            f"{label}: its centroid is at y = {off[0]:.6g}, z = {off[1]:.6g} m from the axis of "
+            "the beam, which is the origin of its points or parts; .centred() puts the axis there, "
             ".shifted() says that it is meant as it is"
         )
 

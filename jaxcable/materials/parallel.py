@@ -248,7 +248,7 @@ class Parallel:
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1, initial=jnp.inf)
 
     def is_slack(self, strain, plastic=None):
-        """Whether it carries nothing: as a cable as a whole, else because all its laws are slack."""
+        """Whether it carries nothing: of a cable as a whole, else because all laws are slack."""
         own = self._own_strain(strain, plastic)
         if self.one_sided:
             return self._slack(own, plastic)

@@ -4,7 +4,6 @@ Their meshes are made on the host; their dimensions may be traced, so that deriv
 to a diameter or a width exist.
 """
 
-import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
@@ -242,7 +241,7 @@ def mesh(points, cells, laws):
 
 
 def _from_mesh(points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True):
-    """Section of a mesh; `round_inertia` is the exact one about any axis of a circular shape, m4."""
+    """Section of a mesh; `round_inertia`: the exact one of a circular shape, any axis, m4."""
     from .section import Section
 
     area, centroid, own = meshes.moments(points, cells)
