@@ -43,12 +43,11 @@ class Cables(Bars):
 
     def force(self, strain, plastic=None):
         """Axial force, N: zero in a slack cable."""
-        return jnp.where(self._slack(strain, plastic), 0.0, super().force(strain, plastic))
+        return self._cut(super().force(strain, plastic), strain, plastic)
 
     def energy_per_length(self, strain, plastic=None):
         """Stored energy per unstressed length, J/m: zero in a slack cable."""
-        slack = self._slack(strain, plastic)
-        return jnp.where(slack, 0.0, super().energy_per_length(strain, plastic))
+        return self._cut(super().energy_per_length(strain, plastic), strain, plastic)
 
     def fibre_stress(self, strain, plastic=None):
         """Stress of every fibre, Pa; their sum over the area is zero in a slack cable.
@@ -56,10 +55,7 @@ class Cables(Bars):
         So is each of them, but for those of several laws of which some have yielded: what they had
         when it went slack stays in them, in balance.
         """
-        stress = super().fibre_stress(strain, plastic)
-        if isinstance(self._section()[1], Parallel):
-            return stress
-        return jnp.where(self._slack(strain, plastic), 0.0, stress)
+        return self._cut(super().fibre_stress(strain, plastic), strain, plastic)
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
@@ -68,6 +64,12 @@ class Cables(Bars):
             jnp.zeros((), bool),
             lambda: self._slack(self.strain(state, ends, motion), state.plastic),
         )
+
+    def _cut(self, value, strain, plastic):
+        """`value`, zero in a slack cable; several laws have cut it themselves, as a whole."""
+        if isinstance(self._section()[1], Parallel):
+            return value
+        return jnp.where(self._slack(strain, plastic), 0.0, value)
 
     def _slack(self, strain, plastic):
         if plastic is None:

@@ -174,7 +174,9 @@ class Parallel:
         """Stress over the whole area, Pa."""
         own = self._own_strain(strain, plastic)
         stress = self._sum(own, plastic)
-        return jnp.where(self._slack(own, plastic), 0.0, stress) if self.one_sided else stress
+        if not self.one_sided:
+            return stress
+        return jnp.where(own < 0 if plastic is None else stress < 0, 0.0, stress)
 
     def stresses(self, strain, plastic=None):
         """Stress of every law, a list, Pa; their sum by `shares` is `stress_at`."""
@@ -182,9 +184,12 @@ class Parallel:
         return [law.stress_at(own, p) for _, law, p in self.each(plastic)]
 
     def size_at(self, strain, plastic):
-        """Sum of the absolute stresses of all parts, Pa."""
-        own = self._kept(strain, plastic)
-        return sum(share * law.size_at(own, p) for share, law, p in self.each(plastic))
+        """Sum of the absolute stresses of all parts, Pa; a slack cable has exactly none."""
+        own = self._own_strain(strain, plastic)
+        size = sum(share * law.size_at(own, p) for share, law, p in self.each(plastic))
+        if not self.one_sided:
+            return size
+        return jnp.where(own < 0 if plastic is None else self._sum(own, plastic) < 0, 0.0, size)
 
     def energy_at(self, strain, plastic=None):
         """Energy per volume, J/m3, that of the spring among it; of a cable from slackness on.
