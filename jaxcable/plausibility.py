@@ -21,6 +21,9 @@ LOADED = 0.5
 FAR = 100.0
 """Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
 
+OFF_AXIS = 1e-6
+"""Distance of a beam's axis from its centroid, over the section's size, that is no rounding."""
+
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
 
@@ -101,6 +104,7 @@ def members(group, where, nodes):
                 f"elements{where}.section: fibres {size:.3g} m apart, further than all nodes; is "
                 "it in m?"
             )
+        yield from _judge_axis(f"elements{where}.section", section)
 
 
 @_warns
@@ -220,6 +224,22 @@ def _there(value):
 def _chords(group, nodes):
     """Length over all nodes of every element, [n_elem], m."""
     return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
+
+
+def _judge_axis(label, section):
+    """Say that the axis of a beam is off its centroid where nobody has put it there."""
+    if getattr(section, "placed", True):
+        return
+    if any(_there(leaf) is None for leaf in jax.tree.leaves(section)):
+        return
+    off = np.array([float(v) for v in section.centroid()])
+    size = max(np.ptp(section.y), np.ptp(section.z), float(section.total_area) ** 0.5)
+    if np.abs(off).max() > OFF_AXIS * size:
+        yield (
+            f"{label}: its centroid is at y = {off[0]:.6g}, z = {off[1]:.6g} m from the axis of "
+            "the beam, which is the origin of its points or parts; .centred() puts the axis there, "
+            ".shifted() says that it is meant as it is"
+        )
 
 
 def _judge_lengths(label, rest, chord):

@@ -17,6 +17,9 @@ YIELDING = jc.Polygonal([-0.9, -0.1, 0.0, 0.1, 0.9], [-11e3, -3e3, 0.0, 3e3, 11e
 CORED = jc.Section.composite(
     [jc.Section.disc(0.04, CURVE, (2, 2)), jc.Section.ring(0.06, 0.01, jc.Elastic(3e4), (1, 8))]
 )
+YIELDING_CORE = jc.Section.composite(
+    [jc.Section.disc(0.04, YIELDING, (2, 2)), jc.Section.ring(0.06, 0.01, jc.Elastic(3e4), (1, 8))]
+)
 LAWS = {
     "bar": lambda links: jc.Bars(links, axial_stiffness=np.linspace(50, 100, len(links))),
     "cable": lambda links: jc.Cables(links, axial_stiffness=80.0),
@@ -29,6 +32,10 @@ LAWS = {
     "cable that yields": lambda links: jc.Cables(links, area=2e-3, law=YIELDING),
     "composite bar": lambda links: jc.Bars(links, section=CORED),
     "composite cable": lambda links: jc.Cables(links, section=CORED),
+    "composite cable that yields": lambda links: jc.Cables(links, section=YIELDING_CORE),
+    "compliant composite": lambda links: jc.Cables(
+        links, section=YIELDING_CORE, compliance=np.linspace(1e-3, 1e-2, len(links))
+    ),
     "catenary": lambda links: jc.Catenaries(links, axial_stiffness=80.0),
     "sliding cable": lambda links: jc.SlidingCables(
         [[*pair, (pair[1] + 2) % 7] for pair in links[::2]] + [[4, 5, 6, 4]], axial_stiffness=80.0

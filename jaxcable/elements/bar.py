@@ -11,6 +11,7 @@ so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .. import _check
 from .._tree import copy, pytree
@@ -47,12 +48,14 @@ class Bars(Prestressed):
             has `SelfWeight`.
         expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
         strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
-        compliance: strain per force of a spring in series, scalar or [n_elem], 1/N (soft end
-            fittings); the equilibrium iteration softens a net for a while by it.
+        compliance: strain per force of a spring in series with the whole of an element, scalar or
+            [n_elem], 1/N (soft end fittings); the equilibrium iteration softens a net for a while
+            by it.
 
     Raises:
         ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
-            both or neither of `axial_stiffness` and `area`.
+            both or neither of `axial_stiffness` and `area`; `compliance` beside one law of points
+            in a group of several elements, or beside several laws of which one falls.
 
     Example:
         600 N on two struts that stand in a 3-4-5 triangle, held in their plane:
@@ -101,11 +104,8 @@ class Bars(Prestressed):
             _check.uniaxial(self.law, "law")
         if self.section is not None and not hasattr(self.section, "axial"):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")
-        if self.compliance is not None and len(links) > 1 and self._law_of_points():
-            raise ValueError(
-                "compliance: beside a law of points only in groups of one element; give the law "
-                "itself the softness: strain + compliance area stress"
-            )
+        if self.compliance is not None:
+            self._check_compliance()
         for name in ("axial_stiffness", "area", "rest_length", "strength"):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")
@@ -113,10 +113,21 @@ class Bars(Prestressed):
             if getattr(self, name) is not None:
                 _check.require(getattr(self, name), lambda v: v >= 0, name, "must not be negative")
 
-    def _law_of_points(self):
-        """Whether any of its laws is more than a line."""
+    def _check_compliance(self):
+        """Raise ValueError where a spring in series has no one answer, or its law none for all."""
         laws = self.section.laws if self.section is not None else (self.law,)
-        return any(law is not None and law.breaks for law in laws)
+        if len(laws) == 1 and len(self.links) > 1 and laws[0] is not None and laws[0].breaks:
+            raise ValueError(
+                "compliance: beside a law of points only in groups of one element; give the law "
+                "itself the softness: strain + compliance area stress"
+            )
+        for k, law in enumerate(laws if len(laws) > 1 else ()):
+            stress = None if law.rising else _check.concrete(getattr(law, "stress", None))
+            if stress is not None and stress.ndim and (np.diff(stress) < 0).any():
+                raise ValueError(
+                    f"compliance: section.laws[{k}] falls; a spring in series with it and others "
+                    "would snap back, which has no one force for a strain"
+                )
 
     def properties(self):
         """The arrays with one value per element, by name."""
@@ -276,8 +287,8 @@ class Bars(Prestressed):
         law = self._section()[1]
         if self.section is None:
             return law.stress_at(strain, plastic)
-        parts = law.each(plastic) if isinstance(law, Parallel) else [(1.0, law, plastic)]
-        stress = [one.stress_at(strain, own) for _, one, own in parts]
+        several = isinstance(law, Parallel)
+        stress = law.stresses(strain, plastic) if several else [law.stress_at(strain, plastic)]
         counts = self.section.counts
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 

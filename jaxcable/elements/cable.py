@@ -8,6 +8,7 @@ calling it slack.
 import jax.numpy as jnp
 
 from .._tree import pytree
+from ..materials import Parallel
 from .bar import Bars
 from .prestress import held_or
 
@@ -17,7 +18,9 @@ class Cables(Bars):
     """A group of straight two-node cables: as `Bars`, but in tension only.
 
     ``N = max(EA e, 0)`` or ``N = A s(e)`` with ``e = (l - L0) / L0``; at ``e = 0`` the tangent is
-    that of the taut cable. Arguments and errors are those of `Bars`.
+    that of the taut cable. With a section of several laws ``N`` is the sum over all of them or, if
+    that would be a compression, zero: a cable goes slack as a whole. Arguments and errors are those
+    of `Bars`.
 
     Example:
         Two cables, prestressed so that 600 N hang in a 3-4-5 triangle:
@@ -40,16 +43,19 @@ class Cables(Bars):
 
     def force(self, strain, plastic=None):
         """Axial force, N: zero in a slack cable."""
-        return jnp.where(self._slack(strain, plastic), 0.0, super().force(strain, plastic))
+        return self._cut(super().force(strain, plastic), strain, plastic)
 
     def energy_per_length(self, strain, plastic=None):
         """Stored energy per unstressed length, J/m: zero in a slack cable."""
-        slack = self._slack(strain, plastic)
-        return jnp.where(slack, 0.0, super().energy_per_length(strain, plastic))
+        return self._cut(super().energy_per_length(strain, plastic), strain, plastic)
 
     def fibre_stress(self, strain, plastic=None):
-        """Stress of every fibre, Pa: zero in a slack cable."""
-        return jnp.where(self._slack(strain, plastic), 0.0, super().fibre_stress(strain, plastic))
+        """Stress of every fibre, Pa; their sum over the area is zero in a slack cable.
+
+        So is each of them, but for those of several laws of which some have yielded: what they had
+        when it went slack stays in them, in balance.
+        """
+        return self._cut(super().fibre_stress(strain, plastic), strain, plastic)
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
@@ -59,10 +65,17 @@ class Cables(Bars):
             lambda: self._slack(self.strain(state, ends, motion), state.plastic),
         )
 
+    def _cut(self, value, strain, plastic):
+        """`value`, zero in a slack cable; several laws have cut it themselves, as a whole."""
+        if isinstance(self._section()[1], Parallel):
+            return value
+        return jnp.where(self._slack(strain, plastic), 0.0, value)
+
     def _slack(self, strain, plastic):
         if plastic is None:
             return strain < 0
-        # plastic strain has made it longer: the law knows where its stress ends
+        # plastic strain has made it longer: the law knows where its stress ends, of several laws
+        # where their sum does
         return self._section()[1].is_slack(strain, plastic)
 
     def _section(self):

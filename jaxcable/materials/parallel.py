@@ -1,18 +1,33 @@
-"""Several laws side by side at one strain: what axial force sees of a composite section."""
+"""Several laws side by side at one strain: what axial force sees of a composite section.
+
+As a whole they may be in series with one spring, and they may be a cable, which goes slack as a
+whole: where the sum of their stresses would be a compression it carries nothing. Then its laws stay
+as they were when the sum was zero, some of them pulled and some of them pushed, in balance.
+
+At given plastic strains every law is linear between known corners, and so is their sum. With the
+stress ``s(m)`` of the laws at their own strain m, a spring of compliance c makes the strain of both
+``e = m + c s(m)``, which rises with m where s does and is inverted exactly, corner by corner.
+"""
 
 import jax.numpy as jnp
 
 from .._tree import copy, pytree
+from .elastic import Elastic
 from .inverse import inverse
 
+_FAR = 1.0  # strain beyond the last corner at which a law is sampled
 
-@pytree
+
+@pytree(static=("one_sided",))
 class Parallel:
     """Laws that share one strain, ``s(e) = sum_i share_i s_i(e)``.
 
     Attributes:
         laws: tuple of laws.
         shares: part of the area that each has, [n_law], summing to 1.
+        spring: compliance of a spring in series with all of them together, 1/Pa, or None; set by
+            `softened`, for laws of which none falls.
+        one_sided: whether all of them together are slack in compression; set by `tension_only`.
 
     Example:
         Concrete in a steel tube, a quarter of the area, at one strain:
@@ -25,6 +40,8 @@ class Parallel:
 
     laws: object
     shares: object
+    spring: object = None
+    one_sided: bool = False
 
     @property
     def n_plastic(self):
@@ -44,11 +61,20 @@ class Parallel:
     @property
     def modulus(self):
         """Slope at the origin, Pa."""
-        return sum(a * law.modulus for a, law in zip(self.shares, self.laws, strict=True))
+        modulus = sum(a * law.modulus for a, law in zip(self.shares, self.laws, strict=True))
+        return modulus if self.spring is None else modulus / (1 + self.spring * modulus)
 
     @property
     def limits(self):
-        """Strains at which the first of the curves ends."""
+        """Strains at which the first of the curves ends; none in compression that is not carried.
+
+        In first loading; there every part that yields has yielded, so that it is always so.
+        """
+        low, high = (self._with_spring(jnp.asarray(v)) for v in self._ends())
+        return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
+
+    def _ends(self):
+        """Strains of the laws themselves at which the first of the curves ends."""
         low, high = zip(*(law.limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -58,16 +84,16 @@ class Parallel:
     @property
     def capacity(self):
         """Smallest and largest stress within the limits, Pa."""
-        low, high = self.limits
-        corners = self.corners(None if self.n_plastic == 0 else jnp.zeros(self.n_plastic))
+        low, high = self._ends()
+        corners = self._corners(None if self.n_plastic == 0 else jnp.zeros(self.n_plastic))
         at = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
         at = jnp.where(jnp.isfinite(at), at, 0.0)
         virgin = jnp.zeros((len(at), self.n_plastic)) if self.n_plastic else None
-        stress = self.continued().stress_at(at, virgin)
+        stress = self._bare().stress_at(at, virgin)
         least, most = jnp.min(stress), jnp.max(stress)
-        return jnp.where(jnp.isfinite(low), least, -jnp.inf), jnp.where(
-            jnp.isfinite(high), most, jnp.inf
-        )
+        least = jnp.where(jnp.isfinite(low), least, -jnp.inf)
+        most = jnp.where(jnp.isfinite(high), most, jnp.inf)
+        return jnp.zeros_like(least) if self.one_sided else least, most
 
     def each(self, plastic):
         """Share, law and its own plastic strains, of every law."""
@@ -79,21 +105,114 @@ class Parallel:
                 start += law.n_plastic
             yield share, law, own
 
-    def stress_at(self, strain, plastic=None):
-        """Stress over the whole area, Pa."""
+    # --- the laws at their own strain, which is less than that of the whole by the spring's
+
+    def _sum(self, strain, plastic):
         return sum(share * law.stress_at(strain, p) for share, law, p in self.each(plastic))
 
+    def _bare(self):
+        """The laws alone, for an iteration: without spring, in compression too."""
+        return copy(self.continued(), spring=None, one_sided=False)
+
+    def _with_spring(self, strain, plastic=None):
+        """Strain of the whole at a strain of the laws."""
+        if self.spring is None:
+            return strain
+        at = jnp.where(jnp.isfinite(strain), strain, 0.0)
+        extra = self.spring * self._bare().stress_at(at, plastic)
+        return jnp.where(jnp.isfinite(strain), at + extra, strain)
+
+    def _own_strain(self, strain, plastic):
+        """Strain of the laws at a strain of the whole, in compression too: exact."""
+        if self.spring is None:
+            return strain
+        if all(isinstance(law, Elastic) for law in self.laws):
+            return strain / (1 + self.spring * copy(self, spring=None).modulus)
+        strain = jnp.asarray(strain)
+        corners = self._corners(plastic)
+        corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
+        first, last = jnp.min(corners, -1, initial=0.0), jnp.max(corners, -1, initial=0.0)
+        more = jnp.stack([first - _FAR, jnp.zeros_like(strain), last + _FAR], axis=-1)
+        at = jnp.sort(jnp.concatenate([corners, more], axis=-1))
+        lifted = copy(self, spring=jnp.asarray(self.spring)[..., None])
+        of_all = lifted._with_spring(at, None if plastic is None else plastic[..., None, :])
+        # the last segment goes on; at a corner the one that loads, at the origin that of tension
+        target = strain[..., None]
+        below = jnp.where(target >= 0, of_all <= target, of_all < target)
+        start = jnp.clip(jnp.sum(below, -1, keepdims=True) - 1, 0, at.shape[-1] - 2)
+
+        def pick(values, index):
+            return jnp.take_along_axis(values, index, axis=-1)[..., 0]
+
+        e0, e1, v0, v1 = (pick(v, k) for v in (at, of_all) for k in (start, start + 1))
+        return e0 + (strain - v0) * (e1 - e0) / (v1 - v0)
+
+    def _slack(self, own, plastic):
+        """Whether the whole carries nothing at a strain `own` of the laws, as a cable."""
+        if plastic is None:
+            return own < 0
+        nothing = [law.is_slack(own, p) for _, law, p in self.each(plastic)]
+        nothing = jnp.all(jnp.stack(jnp.broadcast_arrays(*nothing)), axis=0)
+        return (self._bare().stress_at(own, plastic) < 0) | nothing
+
+    def _slackened(self, like, plastic):
+        """Strain at which a cable goes slack, in the shape of `like`."""
+        if plastic is None:
+            return jnp.zeros_like(like)
+        return inverse(self._bare(), jnp.zeros_like(like), plastic)
+
+    def _kept(self, strain, plastic):
+        """Strain that the laws keep: in a slack cable that at which it went slack."""
+        own = jnp.asarray(self._own_strain(strain, plastic))
+        if not self.one_sided:
+            return own
+        return jnp.where(self._slack(own, plastic), self._slackened(own, plastic), own)
+
+    # --- the law
+
+    def stress_at(self, strain, plastic=None):
+        """Stress over the whole area, Pa."""
+        own = self._own_strain(strain, plastic)
+        stress = self._sum(own, plastic)
+        if not self.one_sided:
+            return stress
+        return jnp.where(own < 0 if plastic is None else stress < 0, 0.0, stress)
+
+    def stresses(self, strain, plastic=None):
+        """Stress of every law, a list, Pa; their sum by `shares` is `stress_at`."""
+        own = self._kept(strain, plastic)
+        return [law.stress_at(own, p) for _, law, p in self.each(plastic)]
+
     def size_at(self, strain, plastic):
-        """Sum of the absolute stresses of all parts, Pa."""
-        return sum(share * law.size_at(strain, p) for share, law, p in self.each(plastic))
+        """Sum of the absolute stresses of all parts, Pa; a slack cable has exactly none."""
+        own = self._own_strain(strain, plastic)
+        size = sum(share * law.size_at(own, p) for share, law, p in self.each(plastic))
+        if not self.one_sided:
+            return size
+        return jnp.where(own < 0 if plastic is None else self._sum(own, plastic) < 0, 0.0, size)
 
     def energy_at(self, strain, plastic=None):
-        """Energy per volume, J/m3."""
-        return sum(share * law.energy_at(strain, p) for share, law, p in self.each(plastic))
+        """Energy per volume, J/m3, that of the spring among it; of a cable from slackness on.
+
+        That of a cable is the integral of its stress where none of the curves falls.
+        """
+        own = self._kept(strain, plastic)
+        each = list(self.each(plastic))
+        energy = sum(share * law.energy_at(own, p) for share, law, p in each)
+        if self.one_sided and plastic is not None:
+            slack = self._slackened(own, plastic)
+            energy = energy - sum(share * law.energy_at(slack, p) for share, law, p in each)
+        if self.spring is not None:
+            energy = energy + 0.5 * self.spring * self.stress_at(strain, plastic) ** 2
+        return energy
 
     def strain_at(self, stress, plastic=None):
-        """Strain at a stress over the whole area, Pa."""
-        return inverse(self, stress, plastic)
+        """Strain at a stress over the whole area, Pa; NaN for a compression of a cable."""
+        stress = jnp.asarray(stress)
+        strain = inverse(self._bare(), stress, plastic)
+        if self.spring is not None:
+            strain = strain + self.spring * stress
+        return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
     def beyond(self, strain):
         """Whether any of the curves has ended."""
@@ -101,37 +220,56 @@ class Parallel:
         return (strain > high) | (strain < low)
 
     def settle(self, strain, plastic):
-        """Plastic strains after an increment."""
+        """Plastic strains after an increment; in a slack cable nothing yields any more."""
+        own = self._kept(strain, plastic)
         return jnp.concatenate(
-            [law.settle(strain, p) for _, law, p in self.each(plastic) if p is not None], axis=-1
+            [law.settle(own, p) for _, law, p in self.each(plastic) if p is not None], axis=-1
         )
 
-    def corners(self, plastic=None):
-        """Corners of all laws, on the last axis."""
+    def _corners(self, plastic):
+        """Corners of all laws at their own strain, on the last axis."""
         parts = [law.corners(own) for _, law, own in self.each(plastic)]
         shape = max((part.shape[:-1] for part in parts), key=len)
         return jnp.concatenate(
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
         )
 
+    def corners(self, plastic=None):
+        """Corners of all laws, on the last axis; of a cable those from slackness on."""
+        corners = self._corners(plastic)
+        if self.one_sided:
+            slack = self._slackened(corners[..., :1].sum(-1), plastic)[..., None]
+            slack = jnp.broadcast_to(slack, (*corners.shape[:-1], 1))
+            both = jnp.concatenate([corners, slack], -1)
+            corners = jnp.maximum(both, jnp.broadcast_to(slack, both.shape))
+        return self._with_spring(corners, None if plastic is None else plastic[..., None, :])
+
     def corner_distance(self, strain, plastic=None):
         """Distance in strain to the nearest corner of any law."""
-        each = [law.corner_distance(strain, own) for _, law, own in self.each(plastic)]
-        return jnp.min(jnp.stack(each), axis=0)
+        strain = jnp.asarray(strain)
+        corners = self.corners(plastic)
+        if plastic is None:
+            corners = corners.reshape((1,) * strain.ndim + (-1,))
+        return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1, initial=jnp.inf)
 
     def is_slack(self, strain, plastic=None):
-        """Whether it carries nothing because all its laws are slack."""
-        each = [law.is_slack(strain, own) for _, law, own in self.each(plastic)]
+        """Whether it carries nothing: of a cable as a whole, else because all laws are slack."""
+        own = self._own_strain(strain, plastic)
+        if self.one_sided:
+            return self._slack(own, plastic)
+        each = [law.is_slack(own, p) for _, law, p in self.each(plastic)]
         return jnp.all(jnp.stack(jnp.broadcast_arrays(*each)), axis=0)
+
+    # --- the same, changed
 
     def continued(self):
         """The law for an iteration."""
         return copy(self, laws=tuple(law.continued() for law in self.laws))
 
     def tension_only(self):
-        """The laws without compression."""
-        return copy(self, laws=tuple(law.tension_only() for law in self.laws))
+        """The laws as those of a cable: slack where the sum of all would be a compression."""
+        return copy(self, one_sided=True)
 
     def softened(self, compliance):
-        """Every law in series with a spring of its own of `compliance`, 1/Pa."""
-        return copy(self, laws=tuple(law.softened(compliance) for law in self.laws))
+        """All laws together in series with one spring of `compliance`, 1/Pa; for laws that rise."""
+        return copy(self, spring=compliance if self.spring is None else self.spring + compliance)

@@ -2,5 +2,6 @@
 
 from .section import Section
 from .strains import SectionState
+from .torsion import bredt_torsion
 
-__all__ = ["Section", "SectionState"]
+__all__ = ["Section", "SectionState", "bredt_torsion"]

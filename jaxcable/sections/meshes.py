@@ -98,21 +98,34 @@ def areas(points, cells):
 
 
 def moments(points, cells):
-    """Area [m] and centroid [m, 2] of every cell, either way round; `points` may be traced."""
+    """Area [m], centroid [m, 2] and own second moments [m, 3] of every cell, either way round.
+
+    The second moments, ``z^2, y^2, y z`` over the cell, are about axes through its own centroid and
+    exact (a cell is two triangles). `points` may be traced.
+    """
     corner = points[cells]
-    first, second = (
+    halves = (
         _triangle(corner[:, 0], corner[:, 1], corner[:, 2]),
         _triangle(corner[:, 0], corner[:, 2], corner[:, 3]),
     )
-    area = first[0] + second[0]
-    moment = first[0][:, None] * first[1] + second[0][:, None] * second[1]
+    area = halves[0][0] + halves[1][0]
     flat = area == 0  # a cell without area has no centroid
-    return abs(area), moment / (area + flat)[:, None]
+    centroid = sum(a[:, None] * c for a, c, _ in halves) / (area + flat)[:, None]
+    own = sum(a[:, None] * (squares + _squares(c - centroid)) for a, c, squares in halves)
+    way_round = 1 - 2 * (area < 0)
+    return abs(area), centroid, way_round[:, None] * own
 
 
 def _triangle(a, b, c):
-    u, v = b - a, c - a
-    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), (a + b + c) / 3
+    """Signed area, centroid, and mean squares of the distance from it."""
+    u, v, centre = b - a, c - a, (a + b + c) / 3
+    squares = sum(_squares(corner - centre) for corner in (a, b, c)) / 12
+    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), centre, squares
+
+
+def _squares(places):
+    """``z^2, y^2, y z`` of places [m, 2], [m, 3]."""
+    return places[:, [1, 0, 0]] * places[:, [1, 0, 1]]
 
 
 def _pairs(values):

@@ -3,11 +3,21 @@
 import numpy as np
 
 
+def crossed(outline):
+    """Say what is wrong with a closed line [n, 2] without area or that crosses itself, or None."""
+    if _flat(outline):
+        return "points: all on one line, which has no area"
+    if (pair := _crossing(outline, outline)) is not None:
+        where = _edges("points", outline, "points", outline, pair)
+        return f"points: the line crosses itself: {where}; name its corners in turn"
+    return None
+
+
 def fault(outline, holes):
     """Say what is wrong with a polygon and its holes, [n, 2] each, whose areas do not add up."""
     named = {"points": outline} | {f"holes[{k}]": hole for k, hole in enumerate(holes)}
     for name, ring in named.items():
-        if np.linalg.matrix_rank(ring - ring[0], tol=1e-12 * np.abs(ring - ring[0]).max()) < 2:
+        if _flat(ring):
             return f"{name}: all on one line, which has no area"
     for name, ring in named.items():
         if (pair := _crossing(ring, ring)) is not None:
@@ -27,6 +37,10 @@ def fault(outline, holes):
             k = int(outside.argmax())
             return f"{name}[{k}] = {hole[k].tolist()}: outside of the outline"
     return "points, holes: the outline crosses itself, or a hole crosses it or another hole"
+
+
+def _flat(ring):
+    return np.linalg.matrix_rank(ring - ring[0], tol=1e-12 * np.abs(ring - ring[0]).max()) < 2
 
 
 def _crossing(one, other):

@@ -2,7 +2,7 @@
 
 Plane sections: ``e = e0 + ky z - kz y`` with the section's axes y and z, hence
 ``N = sum s A``, ``My = sum s A z``, ``Mz = -sum s A y``. Fibre sums converge at second order in the
-size of the fibres.
+size of the fibres; where all laws are linear, sums are integrals and exact.
 """
 
 import jax
@@ -12,15 +12,21 @@ import numpy as np
 from .. import _check
 from .._tree import Indices, copy, pytree
 from ..materials import Elastic, Parallel
-from . import capacity, shapes, strains
+from . import capacity, composites, geometry, shapes, strains
 
 
-@pytree(static=("counts",), indices=("cells",))
+@pytree(static=("counts", "placed"), indices=("cells",))
 class Section:
     """A cross-section made of fibres; the constructors below make its mesh.
 
     Fibres of one law follow each other. Coordinates are from the point through which the axis of an
-    element goes; constructors put it at the centre of their shape.
+    element goes. `disc`, `ring`, `rectangle` and `i_shape` put it at the centre of their shape;
+    `polygon`, `mesh` and `composite` leave it at the origin of their points or parts, from where
+    `centred` takes it to the centroid.
+
+    The axis also counts as the shear centre: an element twists about it, and loads through it cause
+    no torsion. In an L or a channel both points are apart, which is not modelled. Where the product
+    ``Iyz`` of `inertia` is not zero (an L, a Z), a moment about y bends about z as well.
 
     Attributes:
         y, z: places of the fibres, [n_fibre], m.
@@ -29,6 +35,11 @@ class Section:
         counts: how many fibres each law has.
         torsion: Saint-Venant torsion constant that goes with each law, [n_law], m4, or None.
         points, cells: mesh for pictures, [n_point, 2] and [n_fibre, 4]; None if there is none.
+        own: second moments of each fibre about its own centroid, of z^2, y^2 and yz, [n_fibre, 3],
+            m4; None for points of area. They make `inertia` exact, and all of a section whose laws
+            are linear. Laws of points are evaluated at the centres of the fibres.
+        placed: False where the axis is where coordinates had their origin, and neither `centred`
+            nor `shifted` has said that it is meant; a beam then warns unless it is the centroid.
 
     Raises:
         ValueError: wrong shapes, an area that is not positive, something that is no law, `counts`
@@ -52,6 +63,8 @@ class Section:
     torsion: object = None
     points: object = None
     cells: object = None
+    own: object = None
+    placed: bool = True
 
     def __post_init__(self):
         put = object.__setattr__
@@ -61,6 +74,10 @@ class Section:
                 raise ValueError(f"{name}: expected shape [n_fibre] as y, got {value.shape}")
             put(self, name, value)
         _check.require(self.area, lambda v: v > 0, "area", "a fibre's area must be positive")
+        if self.own is not None:
+            put(self, "own", _check.floats(self.own, "own"))
+            if self.own.shape != (self.n_fibre, 3):
+                raise ValueError(f"own: expected shape [n_fibre, 3], got {self.own.shape}")
         put(self, "laws", tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
         for k, law in enumerate(self.laws):
             _check.uniaxial(law, f"laws[{k}]")
@@ -82,18 +99,10 @@ class Section:
     i_shape = staticmethod(shapes.i_shape)
     polygon = staticmethod(shapes.polygon)
     mesh = staticmethod(shapes.mesh)
-    composite = staticmethod(shapes.composite)
+    composite = staticmethod(composites.composite)
 
-    def shifted(self, y=0.0, z=0.0):
-        """The section moved by `y`, `z`, m, against the axis of the element.
-
-        Example:
-            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0)).shifted(z=0.1)
-            >>> print(f"{section.z.min():.2f} to {section.z.max():.2f} m")  # middles of ten layers
-            0.01 to 0.19 m
-        """
-        points = None if self.points is None else self.points + np.array([y, z])
-        return copy(self, y=self.y + y, z=self.z + z, points=points)
+    shifted = geometry.shifted
+    centred = geometry.centred
 
     # --- numbers
 
@@ -107,56 +116,10 @@ class Section:
         """Area, m2."""
         return jnp.sum(self.area)
 
-    def inertia(self):
-        """Second moments of area about the axes: ``sum A z^2, sum A y^2, sum A y z``, m4.
-
-        Example:
-            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0), shape=(10, 10))
-            >>> print(f"{section.inertia()[0] / (0.1 * 0.2**3 / 12):.2f}")  # 1 - 1/n^2
-            0.99
-        """
-        return (
-            jnp.sum(self.area * self.z**2),
-            jnp.sum(self.area * self.y**2),
-            jnp.sum(self.area * self.y * self.z),
-        )
-
-    def stiffness(self):
-        """Initial stiffness, N, N m and N m2: forces per (e0, ky, kz), [3, 3].
-
-        Example:
-            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
-            >>> EA, EIy, EIz = jnp.diagonal(section.stiffness()) / 1e6
-            >>> print(f"{EA:.0f} MN, {EIy:.2f} MN m2, {EIz:.2f} MN m2")
-            4000 MN, 13.20 MN m2, 3.30 MN m2
-        """
-        lever = self._levers()
-        modulus = self._per_fibre([law.modulus for law in self.laws])
-        return lever.T @ ((self.area * modulus)[:, None] * lever)
-
-    def torsional_stiffness(self, poisson=0.3):
-        """Initial torsional stiffness ``sum G J`` with ``G = E / 2 (1 + poisson)``.
-
-        Args:
-            poisson: Poisson's ratio of all laws.
-
-        Returns:
-            Scalar, N m2.
-
-        Raises:
-            ValueError: the section has no known torsion constant.
-
-        Example:
-            >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
-            >>> print(f"{section.torsional_stiffness() / 1e3:.2f} kN m2")  # G pi d^4 / 32
-            49.56 kN m2
-        """
-        if self.torsion is None:
-            raise ValueError(
-                "torsional_stiffness: missing; this section has no known torsion constant"
-            )
-        shear = jnp.stack([law.modulus / (2 * (1 + poisson)) for law in self.laws])
-        return jnp.sum(shear * self.torsion)
+    centroid = geometry.centroid
+    inertia = geometry.inertia
+    stiffness = geometry.stiffness
+    torsional_stiffness = geometry.torsional_stiffness
 
     def axial(self):
         """Area, m2, and the one law that axial force sees (all fibres at the same strain).
@@ -238,12 +201,12 @@ class Section:
             ``N, My, Mz``, N, N m, N m. Fibres beyond their curve count zero.
 
         Example:
-            A strain of 1e-4 and a curvature of 0.01/m in a rectangle whose EI is 13.2 MN m2:
+            A strain of 1e-4 and a curvature of 0.01/m in a rectangle whose EI is 13.3 MN m2:
 
             >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
             >>> N, My, Mz = section.forces(1e-4, 0.01, 0.0)
             >>> print(f"{N / 1e3:.1f} kN, {My / 1e3:.1f} kN m, {abs(Mz):.1f} N m")
-            400.0 kN, 132.0 kN m, 0.0 N m
+            400.0 kN, 133.3 kN m, 0.0 N m
         """
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
@@ -280,6 +243,9 @@ class Section:
 
     def energy(self, e0, ky, kz, plastic=None):
         """Stored energy per length, J/m, at given plastic strains."""
+        if self.is_elastic:
+            strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
+            return 0.5 * jnp.sum(strain * (strain @ self.stiffness()), axis=-1)
         strain = self.fibre_strain(e0, ky, kz)
         areas = [self.area[part] for part in self._parts()]
         if plastic is None and self.remembers:

@@ -1,16 +1,19 @@
-"""Constructors of fibre sections: closed shapes, polygons with holes, meshes, composites.
+"""Constructors of fibre sections: closed shapes, polygons with holes, meshes.
 
 Their meshes are made on the host; their dimensions may be traced, so that derivatives with respect
 to a diameter or a width exist.
 """
 
-import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
 from . import meshes, outlines
+from .arrays import stack
+from .composites import composite
+from .torsion import rectangle_torsion
 
 _CELLS = ("quadrilaterals", "triangles")
+_AXES = np.array([1.0, 1.0, 0.0])  # of second moments: the two about axes, not the product
 
 
 def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
@@ -35,8 +38,9 @@ def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
     """
     _positive(diameter, "diameter")
     points, quads = meshes.disc(*_shape(shape))
-    torsion = np.pi / 32 * _float(diameter) ** 4
-    return _from_mesh(_float(diameter) * points, _cells(quads, cells), law, torsion)
+    diameter, inertia = _float(diameter), np.pi / 64 * _float(diameter) ** 4
+    quads = _cells(quads, cells)
+    return _from_mesh(diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
 
 
 def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
@@ -67,8 +71,8 @@ def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
     place, direction, quads = meshes.ring(*_shape(shape, (1, 3)))
     inner = diameter / 2 - thickness
     points = (inner + place * thickness)[:, None] * direction
-    torsion = np.pi / 32 * (diameter**4 - (2 * inner) ** 4)
-    return _from_mesh(points, _cells(quads, cells), law, torsion)
+    inertia = np.pi / 64 * (diameter**4 - (2 * inner) ** 4)
+    return _from_mesh(points, _cells(quads, cells), law, 2 * inertia, round_inertia=inertia)
 
 
 def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
@@ -98,8 +102,8 @@ def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
     _positive(height, "height")
     width, height = _float(width), _float(height)
     points, quads = meshes.square(*_shape(shape))
-    points = points * _stack(width / 2, height / 2)[None, :]
-    return _from_mesh(points, _cells(quads, cells), law, _rectangle_torsion(width, height))
+    points = points * stack(width / 2, height / 2)[None, :]
+    return _from_mesh(points, _cells(quads, cells), law, rectangle_torsion(width, height))
 
 
 def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
@@ -137,13 +141,12 @@ def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
     top = rectangle(width, flange, law, (along, through))
     middle = rectangle(web, height - 2 * flange, law, (max(1, through), tall))
     z = (height - flange) / 2
-    joined = composite([top.shifted(z=z), middle, top.shifted(z=-z)])
     torsion = (2 * width * flange**3 + (height - 2 * flange) * web**3) / 3
-    return _with_torsion(joined, torsion)
+    return composite([top.shifted(z=z), middle, top.shifted(z=-z)], torsion).shifted()
 
 
 def polygon(points, holes, law, size, cells="quadrilaterals"):
-    """Polygon with holes.
+    """Polygon with holes; its axis is at the origin of the points (`Section.centred` moves it).
 
     The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
     is not known: an element has to state its torsional stiffness.
@@ -156,7 +159,8 @@ def polygon(points, holes, law, size, cells="quadrilaterals"):
         cells: "quadrilaterals" or "triangles".
 
     Returns:
-        `Section`; its axis is at the origin of the points.
+        `Section`; beams warn of an axis off its centroid unless `Section.centred` or
+        `Section.shifted` has said where it is to be.
 
     Raises:
         ValueError: wrong shapes, traced points, a size that is not positive, an outline that
@@ -170,6 +174,8 @@ def polygon(points, holes, law, size, cells="quadrilaterals"):
         >>> section = jc.Section.polygon(outline, [hole], jc.Elastic(30e9), size=0.1)
         >>> print(f"{section.total_area:.6f} m2")
         0.750000 m2
+        >>> print(f"{section.centred().inertia()[0]:.6f} m4")  # (1 - 0.5^4) / 12
+        0.078125 m4
     """
     outline = _outline(points, "points")
     holes = [_outline(hole, f"holes[{k}]") for k, hole in enumerate(holes or [])]
@@ -184,11 +190,11 @@ def polygon(points, holes, law, size, cells="quadrilaterals"):
     quads = _cells(made[1], cells)
     # strips that end in a point have cells without area
     quads = quads[meshes.areas(made[0], quads) > 1e-14 * float(size) ** 2]
-    return _from_mesh(made[0], quads, law, None)
+    return _from_mesh(made[0], quads, law, placed=False)
 
 
 def mesh(points, cells, laws):
-    """Section from a mesh of your own.
+    """Section from a mesh of your own; its axis is at the origin of the points, as of `polygon`.
 
     Args:
         points: [n_point, 2] (y, z), m.
@@ -197,7 +203,7 @@ def mesh(points, cells, laws):
         laws: one law, or a list of one per cell.
 
     Returns:
-        `Section` without torsion constant; its axis is at the origin of the points.
+        `Section` without torsion constant; beams warn of its axis as of that of `polygon`.
 
     Raises:
         ValueError: wrong shapes, unknown points, a number of laws that is not that of the cells.
@@ -229,101 +235,25 @@ def mesh(points, cells, laws):
         kinds = list({id(law): law for law in laws}.values())
         kind = np.array([next(k for k, own in enumerate(kinds) if own is law) for law in laws])
         order = np.argsort(kind, kind="stable")
-        return _from_mesh(points, cells[order], kinds, None, tuple(np.bincount(kind).tolist()))
-    return _from_mesh(points, cells, laws, None)
+        counts = tuple(np.bincount(kind).tolist())
+        return _from_mesh(points, cells[order], kinds, counts=counts, placed=False)
+    return _from_mesh(points, cells, laws, placed=False)
 
 
-def composite(sections):
-    """Several sections side by side as one; overlapping parts are not subtracted.
-
-    A concrete-filled tube is a disc and a ring; a strand with a soft core a disc and a ring too.
-
-    Args:
-        sections: list of `Section`, each where it is (see `Section.shifted`).
-
-    Returns:
-        `Section`, its fibres in the order of the laws; with a torsion constant, the sum, if all
-        parts have one.
-
-    Raises:
-        ValueError: no section.
-
-    Example:
-        A concrete-filled tube:
-
-        >>> tube = jc.Section.ring(0.2, 0.01, jc.Elastic(210e9))
-        >>> core = jc.Section.disc(0.18, jc.Elastic(30e9))
-        >>> section = jc.Section.composite([tube, core])
-        >>> print(f"{1e4 * section.total_area:.2f} cm2")  # pi 0.2^2 / 4
-        314.16 cm2
-        >>> print(f"{section.stiffness()[0, 0] / 1e6:.0f} MN")  # sum E A
-        2017 MN
-    """
+def _from_mesh(points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True):
+    """Section of a mesh; `round_inertia`: the exact one of a circular shape, any axis, m4."""
     from .section import Section
 
-    parts = []  # of one law each: section, its law, slice of its fibres, its torsion constant
-    for section in sections:
-        for k, (law, part) in enumerate(zip(section.laws, section._parts(), strict=True)):
-            torsion = None if section.torsion is None else section.torsion[k]
-            parts.append((section, law, part, torsion))
-    if not parts:
-        raise ValueError("sections: a composite needs at least one section")
-    kinds = list({id(law): law for _, law, _, _ in parts}.values())
-    parts = [p for kind in kinds for p in parts if p[1] is kind]
-    starts, n_point = {}, 0
-    for section in sections:
-        starts[id(section)] = n_point
-        n_point += 0 if section.points is None else len(section.points)
-    meshed = all(section.points is not None for section in sections)
-    has_torsion = all(section.torsion is not None for section in sections)
-
-    def join(name):
-        return _concatenate([getattr(section, name)[part] for section, _, part, _ in parts])
-
-    def total(kind):
-        return sum(t for _, law, _, t in parts if law is kind)
-
-    return Section(
-        join("y"),
-        join("z"),
-        join("area"),
-        tuple(kinds),
-        tuple(
-            sum(part.stop - part.start for _, law, part, _ in parts if law is kind)
-            for kind in kinds
-        ),
-        _stack(*[total(kind) for kind in kinds]) if has_torsion else None,
-        _concatenate([section.points for section in sections]) if meshed else None,
-        np.concatenate([s.cells[part] + starts[id(s)] for s, _, part, _ in parts])
-        if meshed
-        else None,
-    )
-
-
-def _from_mesh(points, cells, laws, torsion, counts=None):
-    from .section import Section
-
-    area, centroid = meshes.moments(points, cells)
+    area, centroid, own = meshes.moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
-        torsion = _stack(torsion)
-    return Section(y, z, area, laws, counts, torsion, points, cells)
-
-
-def _with_torsion(section, torsion):
-    from .._tree import copy
-
-    return copy(section, torsion=_stack(torsion))
-
-
-def _rectangle_torsion(width, height):
-    """Torsion constant, m4: Saint-Venant's series (Timoshenko and Goodier, art. 109)."""
-    pack = np if isinstance(width, float) and isinstance(height, float) else jnp
-    short, long = pack.minimum(width, height), pack.maximum(width, height)
-    n = np.arange(1, 40, 2)
-    series = pack.sum(pack.tanh(n * (np.pi / 2) * long / short) / n.astype(float) ** 5)
-    rest = 31 / 32 * 1.0369277551433699 - np.sum(1 / n.astype(float) ** 5)  # tanh is 1 there
-    return long * short**3 / 3 * (1 - 192 / np.pi**5 * short / long * (series + rest))
+        torsion = stack(torsion)
+    if round_inertia is not None:
+        # polygons of the circle's area have a little more inertia: the difference goes to all cells
+        # by their area
+        total = own.sum(0) + (area @ centroid[:, ::-1] ** 2)[np.array([0, 1, 1])]
+        own = own + (area / area.sum())[:, None] * ((round_inertia - total) * _AXES)[None]
+    return Section(y, z, area, laws, counts, torsion, points, cells, own, placed)
 
 
 def _cells(quads, kind):
@@ -351,17 +281,6 @@ def _float(value):
     if value.ndim:
         raise ValueError(f"dimension: expected a scalar, got shape {value.shape}")
     return value if _check.concrete(value) is None else float(value)
-
-
-def _stack(*values):
-    if any(_check.concrete(v) is None for v in values):
-        return jnp.stack([jnp.asarray(v) for v in values])
-    return np.array([float(v) for v in values])
-
-
-def _concatenate(arrays):
-    traced = any(_check.concrete(a) is None for a in arrays)
-    return (jnp if traced else np).concatenate(arrays)
 
 
 def _outline(points, name):
