@@ -208,9 +208,7 @@ class System:
                 self.nodes[group.links],
                 *(motion_of(group, motion) for motion in motions),
             )
-            parts.append(
-                self._part(blocks, group.links, group.n_freedom, motions[-1], group.inner)
-            )
+            parts.append(self._part(blocks, group.links, group.n_freedom, motions[-1], group.inner))
         return parts
 
     def _assemble(self, parts):
@@ -350,9 +348,7 @@ def _by_numbers(blocks, slopes, n_inner):
     `slopes`: change of each end by its numbers, [n_elem, n_end, width, n_number].
     """
     n_elem, n_end, width, n_number = slopes.shape
-    whole = jnp.zeros(
-        (n_elem, n_end * width + n_inner, n_end * n_number + n_inner), blocks.dtype
-    )
+    whole = jnp.zeros((n_elem, n_end * width + n_inner, n_end * n_number + n_inner), blocks.dtype)
     for k in range(n_end):
         rows, columns = slice(k * width, (k + 1) * width), slice(k * n_number, (k + 1) * n_number)
         whole = whole.at[:, rows, columns].set(slopes[:, k].astype(blocks.dtype))

@@ -328,7 +328,9 @@ class FrameSystem(System):
             nodes, by = self.freedoms.carried
             pull, arm = self.unbalanced(x)[nodes, :3], self._arms(x)
             # the moment of loads on arms is in `load` already
-            own = jax.vmap(jax.jacfwd(conjugate))(zero[by], jax.vmap(cross)(arm, self.load[nodes, :3]))
+            own = jax.vmap(jax.jacfwd(conjugate))(
+                zero[by], jax.vmap(cross)(arm, self.load[nodes, :3])
+            )
             change = change.at[by].add(own)
 
             def turning(spin, arm, pull):

@@ -1,7 +1,6 @@
 """Section forces of beams at any place along them."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from . import _check

@@ -1,5 +1,7 @@
 """What the compiled core is given: phases checked, numbered and taken apart on the host."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +16,6 @@ from .phases import Phase
 from .ramp import PhaseData, follows, unloaded
 from .solution import Solution, State
 from .structure import Structure
-from .supports import Fixed
 
 
 def prepare(structure, phases, method, start, earlier=0):
@@ -113,7 +114,7 @@ def _support_sets(structure, phases, fixed):
     if all(own.axes is None for own in sets):
         return sets
     sets = [own.directed() for own in sets]
-    for before, after in zip(sets, sets[1:], strict=False):
+    for before, after in itertools.pairwise(sets):
         for part in range(0, before.array.shape[1], 3):
             held = [own.array[:, part : part + 3] for own in (before, after)]
             in_part = [own.any(axis=1) & ~own.all(axis=1) for own in held]
@@ -196,6 +197,10 @@ def _begin(structure, start):
         )
     if len(last.carry.states) != len(structure.groups):
         raise ValueError("start: belongs to a structure with other element groups")
+    for k, (group, state) in enumerate(zip(structure.groups, last.carry.states, strict=True)):
+        shapes = [jax.tree.map(jnp.shape, plastic) for plastic in (group.virgin(), state.plastic)]
+        if shapes[0] != shapes[1]:
+            raise ValueError(f"start: the law of group {k} remembers other plastic strains")
     rows = structure.rows()[0]
     motion = (
         structure.n_node if rows is None else len(rows),
@@ -203,10 +208,6 @@ def _begin(structure, start):
     )
     if last.carry.motion.shape != motion:
         raise ValueError("start: belongs to a structure with other beams or hinges")
-    for k, (group, state) in enumerate(zip(structure.groups, last.carry.states, strict=True)):
-        shapes = [jax.tree.map(jnp.shape, plastic) for plastic in (group.virgin(), state.plastic)]
-        if shapes[0] != shapes[1]:
-            raise ValueError(f"start: the law of group {k} remembers other plastic strains")
     fixed = last.fixed[-1]
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):

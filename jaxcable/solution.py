@@ -93,8 +93,9 @@ class Path:
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
         strain: strains of the fibres in the shape of `elements`, NaN from a failure on: of bars and
             cables with a law or section [n_inc, n_elem]; of beams ``e0, ky, kz`` at the integration
-            points, [n_inc, n_elem, n_point, 3], loads along the beams and all. None for a group with a mere stiffness, and None
-            altogether if there is nothing else. `fibre_stress` makes stresses of them.
+            points, [n_inc, n_elem, n_point, 3], with what loads along them do. None for a group
+            with a mere stiffness, and None altogether if there is nothing else. `fibre_stress`
+            makes stresses of them.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)

@@ -136,6 +136,6 @@ def warn(structure, spins):
         where = where if len(own) else f"the beam from node {first} to {second}"
         _check.suspect(
             f"supports: {where} can spin about their line, along {along.tolist()}: nothing holds "
-            f"that; if it is not meant, hold it: pinned(...) + restrained([{first}], about=\"x\", "
+            f'that; if it is not meant, hold it: pinned(...) + restrained([{first}], about="x", '
             f"axes={along.tolist()})"
         )

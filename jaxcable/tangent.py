@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._tree import fill, thaw
+from .freedoms import number_freedoms
 from .ramp import make_system
 from .solution import Solution, State
 from .supports import Fixed
-from .freedoms import number_freedoms
 
 
 def tangent_of(structure, state, fixed=None):

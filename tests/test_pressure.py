@@ -8,8 +8,8 @@ from test_gradients import TIGHT, slope
 
 import jaxcable as jc
 from jaxcable._tree import Indices, copy, fill, thaw
-from jaxcable.ramp import PhaseData, Ramp, unloaded
 from jaxcable.freedoms import number_freedoms
+from jaxcable.ramp import PhaseData, Ramp, unloaded
 
 AXIS = (0.0, -1.0, 0.0)  # a cable along x is pressed up, along axis x d
 

@@ -69,9 +69,100 @@ CASES = {
         lambda: beams(hinges=[[False, False], [True, True]]),
         r"hinges\[1\]: both ends are released",
     ),
-    "one rotation": (
-        lambda: analyse(structure=frame(masked(0, 0, 1, 2, 4))),
-        "supports of node 0: one rotation alone is held",
+    "hinges of three axes": (
+        lambda: beams(hinges=np.zeros((2, 3, 2), bool)),
+        r"hinges: expected booleans \[2, 2\] or \[2, 2, 3\]",
+    ),
+    "torsion at both ends": (
+        lambda: beams(hinges=np.array([[[True, False, False]] * 2] * 2)),
+        r"hinges\[0\]: both ends are released, the element could spin",
+    ),
+    "springs without hinges": (
+        lambda: beams(springs=1e3),
+        "springs: give hinges, too, True where an end turns",
+    ),
+    "springs shape": (
+        lambda: beams(hinges=[[True, False]] * 2, springs=[1.0, 2.0]),
+        r"springs: expected a scalar or shape \(2, 3\) or \(2, 2, 3\), got \(2,\)",
+    ),
+    "springs sign": (
+        lambda: beams(hinges=[[True, False]] * 2, springs=-1.0),
+        r"springs = -1.0: must not be negative",
+    ),
+    "axes near the vertical": (
+        lambda: jc.Structure(
+            [[0, 0, 0], [0.002, 0, 1.0]], jc.Beams([[0, 1]], section=SECTION), jc.clamped([0])
+        ),
+        "up: missing; element 0 leans by 0.115 degrees",
+    ),
+    "restrained letters": (lambda: jc.restrained([0], "xq"), "along = 'xq': expected some of"),
+    "restrained nothing": (lambda: jc.restrained([0]), "along, about: nothing is held"),
+    "restrained unknown": (
+        lambda: frame(jc.clamped([0]) + jc.pinned([3]) + jc.restrained([8], "x")),
+        r"restrained nodes\[0\] = 8: the structure has nodes 0 to 3",
+    ),
+    "restrained axes": (
+        lambda: jc.restrained([0], "x", axes=[[1.0, 0, 0], [1.0, 1.0, 0], [0, 0, 1.0]]),
+        r"axes\[0\]: expected three directions of length 1 at right angles",
+    ),
+    "no direction": (lambda: jc.restrained([0], "x", axes=(0.0, 0, 0)), "no direction"),
+    "two sets of directions": (
+        lambda: frame(
+            jc.clamped([0])
+            + jc.pinned([3])
+            + jc.restrained([2], "x", axes=(1.0, 1.0, 0))
+            + jc.restrained([2], "x", axes=(1.0, 0.0, 1.0))
+        ),
+        "supports of node 2: held along two sets of directions",
+    ),
+    "directions that change": (
+        lambda: jc.solve(
+            frame(jc.clamped([0]) + jc.pinned([3]) + jc.restrained([2], "x", axes=(1.0, 1.0, 0))),
+            [
+                jc.Phase(loads=jc.NodalLoads([2], (0, 0, 1.0))),
+                jc.Phase(
+                    supports=jc.clamped([0])
+                    + jc.pinned([3])
+                    + jc.restrained([2], "x", axes=(1.0, 0.0, 1.0))
+                ),
+            ],
+        ),
+        "supports of node 2: held in part along other directions than in the phase before",
+    ),
+    "rotations of a net": (
+        lambda: jc.Structure(
+            NODES[:3],
+            jc.Cables([[0, 1], [1, 2]], axial_stiffness=1.0),
+            jc.pinned([0, 2]) + jc.restrained([0], about="x"),
+        ),
+        "no element of the structure has rotations",
+    ),
+    "carried by a cable's end": (
+        lambda: jc.Structure(
+            np.vstack([NODES, [[2.0, 0, 1.5]]]),
+            {"beam": beams(), "stay": jc.Cables([[2, 3]], axial_stiffness=1e6)},
+            jc.clamped([0]) + jc.pinned([3]),
+            rigid=[[3, 4]],
+        ),
+        r"rigid\[0\] = \[3, 4\]: node 3 has no rotation",
+    ),
+    "carried twice": (
+        lambda: jc.Structure(
+            np.vstack([NODES, [[2.0, 0, 1.5]]]),
+            {"beam": beams(), "stay": jc.Cables([[4, 3]], axial_stiffness=1e6)},
+            jc.clamped([0]) + jc.pinned([3]),
+            rigid=[[2, 4], [1, 4]],
+        ),
+        r"rigid\[1\] = \[1, 4\]: node 4 is carried twice",
+    ),
+    "a support on an arm": (
+        lambda: jc.Structure(
+            np.vstack([NODES, [[2.0, 0, 1.5]]]),
+            {"beam": beams(), "stay": jc.Cables([[4, 3]], axial_stiffness=1e6)},
+            jc.clamped([0]) + jc.pinned([3, 4]),
+            rigid=[[2, 4]],
+        ),
+        "supports of node 4: another node carries it",
     ),
     "mask without rotations": (
         lambda: jc.Structure(
@@ -116,7 +207,7 @@ CASES = {
     ),
     "turned pin": (
         lambda: analyse(
-            structure=frame(jc.pinned([0, 2, 3])),
+            structure=frame(jc.pinned([0, 2, 3]) + jc.restrained([0], about="x")),
             loads=jc.SupportMovement([0], (0, 0, 0.0), rotations=(0, 0.1, 0)),
         ),
         r"rotations\[0\]: node 0 is not clamped",

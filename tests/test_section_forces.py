@@ -1,7 +1,5 @@
 """Section forces along beams, axial strain and neutral axes: an independent stiffness method."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import stiffness_method as oracle

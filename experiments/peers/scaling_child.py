@@ -50,8 +50,8 @@ def timed(function, *arguments):
 def system(structure, solution, solver):
     """The loaded state as a `System` of arrays, and its unknowns."""
     from jaxcable._tree import Indices, fill, thaw
-    from jaxcable.ramp import make_system
     from jaxcable.freedoms import number_freedoms
+    from jaxcable.ramp import make_system
 
     fixed = Indices(structure.fixed(structure.supports))
     links = tuple((group.links, group.n_freedom) for group in structure.groups)

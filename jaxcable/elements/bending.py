@@ -70,7 +70,7 @@ def field(rotations, stretch, length, load, stiffness=None, inner=None):
     else:
         # curvature about the neutral axis first: far from the axis nothing cancels
         coupling = stiffness[0, 1:] / stiffness[0, 0]
-        a_1, a_2, sag = -coupling @ odd, jnp.zeros(()), None
+        a_1, a_2, sag = -coupling @ odd, jnp.zeros_like(stretch), None
         if load is not None:
             yielding = _inverse(stiffness[1:, 1:] - jnp.outer(coupling, stiffness[0, 1:]))
             a_1 = a_1 - 0.5 * load[0] * length / stiffness[0, 0]
@@ -144,9 +144,7 @@ def generalized(field, rotations, length, sums, torsion, load):
             pull = pull + jnp.stack([jnp.zeros_like(force), turned[1], -turned[0]])
         torque = cross(load, pull)
     twisting = torsion * field.twist / length
-    moments = jnp.stack(
-        [jnp.append(-twisting[None], first), jnp.append(twisting[None], second)]
-    )
+    moments = jnp.stack([jnp.append(-twisting[None], first), jnp.append(twisting[None], second)])
     return force, moments, torque, jnp.stack([by_axial, by_sag])
 
 

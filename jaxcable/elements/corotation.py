@@ -50,7 +50,7 @@ class Pose:
         chord: direction b of the chord, [3].
         axes: the element's axes as they are turned, rows, [3, 3].
         half: half of the rotation between the ends, quaternion [4].
-        turns: rotations of the ends out of the frame in the element's axes, `stereographic`, [2, 3].
+        turns: rotations of the ends out of the frame, `stereographic`, along its axes, [2, 3].
         rotations: the same as rotation vectors, [2, 3], rad.
     """
 

@@ -28,7 +28,6 @@ from ..rotations import (
 from . import bending, corotation
 from .prestress import stretch
 
-
 _FINITE = turning, conjugate
 _NEAR = partial(turning, order=1), partial(conjugate, order=1)
 
@@ -300,4 +299,3 @@ class Member:
     def is_slack(self, state, ends, motion):
         """A beam holds in compression too: never slack."""
         return jnp.zeros((), bool)
-
