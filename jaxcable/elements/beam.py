@@ -231,6 +231,10 @@ class Beams(Member, Prestressed):
         idle = np.ones((count, self.n_inner_row, 3), bool)
         if not self.section.is_elastic:
             idle[:, :2, :2] = False
+            # layers on one line do not resist bending along it
+            for column, across in enumerate((self.section.z, self.section.y)):
+                places = _check.concrete(across)
+                idle[:, 1, column] = places is not None and np.ptp(places) == 0
         if self.springs is not None:
             idle[:, -2:] = ~self.hinges.array
         return idle

@@ -90,9 +90,13 @@ def field(rotations, stretch, length, load, stiffness=None, inner=None):
 
 
 def _inverse(matrix):
-    """Of a matrix [2, 2]."""
+    """Of a matrix [2, 2]; zero for an axis about which layers on one line do not resist bending."""
     (a, b), (c, d) = matrix
-    return jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / (a * d - b * c)
+    whole = a * d - b * c
+    regular = whole > 8 * jnp.finfo(whole.dtype).eps * a * d
+    own = [jnp.where(v > 0, 1 / jnp.where(v > 0, v, 1.0), 0.0) for v in (a, d)]
+    inverse = jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / jnp.where(regular, whole, 1.0)
+    return jnp.where(regular, inverse, jnp.diag(jnp.stack(own)))
 
 
 def across(load):
