@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from . import linear
 from ._tree import copy, pytree
 from .elements.prestress import element
-from .freedoms import numbers_of
+from .freedoms import carriers, numbers_of
 
 
 @pytree
@@ -193,6 +193,19 @@ class System:
         return self._assemble(
             self._blocks(lambda one, *args: one.secant(*args), self.motion(before), self.motion(x))
         )
+
+    def displaced_by(self, motion):
+        """Displacements of all rows by the unknowns, [n_row, 3, n_free], about a motion."""
+        freedoms, n_row = self.freedoms, len(motion)
+        number, slopes = freedoms.number, self._slopes(motion)
+        if freedoms.carried is not None:
+            number = number[carriers(n_row, freedoms.carried)]
+        if slopes is None:
+            number = number[:, :3]
+            slopes = jnp.broadcast_to(jnp.eye(3, dtype=motion.dtype), (n_row, 3, 3))
+        moved = jnp.zeros((n_row, 3, freedoms.free.shape[0] + 1), motion.dtype)
+        at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
+        return moved.at[at].add(slopes[:, :3])[..., :-1]
 
     def _blocks(self, block, *motions):
         """Element matrices block(element, state, ends, *motions) [n_end, 3, n_end, 3], per group.

@@ -53,6 +53,13 @@ def tangent_at(thawed, arrays, freedoms):
     return system.tangent(system.unknowns(carry.motion))
 
 
+def displaced_by(thawed, arrays, freedoms):
+    """Displacements of all rows of motion by the unknowns, [n_row, 3, n_free], of `prepared`."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    return system.displaced_by(carry.motion)
+
+
 def prepared(structure, state, fixed=None):
     """What the tangent is made of: (nodes, groups, carry) thawed, index arrays, freedoms."""
     state = state.last if isinstance(state, Solution) else state

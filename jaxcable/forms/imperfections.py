@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _check
 from .._tree import pytree, replace
-from ..tangent import prepared, tangent_of
+from ..tangent import displaced_by, prepared, tangent_of
 
 
 @pytree
@@ -73,15 +73,13 @@ def modes(structure, state, n=6, fixed=None):
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((structure, state))):
         raise ValueError("state: is traced; eigenmodes have no derivatives, take them outside")
-    freedoms = prepared(structure, state, fixed)[-1]
+    moved = np.asarray(displaced_by(*prepared(structure, state, fixed)))[: structure.n_node]
     tangent = np.asarray(tangent_of(structure, state, fixed))
     if not np.isfinite(tangent).all():
         raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
     values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
     n = min(n, len(values))
-    number = freedoms.number[: structure.n_node, :3]
-    padded = np.vstack([vectors[:, :n], np.zeros((1, n))])  # held freedoms have the last number
-    shapes = np.moveaxis(padded[number], -1, 0)
+    shapes = np.moveaxis(moved @ vectors[:, :n], -1, 0)
     size = np.linalg.norm(shapes, axis=-1).max(axis=1)
     flat = shapes.reshape(n, -1)
     sign = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])

@@ -10,7 +10,7 @@ from .. import _check
 from .._tree import Indices, copy, pytree
 from ..ramp import follows, make_system, unloaded
 from ..solution import Solution, State
-from ..tangent import filled, prepared, tangent_at
+from ..tangent import displaced_by, filled, prepared, tangent_at
 
 _ROUNDING = 64  # times eps of the sums that an eigenvalue is the difference of: it is zero
 
@@ -128,7 +128,8 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
         )
     factor, vectors = _solve(before, after, min(n, len(after)))
     factor = jnp.where(alike & symmetric, factor, jnp.nan)
-    return Buckling(factor, _shapes(vectors, freedoms.number[: structure.n_node, :3]))
+    moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
+    return Buckling(factor, _shapes(jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)))
 
 
 def _refuse_following(carry, name):
@@ -212,12 +213,9 @@ def _solve(before, after, n):
     return jnp.where(known, factor, jnp.nan), modes
 
 
-def _shapes(vectors, number):
-    """Vectors [n_free, n] as displacements of the nodes, [n, n_node, 3]; `number` [n_node, 3]."""
-    n = vectors.shape[1]
-    full = jnp.concatenate([vectors, jnp.zeros((1, n), vectors.dtype)])
-    shapes = jnp.moveaxis(full[number], -1, 0)
-    flat = shapes.reshape(n, -1)
+def _shapes(shapes):
+    """Displacements [n, n_node, 3] with the largest of a node 1 and its largest part positive."""
+    flat = shapes.reshape(len(shapes), -1)
     size = jnp.max(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(shapes) ** 2, axis=-1)), axis=1)
     largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
     scale = jnp.sign(largest) / jnp.where(size > 0, size, 1.0)

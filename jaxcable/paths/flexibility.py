@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check, linear
-from ..tangent import prepared, tangent_of
+from ..tangent import displaced_by, prepared, tangent_of
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -46,14 +46,10 @@ def flexibility(structure, state, nodes, axes="xyz", fixed=None):
     _check.known(nodes, structure.n_node, "nodes")
     if not isinstance(axes, str) or not axes or set(axes) - set(AXES):
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
-    freedoms = prepared(structure, state, fixed)[-1]
-    number = np.asarray(freedoms.number)[nodes][:, [AXES[a] for a in axes]].ravel()
-    n_free = len(freedoms.free)
+    moved = displaced_by(*prepared(structure, state, fixed))
+    unit = moved[nodes][:, np.array([AXES[a] for a in axes])].reshape(-1, moved.shape[2])
     stiffness = tangent_of(structure, state, fixed)
     factor = linear.factorize(stiffness)
-    free = number < n_free
-    place = np.where(free, number, 0)
-    unit = jnp.zeros((len(number), n_free), stiffness.dtype)
-    unit = unit.at[np.arange(len(number)), place].set(jnp.where(free, 1.0, 0.0))
     given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
-    return jnp.where(free[:, None] & free[None, :], given[place], 0.0)
+    free = jnp.any(unit != 0, axis=1)
+    return jnp.where(free[:, None] & free[None, :], unit @ given, 0.0)

@@ -155,7 +155,6 @@ def _trace(thawed, arrays, method, settings, code, room):
         return jax.tree.map(one, values)
 
     noted = run.noted
-    free = ramp.freedoms.number[:, :3]
     events = Events(
         kind=jnp.where(happened, noted.kind, 0),
         load_factor=None,
@@ -163,7 +162,7 @@ def _trace(thawed, arrays, method, settings, code, room):
         upper=known(noted.upper, happened),
         row=known(noted.row, happened),
         displacement=known(jax.vmap(lambda p: _moved(ramp, p))(noted.point), happened),
-        mode=jax.vmap(lambda p: _shape(p, free))(noted.point),
+        mode=jax.vmap(lambda p: _shape(ramp, p))(noted.point),
         alignment=jax.vmap(alignment)(noted.point),
         elements=None,
     )
@@ -208,9 +207,17 @@ def _moved(ramp, point):
     return (motion - ramp.begin.motion)[:, :3]
 
 
-def _shape(point, number):
+def _shape(ramp, point):
     """Null vector as displacements, the largest of a node 1, [n_node, 3]."""
-    shape = jnp.append(point.phi, 0.0)[number]
+    if ramp.freedoms.axes is None and ramp.freedoms.carried is None:
+        shape = jnp.append(point.phi, 0.0)[ramp.freedoms.number[:, :3]]
+    else:
+        system = ramp.at(point.factor, point.plastic)
+
+        def moved(step):
+            return system.motion(system.move(point.x, step))[:, :3]
+
+        shape = jax.jvp(moved, (jnp.zeros_like(point.phi),), (point.phi,))[1]
     size = jnp.linalg.norm(shape, axis=-1)
     largest = jnp.max(size)
     flat = shape.reshape(-1)

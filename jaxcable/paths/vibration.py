@@ -6,7 +6,7 @@ import numpy as np
 
 from .. import _check
 from .._tree import pytree
-from ..tangent import filled, prepared, tangent_of
+from ..tangent import displaced_by, filled, prepared, tangent_of
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2."""
@@ -45,8 +45,8 @@ def natural_frequencies(
 
     K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
     the element groups (over `gravity`), shared out to the nodes, and `masses`; they do not turn:
-    rotations of beams follow without inertia (static condensation, exact). Dense, meant for some
-    hundred unknowns.
+    rotations of beams follow without inertia (static condensation, exact but for masses on rigid
+    arms, where it is Guyan's reduction). Dense, meant for some hundred unknowns.
 
     A pure function. Derivatives are those of simple eigenvalues; equal ones have no definite modes,
     and derivatives of their shapes are not finite.
@@ -103,15 +103,17 @@ def natural_frequencies(
         heavy |= _positive(masses)
     if not heavy.any():
         raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
-    number = np.asarray(freedoms.number)[: structure.n_node, :3]
     n_free = len(freedoms.free)
-    moving = np.unique(number[heavy])
+    if freedoms.carried is not None:
+        heavy[freedoms.carried[1]] |= heavy[freedoms.carried[0]]
+    moving = np.unique(np.asarray(freedoms.number)[: structure.n_node, :3][heavy])
     moving = moving[moving < n_free]
     stiffness = tangent_of(structure, state, fixed)
+    moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
     mass = _node_mass(structure, thawed, arrays, gravity, distribution)
     if masses is not None:
         mass = mass + jnp.diag(masses.astype(mass.dtype))
-    return _solve(stiffness, mass, moving, number, min(n, len(moving)))
+    return _solve(stiffness, mass, moving, moved, min(n, len(moving)))
 
 
 def _positive(values):
@@ -146,16 +148,10 @@ def _node_mass(structure, thawed, arrays, gravity, distribution):
     return mass
 
 
-def _solve(stiffness, mass, moving, number, n):
-    """The slowest `n` modes; `moving` are the unknowns with mass."""
+def _solve(stiffness, mass, moving, moved, n):
+    """The slowest `n` modes; `moving` are the unknowns with mass, `moved` what they displace."""
     n_free = len(stiffness)
-    node = np.full(n_free + 1, -1)
-    axis = np.full(n_free + 1, -1)
-    node[number], axis[number] = np.indices(number.shape)
-    node, axis = node[moving], axis[moving]
     still = np.setdiff1d(np.arange(n_free), moving)
-    same = axis[:, None] == axis[None, :]
-    own = jnp.where(same, mass[np.ix_(node, node)], 0.0)
     symmetric = 0.5 * (stiffness + stiffness.T)
     condensed = symmetric[np.ix_(moving, moving)]
     follow = None
@@ -164,15 +160,17 @@ def _solve(stiffness, mass, moving, number, n):
             symmetric[np.ix_(still, still)], symmetric[np.ix_(still, moving)]
         )
         condensed = condensed + symmetric[np.ix_(moving, still)] @ follow
+    all_of = jnp.zeros((n_free, len(moving)), moved.dtype).at[moving].set(jnp.eye(len(moving)))
+    if follow is not None:
+        all_of = all_of.at[still].set(follow)
+    ways = jnp.tensordot(moved, all_of, 1)  # [n_node, 3, n_moving]
+    own = jnp.tensordot(ways, jnp.tensordot(mass, ways, 1), ((0, 1), (0, 1)))
     root = jnp.linalg.cholesky(own)
     half = jax.scipy.linalg.solve_triangular(root, condensed, lower=True)
     standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
     squared, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
     modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)[:, :n]
-    full = jnp.zeros((n_free + 1, n), modes.dtype).at[moving].set(modes)
-    if follow is not None:
-        full = full.at[still].set(follow @ modes)
-    shapes = jnp.moveaxis(full[number], -1, 0)
+    shapes = jnp.moveaxis(jnp.tensordot(ways, modes, 1), -1, 0)
     size = jnp.max(jnp.linalg.norm(shapes, axis=-1), axis=1)
     flat = shapes.reshape(n, -1)
     sign = jnp.sign(jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1))
