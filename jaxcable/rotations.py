@@ -142,9 +142,12 @@ def middle(p, q):
     return unit(p + jnp.where(p @ q < 0, -q, q))
 
 
-def shortest(a, b):
-    """The smallest rotation that takes the unit vector `a` to `b`; not for opposite ones."""
-    return unit(jnp.append((1 + a @ b)[None], cross(a, b)))
+def shortest(a, b, change):
+    """The smallest rotation that takes the unit vector `a` to `b`; not for opposite ones.
+
+    `change` is ``b - a``, more exact than the subtraction where they are close.
+    """
+    return unit(jnp.append((1 + a @ b)[None], cross(a, change)))
 
 
 def turned(motion, step):

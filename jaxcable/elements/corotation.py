@@ -32,7 +32,6 @@ from ..rotations import (
     middle,
     moment_of_spin,
     product,
-    rotate,
     shortest,
     stereographic,
 )
@@ -68,8 +67,12 @@ def pose(axes, ends, displacements, quaternions):
     """`Pose` from initial axes (rows, [3, 3]), initial ends [2, 3] and their motion."""
     vector, length, change, _ = stretch(ends, displacements)
     halfway = middle(*quaternions)
-    mean, chord = rotate(halfway, axes[0]), vector / length
-    frame = product(shortest(mean, chord), halfway)
+    # small turns are differences of directions: each as its change from the initial one
+    turned = 2 * cross(halfway[1:], axes[0])
+    turned = halfway[0] * turned + cross(halfway[1:], turned)
+    swung = (displacements[1] - displacements[0] - change * axes[0]) / length
+    mean, chord = axes[0] + turned, vector / length
+    frame = product(shortest(mean, chord, swung - turned), halfway)
     back = inverse(frame)
     turns = jax.vmap(lambda q: axes @ stereographic(product(back, q)))(quaternions)
     half = product(quaternions[1], inverse(halfway))
