@@ -4,6 +4,9 @@ A law knows nothing about nodes, numbering or solvers. A group of elements is a 
 these members. Of the whole group:
 
 - ``links``: node numbers, [n_elem, n_end]; ``n_freedom``: freedoms that it gives a node, 3 or 6;
+- ``inner``, ``n_inner_row``: unknowns of its own (`member`), as (row, column), and the rows of
+  motion that they take after those of the ends; () and 0 for all but beams, whose ``idle()`` are
+  the columns that no number stands in, and whose ``balls()`` the ends with a rotation of their own;
 - ``properties()``: dict of the arrays with a leading [n_elem] axis, vmapped together with the
   state; everything else in the group (its material law, its section) is shared by the elements;
 - ``start(ends)``: the state before the first phase, from initial end positions [n_elem, n_end, 3];
@@ -20,7 +23,8 @@ these members. Of the whole group:
 Of one element, vmapped over the group by `assembly`, from its state, the initial positions of its
 ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (unit quaternions):
 
-- ``end_forces``: internal force at each end, [n_end, 3], N, or with moments [n_end, 6];
+- ``end_forces``: internal force at each end, [n_end, 3], N, or with moments [n_end, 6], and of
+  inner numbers in the rows after them;
 - ``tangent``: its derivative, the tangent stiffness, by autodiff and never written by hand;
 - ``end_forces_about(state, ends, motion, step)``, with rotations: forces conjugate to a step;
 - ``energy``: stored energy, J, written apart from the forces: they must be its gradient;
