@@ -52,7 +52,7 @@ def fibre_error(structure, solution, name=None):
     if name is None:
         forces, lever = np.asarray(solution.tension)[:, None], area[:, None]
     else:
-        forces = np.asarray(solution.section_forces[name])[..., :3]
+        forces = np.asarray(solution.section_forces[name])[..., [0, 4, 5]]
         lever = np.stack([area, area * z, -area * y], axis=-1)
     return (np.abs(stress @ lever - forces) / (np.abs(stress).max() * np.abs(lever).sum(0))).max()
 

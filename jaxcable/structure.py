@@ -245,7 +245,7 @@ class Structure:
         """
         fixed = self.fixed(self.supports)
         if fixed.axes is not None:
-            raise ValueError("supports: this takes supports along x, y, z only")
+            raise ValueError("supports: form finding takes supports along x, y, z only")
         return fixed.array
 
     def _require_touched(self, fixed):

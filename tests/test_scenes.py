@@ -10,15 +10,20 @@ import jaxcable as jc
 SADDLE_LAW = jc.materials.strand(1860e6, 195e9)
 
 
-def assert_fibres_sum_to_section_forces(structure, solution, name):
+def assert_fibres_sum_to_section_forces(structure, solution, name, share):
+    """Fibres against equilibrium; `share` of the largest: what deflects within an element.
+
+    N times the deflection against its chord is in the forces and not in the curvatures. The order
+    of the fibres and the point of a strain would be wrong by more than the forces themselves.
+    """
     group = structure.elements[name]
     stress = np.asarray(jc.fibre_stress(structure, solution.phases[-1])[name])[-1]
     forces = np.asarray(solution.section_forces[name])
     y, z, area = (np.asarray(v) for v in (group.section.y, group.section.z, group.section.area))
     lever = np.stack([area, area * z, -area * y], axis=-1)
-    size = np.abs(stress).max() * np.abs(lever).sum(0)
-    # sums over some 50 fibres, of strains taken from the record
-    assert (np.abs(stress @ lever - forces[..., :3]) / size).max() < 1e-12
+    size = np.abs(forces[..., [0, 4, 5]]).max((0, 1))
+    apart = np.abs(stress @ lever - forces[..., [0, 4, 5]]).max((0, 1))
+    assert (apart[:2] < np.array([1e-3, share]) * size[:2]).all() and apart[2] < 1e-6 * size[1]
 
 
 @pytest.mark.slow
@@ -27,7 +32,7 @@ def test_guyed_mast():
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
     problems.assert_balanced(solution)
-    assert_fibres_sum_to_section_forces(structure, solution, "mast")
+    assert_fibres_sum_to_section_forces(structure, solution, "mast", 0.03)  # 15 m long
     first, last = (np.asarray(p.tension["guys"]) for p in solution.phases)
     # windward guys (one of three at a level) gain, the two others lose alike, by symmetry
     assert (last[[0, 3]] > first[[0, 3]]).all() and (last[[1, 4]] < first[[1, 4]]).all()
@@ -46,7 +51,7 @@ def test_a_net_stiffens_an_arch():
     stiffened = jc.solve(structure, phases)
     assert int(stiffened.status) == 0
     problems.assert_balanced(stiffened)
-    assert_fibres_sum_to_section_forces(structure, stiffened, "arch")
+    assert_fibres_sum_to_section_forces(structure, stiffened, "arch", 0.01)
     # the same arch with a net that does next to nothing
     net = structure.elements["net"]
     loose = jc.replace(

@@ -53,7 +53,8 @@ class Beams(Member, Prestressed):
             socket), or [n_elem, 2, 3] about the element's own axes: along it (torsion), and the
             section's y and z as they are initially, carried along by the node.
         points: number of places at which results along an element are given, ends included, and of
-            integration points of sections that are not linear; default 3, for those 5.
+            integration points of sections that are not linear; default 3, for those 5. With 3
+            the fibres of such sections see linear curvatures, without what loads along do.
         springs: stiffness of the joint where an end turns (semi-rigid), scalar, [2, 3] or
             [n_elem, 2, 3], N m per radian; default none. Where `hinges` is False it has no meaning.
             Joints that springs hold, or that are free in some directions only, turn by less than a
@@ -229,12 +230,11 @@ class Beams(Member, Prestressed):
         """Columns of its inner rows that an element does not use, [n_elem, n_inner_row, 3]."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
-        if not self.section.is_elastic:
-            idle[:, :2, :2] = False
-            # layers on one line do not resist bending along it
-            for column, across in enumerate((self.section.z, self.section.y)):
-                places = _check.concrete(across)
-                idle[:, 1, column] = places is not None and np.ptp(places) == 0
+        for row, column in self.field_places:
+            idle[:, row, column] = False
+            if row == 1:  # layers on one line do not resist bending along it
+                places = _check.concrete((self.section.z, self.section.y)[column])
+                idle[:, row, column] = places is not None and np.ptp(places) == 0
         if self.springs is not None:
             idle[:, -2:] = ~self.hinges.array
         return idle

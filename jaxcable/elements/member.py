@@ -28,6 +28,8 @@ from ..rotations import (
 from . import bending, corotation
 from .prestress import stretch
 
+# places of a_1, a_2 and of b about y, z among the inner rows, by the number of these rows
+_FIELD = (), ((0, 0),), ((0, 0), (0, 1), (1, 0), (1, 1))
 _FINITE = turning, conjugate
 _NEAR = partial(turning, order=1), partial(conjugate, order=1)
 
@@ -45,15 +47,26 @@ class Member:
         Of a section that is not linear ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
         middle that the cubic does not have; of joints the rotation of each end, times a length.
         """
-        field = () if self.section.is_elastic else ((0, 0), (0, 1), (1, 0), (1, 1))
-        rows = 0 if self.section.is_elastic else 2
+        rows = self._n_field_row
         joints = () if self.springs is None else np.ndindex(2, 3)
-        return (*field, *((rows + end, axis) for end, axis in joints))
+        return (*self.field_places, *((rows + end, axis) for end, axis in joints))
+
+    @property
+    def field_places(self):
+        """Those of its inner numbers that belong to the field of its section."""
+        return _FIELD[self._n_field_row]
 
     @property
     def n_inner_row(self):
         """Rows of motion that an element has for its inner numbers."""
-        return (0 if self.section.is_elastic else 2) + (0 if self.springs is None else 2)
+        return self._n_field_row + (0 if self.springs is None else 2)
+
+    @property
+    def _n_field_row(self):
+        """Those of its field: three points cannot tell P2 from its size, and leave it out."""
+        if self.section.is_elastic:
+            return 0
+        return 1 if self.points < 4 else 2
 
     def _pose(self, state, ends, motion):
         """Initial axes, and `corotation.Pose` of the element."""
@@ -77,8 +90,12 @@ class Member:
             load = pose.axes @ state.line_load
         length, inner = state.rest_length, None
         if not self.section.is_elastic:
-            size = jnp.stack([length, length**2 / 32])
-            inner = jnp.stack([motion[2, :2], motion[3, :2]]) / size[:, None]
+            inner = jnp.zeros((2, 2), length.dtype)
+            if self._n_field_row == 1:
+                inner = inner.at[0, 0].set(motion[2, 0] / length)
+            else:
+                size = jnp.stack([length, length**2 / 32])
+                inner = motion[2:4, :2] / size[:, None]
         stretch = (state.elongation + pose.change) / length
         stiffness = self.section.stiffness() if inner is None else None
         return bending.field(pose.rotations, stretch, length, load, stiffness, inner), load
@@ -119,8 +136,10 @@ class Member:
         )
         pull, moments = corotation.end_forces(pose, force, moments, torque)
         inner = []
-        if not self.section.is_elastic:
-            inner = [unbalanced[0] / length, unbalanced[1] * 32 / length**2]
+        if self._n_field_row:
+            inner = [unbalanced[0, : self._n_field_row] / length]
+        if self._n_field_row == 2:
+            inner.append(unbalanced[1] * 32 / length**2)
         if self.springs is not None:
             for k, joint in enumerate(self._joints(state, motion)):
                 own = axes @ rotate(inverse(motion[k, 3:]), moments[k])

@@ -56,6 +56,8 @@ def save_opensees(path, structure, solution, steps=1):
     if int(steps) != steps or steps < 1:
         raise ValueError(f"steps = {steps}: expected a whole number from 1")
     require_exportable(structure)
+    if solution.last.fixed[-1].axes is not None:
+        raise ValueError("supports: the script holds displacements along x, y, z only")
     elements = []
     for group, state in zip(structure.groups, solution.last.carry.states, strict=True):
         elements += _members(structure, group, state)
