@@ -34,7 +34,6 @@ import numpy as np
 from record import commit
 
 import jaxcable as jc
-from jaxcable._tree import Indices
 from jaxcable.freedoms import number_freedoms
 
 jax.config.update("jax_enable_x64", True)
@@ -93,8 +92,8 @@ def quartiles(x, digits=2):
 
 def default_solver(structure):
     """Name of the solver that this machine chooses."""
-    fixed = Indices(structure.fixed(structure.supports))
-    links = tuple((group.links, group.n_freedom) for group in structure.groups)
+    fixed = structure.fixed(structure.supports)
+    links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
     return number_freedoms(fixed, None, links).pattern.solver
 
 

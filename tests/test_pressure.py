@@ -7,7 +7,7 @@ import pytest
 from test_gradients import TIGHT, slope
 
 import jaxcable as jc
-from jaxcable._tree import Indices, copy, fill, thaw
+from jaxcable._tree import copy, fill, thaw
 from jaxcable.freedoms import number_freedoms
 from jaxcable.ramp import PhaseData, Ramp, unloaded
 
@@ -67,7 +67,7 @@ def test_pressure_is_in_balance_with_the_reactions():
 
 def system_at(structure, phase):
     """The system at the end of a phase, and unknowns a little out of place."""
-    freedoms = number_freedoms(Indices(structure.fixed(structure.supports)))
+    freedoms = number_freedoms(structure.fixed(structure.supports))
     load = phase.loads.among(structure) if hasattr(phase.loads, "among") else phase.loads
     data = PhaseData(phase.inputs(structure), [], [load], [], freedoms, None)
     groups, data = fill(*thaw((structure.groups, data)))

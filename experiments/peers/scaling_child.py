@@ -49,12 +49,12 @@ def timed(function, *arguments):
 
 def system(structure, solution, solver):
     """The loaded state as a `System` of arrays, and its unknowns."""
-    from jaxcable._tree import Indices, fill, thaw
+    from jaxcable._tree import fill, thaw
     from jaxcable.freedoms import number_freedoms
     from jaxcable.ramp import make_system
 
-    fixed = Indices(structure.fixed(structure.supports))
-    links = tuple((group.links, group.n_freedom) for group in structure.groups)
+    fixed = structure.fixed(structure.supports)
+    links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
     freedoms = number_freedoms(fixed, None, links, solver)
     thawed, arrays = thaw((structure.nodes, structure.groups, solution.last.carry))
     nodes, groups, carry = fill(thawed, [jnp.asarray(array) for array in arrays])
