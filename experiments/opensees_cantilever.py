@@ -13,9 +13,10 @@ Error      Distance of the tip's displacement from the reference, mm; difference
            `dispBeamColumn` at equal number of elements, as a part of the discretisation's: the
            smaller of `dispBeamColumn`'s change from n to 2 n elements, and of its distance from
            `forceBeamColumn` with n.
-Command    OPENSEES_PYTHON=... python experiments/opensees_cantilever.py
+Command    OPENSEES_PYTHON=... python experiments/opensees_cantilever.py [--times]
            (an interpreter with openseespy, default this one; writes
-           experiments/results/opensees_cantilever.txt and .png; 20 minutes, most of it compilation)
+           experiments/results/opensees_cantilever.txt and .png, and with --times
+           opensees_cantilever_times.txt; 5 and 20 minutes, most of it compilation)
 
 In its plane: one row of fibres along the width has no stiffness about the other axis, so that
 jaxcable's nodes are held out of the plane (3 unknowns a node); OpenSees has a plane model for this
@@ -43,6 +44,7 @@ import numpy as np
 
 HERE = Path(__file__).parent
 RESULT = HERE / "results" / "opensees_cantilever.txt"
+TIMES = HERE / "results" / "opensees_cantilever_times.txt"
 PEER = HERE / "peers" / "opensees_cantilever.py"
 
 LENGTH, WIDTH, HEIGHT = 2.0, 0.1, 0.2
@@ -415,11 +417,12 @@ def main():
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE
     )
-    say(
+    machine = (
         f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
         f"jax {jax.__version__}, numpy {np.__version__}, matplotlib {matplotlib.__version__}, "
         f"OpenSees {opensees.version}; commit {commit.stdout.strip()}"
     )
+    say(machine)
     solvers = {n: jax.jit(tip_path(n)) for n in SIZES}
     found = deflections(opensees, solvers, LOAD)
     control = deflections(opensees, solvers, 0.5 * FIRST_YIELD)
@@ -460,13 +463,20 @@ def main():
     )
     RESULT.parent.mkdir(exist_ok=True)
     draw(solvers[10], opensees, errors, elastic)
-    analysis = print_times(opensees, say)
-    say("")
-    print_derivatives(analysis, say)
-    say(NOTES)
-    say(f"\nload average of the machine meanwhile: {os.getloadavg()[2]:.1f} (one process is ours)")
-    opensees.close()
     RESULT.write_text(out.getvalue())
+    if "--times" in sys.argv:
+        out.seek(0)
+        out.truncate()
+        say(machine)
+        analysis = print_times(opensees, say)
+        say("")
+        print_derivatives(analysis, say)
+        say(NOTES)
+        say(
+            f"\nload average of the machine meanwhile: {os.getloadavg()[2]:.1f} (one process is ours)"
+        )
+        TIMES.write_text(out.getvalue())
+    opensees.close()
 
 
 if __name__ == "__main__":

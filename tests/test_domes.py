@@ -82,7 +82,7 @@ def test_counts_and_prestress(name):
     found = forms.self_stress(structure)
     assert (found.s, found.m, len(found.rigid)) == (*COUNTS[name], 0)
     links, tension = stated_tension(structure, phases[0])
-    free = ~structure.fixed(structure.supports)
+    free = ~structure.held()
     assert found.m - found.s == free.sum() - len(links)  # Maxwell's rule, after Calladine
     # a residual from lengths alone: some ten forces at a node, each with a rounding or two
     nodes = np.asarray(structure.nodes)
@@ -194,7 +194,7 @@ def test_prestressed_and_loaded(name):
     left, force = problems.unbalanced(
         None, links, ea, rest, np.asarray(loaded.positions), np.asarray(loaded.load), False
     )
-    free = ~structure.fixed(structure.supports)
+    free = ~structure.held()
     # lengths subtracted: eps EA; the tolerance of Newton's method is 1e-10 of the forces
     assert np.abs(left[free]).max() < 20 * EPS * ea.max() + 1e-9 * np.abs(force).max()
     assert int(loaded.phases[1].path.n_slack[-1]) == 0
@@ -205,7 +205,7 @@ def test_prestressed_and_loaded(name):
 @pytest.mark.parametrize("name", SOLVED)
 def test_tangent_and_its_lowest_eigenvalue(name):
     structure, _ = scene(name)
-    free = ~structure.fixed(structure.supports).ravel()
+    free = ~structure.held().ravel()
     for solution in solved(name):
         rest = in_rows(structure, solution.rest_length)[1]
         tension = in_rows(structure, solution.tension)[1]
