@@ -431,11 +431,12 @@ def main():
     errors = print_accuracy(found, reference, 0, say)
     say("\nReleased")
     print_accuracy(found, reference, 1, say)
+    share = {name: errors[name][0] / errors["force"][0] for name in ("jaxcable", "disp")}
     say(
         "The orders scatter in all programs: where the yield front lies among the integration "
         "points changes\nwith n. With "
-        f"{SIZES[0]} elements jaxcable is {errors['jaxcable'][0] / errors['force'][0]:.1f} times as "
-        f"far as forceBeamColumn, dispBeamColumn {errors['disp'][0] / errors['force'][0]:.1f} times."
+        f"{SIZES[0]} elements jaxcable is {share['jaxcable']:.1f} times as far as forceBeamColumn, "
+        f"dispBeamColumn {share['disp']:.1f} times."
     )
     say(f"\nControl: loaded to {FIRST_YIELD / 2e3:.3f} kN, 0.5 of the load of first yield")
     limit = (4 * control["force"][FINEST] - control["force"][FINEST // 2]) / 3
