@@ -8,6 +8,7 @@ no freedom of its own: it moves by those of its carrier.
 
 import functools
 
+import jax.numpy as jnp
 import numpy as np
 
 from . import linear
@@ -99,14 +100,8 @@ def numbers_of(number, links, width, inner=(), carried=None):
         return numbers
     rows, columns = np.array(inner).T
     own = number[links[:, n_end + rows], columns]
-    pack = np if isinstance(number, np.ndarray) and isinstance(links, np.ndarray) else _jnp()
-    return pack.concatenate([numbers, own], axis=1)
-
-
-def _jnp():
-    import jax.numpy as jnp
-
-    return jnp
+    on_host = isinstance(number, np.ndarray) and isinstance(links, np.ndarray)
+    return (np if on_host else jnp).concatenate([numbers, own], axis=1)
 
 
 def carriers(n_row, carried):
@@ -115,7 +110,7 @@ def carriers(n_row, carried):
         found = np.arange(n_row)
         found[carried[0]] = carried[1]
         return found
-    return _jnp().arange(n_row).at[carried[0]].set(carried[1])
+    return jnp.arange(n_row).at[carried[0]].set(carried[1])
 
 
 @functools.lru_cache(maxsize=16)

@@ -365,3 +365,18 @@ def test_spins_are_found_from_the_geometry():
     assert spins(ends, bent) is None
     skew = jc.restrained([1], about="x", axes=(1.0, 1.0, 0.0))
     assert spins(ends + skew) is None
+
+
+def test_supports_joints_and_arms_go_to_files_and_back(tmp_path):
+    arms = bracket(np.array([0.4, 0.2, 0.1]))
+    hinges = np.array([[[False, True, False], [True, False, False]]])
+    mast = jc.Beams([[0, 1]], section=BOX, hinges=hinges, springs=[[0.0, 5.0, 0], [7.0, 0, 0]])
+    held = jc.restrained([0], "xyz", "x", axes=(1.0, 1.0, 0.5)) + jc.pinned([3])
+    structure = jc.replace(arms, elements={**arms.elements, "mast": mast}, supports=held)
+    jc.save_scene(tmp_path / "mast.json", (structure, [jc.Phase()]))
+    loaded, _ = jc.load_scene(tmp_path / "mast.json")
+    assert jax.tree.structure(loaded) == jax.tree.structure(structure)
+    pairs = zip(jax.tree.leaves(loaded), jax.tree.leaves(structure), strict=True)
+    assert all((np.asarray(a) == np.asarray(b)).all() for a, b in pairs)
+    assert loaded.fixed(loaded.supports) == structure.fixed(structure.supports)
+    assert loaded.rigid.array.tolist() == [[1, 2]]
