@@ -15,14 +15,11 @@ import numpy as np
 from ..rotations import (
     angles,
     conjugate,
-    cross,
     exp_stereographic,
     inverse,
-    matrix,
     moment_of_stereographic,
     product,
     rotate,
-    turn_by,
     turning,
 )
 from . import bending, corotation
@@ -100,6 +97,12 @@ class Member:
         stiffness = self.section.stiffness() if inner is None else None
         return bending.field(pose.rotations, stretch, length, load, stiffness, inner), load
 
+    @jax.jit  # traced once for all its uses; a compilation has it many times over
+    def _bent(self, state, ends, motion):
+        """Initial axes, `corotation.Pose`, `bending.Field`, and line load along the turned axes."""
+        axes, pose = self._pose(state, ends, motion)
+        return axes, pose, *self._field(state, axes, pose, motion)
+
     def _strains(self, field):
         """Section strains at the integration points, [n_point, 3]."""
         places = bending.lobatto(self.points)[0]
@@ -122,14 +125,13 @@ class Member:
         places, weight = (jnp.asarray(v, force.dtype) for v in bending.lobatto(self.points))
         return (weight[:, None] * bending.basis(places)).T @ force
 
-    @jax.jit  # traced once for all its uses; a compilation has it many times over
+    @jax.jit  # as above
     def _resistance(self, state, ends, motion):
         """Pull on the second end [3], moments on both ends [2, 3], forces of inner numbers [k]."""
         return self._balance(state, ends, motion)
 
     def _balance(self, state, ends, motion, forces=None):
-        axes, pose = self._pose(state, ends, motion)
-        field, load = self._field(state, axes, pose, motion)
+        axes, pose, field, load = self._bent(state, ends, motion)
         length, rotations = state.rest_length, pose.rotations
         force, moments, torque, unbalanced = bending.generalized(
             field, rotations, length, self._sums(state, field, forces), self._twisting(), load
@@ -222,8 +224,7 @@ class Member:
 
     def energy(self, state, ends, motion):
         """Stored energy less the line load's work on the bent axis, J."""
-        axes, pose = self._pose(state, ends, motion)
-        field, load = self._field(state, axes, pose, motion)
+        _, pose, field, load = self._bent(state, ends, motion)
         length = state.rest_length
         # a linear section's energy is of the fourth degree along the axis
         count = max(4, self.points) if self.section.is_elastic else self.points
@@ -240,8 +241,7 @@ class Member:
 
     def tension(self, state, ends, motion):
         """Axial force, mean over the element, N."""
-        axes, pose = self._pose(state, ends, motion)
-        return self._sums(state, self._field(state, axes, pose, motion)[0])[0, 0]
+        return self._sums(state, self._bent(state, ends, motion)[2])[0, 0]
 
     def peak_tension(self, state, ends, motion):
         """Axial force of largest size along the element, N: at an end, where a load acts along."""
@@ -252,8 +252,7 @@ class Member:
 
     def section_strain(self, state, ends, motion):
         """Strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
-        axes, pose = self._pose(state, ends, motion)
-        return self._strains(self._field(state, axes, pose, motion)[0])
+        return self._strains(self._bent(state, ends, motion)[2])
 
     def section_forces(self, state, ends, motion, places=None):
         """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, default the integration points, [n, 6].
@@ -264,8 +263,7 @@ class Member:
         """
         places = bending.lobatto(self.points)[0] if places is None else places
         s = jnp.asarray(places, ends.dtype)
-        axes, pose = self._pose(state, ends, motion)
-        field, load = self._field(state, axes, pose, motion)
+        _, pose, field, load = self._bent(state, ends, motion)
         length = state.rest_length
         pull, moments, _ = self._resistance(state, ends, motion)
         load = jnp.zeros(3, ends.dtype) if load is None else load * length
@@ -273,13 +271,12 @@ class Member:
         twist = pose.axes @ moments[0]
         place, area, turn = bending.curve(field, pose.rotations, length, pose.length, s)
         carried = start[None] + jnp.outer(s, load)
-
-        def at(place, area, turn, carried):
-            own = matrix(turn_by(turn))  # the section's axes, along the rows of its transpose
-            moment = cross(place, carried) - cross(area, load) - twist
-            return jnp.concatenate([-carried @ own, moment @ own])
-
-        return jax.vmap(at)(place, area, turn, carried)
+        moment = _cross(place, carried) - _cross(area, load[None]) - twist[None]
+        both = jnp.stack([-carried, moment], axis=1)
+        # back by the small turn of the section, to the second order that all of this has
+        spin = turn[:, None]
+        change = _cross(spin, both)
+        return (both - change + 0.5 * _cross(spin, change)).reshape(-1, 6)
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of all fibres, mean over the element, N."""
@@ -318,3 +315,8 @@ class Member:
     def is_slack(self, state, ends, motion):
         """A beam holds in compression too: never slack."""
         return jnp.zeros((), bool)
+
+
+def _cross(a, b):
+    """Vector products of arrays [..., 3], without a small contraction for each of them."""
+    return jnp.roll(a, -1, -1) * jnp.roll(b, 1, -1) - jnp.roll(a, 1, -1) * jnp.roll(b, -1, -1)
