@@ -127,6 +127,7 @@ def test_plastic_strains_freeze_at_a_failure():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:supports of phases:jaxcable.InputWarning")  # both are held
 def test_a_section_collapses_to_one_area_and_law_in_a_cable():
     core = jc.materials.tension_only(50e9)
     wire = jc.Polygonal([-0.03, 0.0, 0.008, 0.03], [-6e9, 0.0, 1.6e9, 2e9])
