@@ -144,7 +144,7 @@ class FacePressure:
         Snow, and wind that lifts, on a net with a level border that spans 1.12 m2 in plan:
 
         >>> structure, _ = jc.scenes.flat_net()
-        >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
+        >>> faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
         >>> snow, wind = jc.AreaLoads(faces, (0.0, 0.0, -1000.0)), jc.FacePressure(faces, 400.0)
         >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=[snow, wind]))
         >>> print(f"{jc.describe(solution.status)}: {solution.load[:, 2].sum():.3f} N")
