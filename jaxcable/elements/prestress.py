@@ -21,6 +21,8 @@ class AxialState:
         plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
             makes, or None.
+        pressed: pressures that follow beams, a list of (pressure [n_elem], unit axis [n_elem, 3])
+            for each of the names of lengths that they are per, N/m, or None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -38,6 +40,7 @@ class AxialState:
     weighing: object = None
     plastic: object = None
     line_load: object = None
+    pressed: object = None
 
 
 @pytree(indices=("chosen",))
