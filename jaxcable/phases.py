@@ -43,7 +43,11 @@ class Phase:
       phase the jack is anchored: the unstressed length that it left is locked in.
 
     Increments, which may be combined with them: shortening (turnbuckle), m; temperature (change;
-    the group needs `expansion`), K.
+    the group needs `expansion`), K. Within a phase the absolute statement comes first, then the
+    shortening, then the temperature. An absolute statement says what an element is at the
+    temperature that it then has, so that it takes the place of all earlier statements and
+    shortenings; the element stays as warm as it was, and a later change of temperature counts from
+    there. Heat changes no weight, and no load per unstressed length.
 
     Args:
         loads: one load or a list; they add to those of earlier phases.

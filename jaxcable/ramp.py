@@ -140,7 +140,7 @@ class Ramp:
             end_states,
             held,
             added,
-            data.element_loads,
+            [_begun(load, nodes, carry) for load in data.element_loads],
             moved,
             released,
             data.freedoms,
@@ -289,13 +289,19 @@ def _shaped(number, group, state, nodes, element_loads):
     return copy(state, line_load=line_load, pressed=pressed or None)
 
 
+def _begun(load, nodes, carry):
+    """An element load that knows where the phase begins, if it asks for that."""
+    if getattr(load, "begun", None) is None:
+        return load
+    return copy(load, begun=nodes + carry.motion[:, :3])
+
+
 def _line_load(number, group, state, nodes, element_loads):
     """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
-    ends = nodes[group.links]
     loads = [
         factor * along
         for load, factor in element_loads
-        if not follows(load) and (along := load.per_length(number, group, state, ends)) is not None
+        if not follows(load) and (along := load.per_length(number, group, state, nodes)) is not None
     ]
     return sum(loads) if loads else None
 

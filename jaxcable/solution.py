@@ -30,7 +30,7 @@ class State:
         peak_tension: the axial force of largest size along each element, likewise: what strength is
             judged by. Of catenaries the larger end tension (its derivative jumps where both ends
             are equal), of all others `tension`.
-        rest_length: unstressed length per element, likewise, m.
+        rest_length: unstressed length per element at the temperature of the moment, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act, [n_node, 3], N.
         phase: number of the phase it belongs to, from 0; -1 before the first increment.
@@ -179,7 +179,8 @@ class Solution:
         positions: [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
         peak_tension: the force of largest size along each element, as in `State`.
-        rest_length: unstressed lengths at the end: the cutting list, likewise, m.
+        rest_length: unstressed lengths at the end: the cutting list, likewise, m; at the
+            temperature of the end (`report` has them at that before the first phase).
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
         last: the last converged `State`.

@@ -45,7 +45,11 @@ TYPES = {
 """What a file can hold, by the name of its type."""
 
 _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
-_WORKED_OUT = {Polygonal: ("rising", "n_plastic")}  # by the constructor, from the points
+_WORKED_OUT = {
+    Polygonal: ("rising", "n_plastic"),  # by the constructor, from the points
+    LineLoads: ("begun",),  # by the analysis
+    AreaLoads: ("begun",),
+}
 _DEEPEST = 32  # nested objects; no structure comes near
 
 

@@ -9,7 +9,7 @@ A load is a pytree class with ``check(structure)`` and ``scaled(factor)``, and o
 
 - ``nodal_forces(shape, dtype)``, on nodes: it leaves freedoms that become fixed;
 - ``element_forces(groups, states, nodes, shape, dtype)``, dead, evaluated at every load factor, and
-  ``per_length(number, group, state, ends)``: what of it shapes the elements of a group, or None;
+  ``per_length(number, group, state, nodes)``: what of it shapes the elements of a group, or None;
 - ``following_forces(groups, states, nodes, moved)`` and ``following_blocks``, their derivatives;
   ``touches(groups)``, the nodes that these couple; ``pressing(number, group)``, if it bends beams;
 - ``steps(shape, dtype)``, of supports.

@@ -5,16 +5,16 @@ import jax.numpy as jnp
 from .. import _check
 from .._tree import copy, pytree
 from . import faces as _faces
-from .along import padded
+from .along import check_geometry, padded, room
 
 PER = ("projected", "initial")
 
 
-@pytree(static=("per",), indices=("faces",))
+@pytree(static=("per", "geometry"), indices=("faces",))
 class AreaLoads:
     """Dead loads per area, on tributary areas: a third of each triangle to each of its corners.
 
-    Areas are those of the initial nodes, so that the load is dead; they have derivatives.
+    Areas are those before the load acts, so that it is dead; they have derivatives.
 
     Args:
         faces: node numbers, [n_face, 3] or [n_face, 4], in turn round each face; quadrilaterals
@@ -24,10 +24,12 @@ class AreaLoads:
         per: which area: "projected", as seen along the force (plan area, for snow), or "initial",
             the surface itself. A zero force has no direction to look along: see `LineLoads`.
         factor: of the forces.
+        geometry: whose areas, "input", those of the structure's nodes, or "begun", those where the
+            phase that adds the load begins: the form after prestress.
 
     Raises:
-        ValueError: wrong shapes, a face of less than three nodes, an unknown `per`; where a phase
-            is analysed, a node that the structure does not have.
+        ValueError: wrong shapes, a face of less than three nodes, an unknown `per` or `geometry`;
+            where a phase is analysed, a node that the structure does not have.
 
     Example:
         Snow of 1 kN/m2 under wind that lifts with 0.4 kN/m2, on a net that spans 1.12 m2:
@@ -44,6 +46,8 @@ class AreaLoads:
     forces: object
     per: str = "projected"
     factor: object = 1.0
+    geometry: str = "input"
+    begun: object = None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
 
     def __post_init__(self):
         object.__setattr__(self, "faces", _faces.checked(self.faces))
@@ -56,10 +60,15 @@ class AreaLoads:
         object.__setattr__(self, "factor", _check.floats(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+        check_geometry(self.geometry, self.per)
 
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
+
+    def among(self, structure):
+        """The load with room for the nodes where its phase begins, if it asks for them."""
+        return copy(self, begun=room(self.geometry, structure))
 
     def scaled(self, factor):
         """The load times `factor`."""
@@ -67,7 +76,7 @@ class AreaLoads:
 
     def element_forces(self, groups, states, nodes, shape, dtype):
         """Force on every node, as `shape`, N."""
-        corners = nodes[self.faces]
+        corners = (nodes if self.begun is None else self.begun)[self.faces]
         per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))
         total = jnp.zeros((shape[0], 3), dtype)
         for numbers, vector in _faces.area_vectors(corners):
@@ -84,6 +93,6 @@ class AreaLoads:
                 total = total.at[self.faces[:, k]].add(force)
         return padded(self.factor.astype(dtype) * total, shape)
 
-    def per_length(self, number, group, state, ends):
+    def per_length(self, number, group, state, nodes):
         """It acts on nodes and shapes no element."""
         return None

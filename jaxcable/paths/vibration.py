@@ -136,7 +136,7 @@ def _node_mass(structure, thawed, arrays, gravity, distribution):
             continue
         best = "lumped" if group.n_freedom == 6 else "mean"
         own, other = _SHARES[best if distribution is None else distribution]
-        whole = group.weight * state.weighing / gravity
+        whole = group.weight * state.loaded / gravity
         links = node[given.links.array]
         if links.shape[1] != 2:
             share = group.at_ends(whole, nodes[group.links])
