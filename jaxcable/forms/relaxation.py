@@ -22,8 +22,9 @@ from jax import lax
 from .. import _check, implicit, plausibility, status
 from .._tree import copy, fill, pytree, thaw
 from ..elements.prestress import element
+from .along import split
 from .form import arranged, make_form
-from .members import check_members, nodal_loads, stated, total
+from .members import check_members, stated, total
 
 _AWAY = 1e3  # displacement, in structure sizes, that no held structure reaches
 _SPARE = 1.05  # of the masses, over what stability asks for
@@ -81,7 +82,7 @@ def dynamic_relaxation(
     """
     check_members(structure)
     plausibility.precision(structure.nodes)
-    loads = nodal_loads(structure, loads)
+    loads, _ = split(structure, loads, takes_more=False)
     forces, held = stated(tension, structure, "tension")
     rests, cut = stated(rest_length, structure, "rest_length")
     for k, group in enumerate(structure.groups):
