@@ -95,6 +95,15 @@ class System:
             following = jnp.pad(following, ((0, 0), (0, 3)))
         return self.load + following
 
+    def acting(self, motion):
+        """`all_load`, with what slides along ropes where it is now; for results."""
+        load = self.all_load(motion)
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.slides and state.line_load is not None:
+                slid = each("slid", group, state, self.nodes, motion)
+                load = load.at[group.links, :3].add(slid)
+        return load
+
     def following(self, moved):
         """Following loads on every node at the positions `moved`, both [n_node, 3], N."""
         arguments = self.groups, self.states, self.nodes, moved
@@ -288,7 +297,10 @@ class System:
     def convex(self):
         """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
         return self.followers is None and all(
-            group.tension_only and group.rising for group in self.groups
+            group.tension_only
+            and group.rising
+            and not (group.slides and state.line_load is not None)
+            for group, state in zip(self.groups, self.states, strict=True)
         )
 
     @property

@@ -20,7 +20,7 @@ def state_of(frame, carry, load, number, factor, freedoms):
         tension=system.tensions(motion),
         rest_length=[state.rest_length for state in carry.states],
         reactions=system.reactions(motion),
-        load=system.all_load(motion),
+        load=system.acting(motion),
         phase=number,
         load_factor=factor,
         carry=None,

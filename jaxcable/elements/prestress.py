@@ -23,7 +23,7 @@ class AxialState:
             in a group that does not expand.
         plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
-            makes, or None.
+            makes, or along which it slides, or None.
         pressed: pressures that follow beams, a list of (pressure [n_elem], unit axis [n_elem, 3])
             for each of the names of lengths that they are per, N/m, or None.
 
@@ -77,6 +77,7 @@ class Prestressed:
     """
 
     shaped_by_load = False
+    slides = False
     inner = ()
     n_inner_row = 0
 

@@ -42,7 +42,7 @@ class Strings:
     inner = ()
     n_inner_row = 0
     rising = True
-    breaks = remembers = shaped_by_load = False
+    breaks = remembers = shaped_by_load = slides = False
     rounding = None
 
     def properties(self):
