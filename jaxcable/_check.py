@@ -26,12 +26,34 @@ class InputWarning(UserWarning):
     """
 
 
-def suspect(text):
-    """Issue an `InputWarning` that points at the line outside of this package."""
+class UnstableWarning(UserWarning):
+    """An analysis ended in an equilibrium that is unstable; its results are those of that state.
+
+    Silenced, or made an exception, as `InputWarning`.
+
+    Example:
+        A strut that is pushed along its axis by more than the spring beside it can hold:
+
+        >>> import warnings
+        >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [5.0, 0.0, 1.0], [0.0, 5.0, 1.0]]
+        >>> strut = jc.Bars([[0, 1]], axial_stiffness=1e6)
+        >>> springs = jc.Bars([[1, 2], [1, 3]], axial_stiffness=50.0)  # 10 N/m each
+        >>> structure = jc.Structure(nodes, [strut, springs], jc.pinned([0, 2, 3]))
+        >>> push = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -20.0)))
+        >>> with warnings.catch_warnings(record=True) as seen:
+        ...     warnings.simplefilter("always")
+        ...     solution = jc.solve(structure, push)
+        >>> print(solution.status, solution.stable, seen[0].category.__name__)
+        0 False UnstableWarning
+    """
+
+
+def suspect(text, kind=InputWarning):
+    """Issue a warning that points at the line outside of this package."""
     frame, level = sys._getframe(1), 2
     while frame is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
         frame, level = frame.f_back, level + 1
-    warnings.warn(text, InputWarning, stacklevel=level)
+    warnings.warn(text, kind, stacklevel=level)
 
 
 def concrete(x):

@@ -136,7 +136,8 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     code = status.first_failure(code, jnp.asarray(own, jnp.int32))
     x = jnp.where(code == status.OK, x, begin)
     steps = jnp.where(active, steps, 0)
-    outcome = Outcome(x, code, steps, steps, largest, scale, settled)
+    stable = (code == status.OK) & system.convex  # else the solver asks at the end of the phase
+    outcome = Outcome(x, code, steps, steps, largest, scale, settled, stable)
     return outcome, ramp.settle(system, x, code, plastic)
 
 

@@ -104,6 +104,14 @@ def prepare(structure, phases, method, start, earlier=0):
     return thawed, arrays, method, code, tuple(sets)
 
 
+def convex(groups, carry, data):
+    """Whether the energy is convex in all phases, as `System.convex`."""
+    loads = [] if carry is None else [load for load, _ in carry.element_loads]
+    loads += [load for phase in data for load in phase.element_loads]
+    tight = all(group.tension_only and group.rising for group in groups)
+    return tight and not any(follows(load) for load in loads)
+
+
 def _support_sets(structure, phases, fixed):
     """`Fixed` before the first phase and in each; all with directions if one has some."""
     sets = [fixed]

@@ -12,8 +12,8 @@ PACKAGE = ROOT / "jaxcable"
 
 FLOORS = [
     ["_tree", "_check", "_interrupt"],
-    ["selection", "plausibility"],
-    ["status"],
+    ["selection", "status"],
+    ["plausibility"],
     ["linear", "search", "rotations", "roots", "progress"],
     ["implicit"],
     ["materials"],
@@ -26,6 +26,7 @@ FLOORS = [
     ["loads"],
     ["assembly"],
     ["frames"],
+    ["newton_step"],
     ["equilibrium"],
     ["incremental"],
     ["phases"],

@@ -22,6 +22,7 @@ __all__ = [
     "check",
     "diagonal",
     "factorize",
+    "is_definite",
     "is_dense",
     "make_pattern",
     "no_memory",
@@ -105,6 +106,16 @@ def solve_general(matrix, rhs):
     """Solve with a general matrix: solution [n], and whether the matrix is regular."""
     factor = factorize(matrix)
     return factor.solve(rhs, lambda v: matrix @ v), factor.regular
+
+
+def is_definite(matrix):
+    """Whether a matrix has no eigenvalue below zero, as far as rounding tells; not differentiable.
+
+    Of an unsymmetric one: whether its symmetric part has none.
+    """
+    if isinstance(matrix, Sparse):
+        return sparse.is_definite(matrix)
+    return solve_definite(matrix, jnp.zeros(len(matrix), matrix.dtype))[1]
 
 
 def solve_next(matrix, rhs, memory, tol, limit, wanted):

@@ -141,6 +141,13 @@ def solve_next(matrix, rhs, memory, tol, limit, wanted):
     return x, definite, after
 
 
+def is_definite(matrix):
+    """See `linear.is_definite`; of an unsymmetric matrix whether its pivots are positive."""
+    zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
+    memory = no_memory(matrix.pattern, zero.dtype)
+    return solve_next(matrix, zero, memory, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
+
+
 @solve_next.def_vmap
 def _solve_batch(axis_size, mapped, *arguments):
     """A batch of systems of small bandwidth, in jax; others one after the other on the host."""
