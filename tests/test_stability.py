@@ -85,7 +85,7 @@ def stiffness_of_bars(nodes, moved, links, EA, rest):
 
 
 def test_random_trusses_against_eigenvalues():
-    """Flat ones in their plane, which pressed bars do not hold; eigenvalues of a NumPy stiffness."""
+    """Flat ones in their plane, where pressed bars may give way; eigenvalues by NumPy."""
     rng = np.random.default_rng(5)
     nodes = np.array([[x, y, 0.0] for x in range(3) for y in range(3)], float)
     links = [(i, j) for i in range(9) for j in range(i) if np.hypot(*(nodes[i] - nodes[j])[:2]) < 2]
