@@ -284,6 +284,20 @@ class System:
             held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
 
+    def kinked(self, motion):
+        """Whether a cable that moves with free nodes is exactly unstressed.
+
+        Taut on one side and slack on the other, it gives equilibrium no derivative. (Laws with
+        plastic strains slacken elsewhere, and are not asked.)
+        """
+        found, n_free = jnp.zeros((), bool), self.freedoms.free.shape[0]
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.tension_only and not group.remembers:
+                moves = jnp.any(self.freedoms.number[group.links] < n_free, axis=(1, 2))
+                kink = each("at_kink", group, state, self.nodes, motion)
+                found = found | jnp.any(kink & moves)
+        return found
+
     @property
     def convex(self):
         """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
