@@ -7,7 +7,7 @@ from . import _check, plausibility
 from ._tree import Indices, pytree
 from .elements.prestress import Stated
 from .loads import as_list
-from .selection import Only
+from .selection import Only, Selection
 from .supports import Supports
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
@@ -176,11 +176,11 @@ def spread(value, structure, name):
 
     def is_row(x):
         return isinstance(x, list | tuple) and not any(
-            isinstance(v, list | tuple | dict | Only) for v in x
+            isinstance(v, list | tuple | dict | Only | Selection) for v in x
         )
 
     def is_one(x):
-        return x is None or isinstance(x, Only)
+        return x is None or isinstance(x, Only | Selection)
 
     # a list may be a branch of the tree of groups, or else the values of one group
     for is_leaf in (is_one, lambda x: is_one(x) or is_row(x)):
@@ -208,6 +208,8 @@ def _shape(tree):
 
 
 def _checked(value, group, name):
+    if isinstance(value, Selection):
+        raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
     if not hasattr(group, "restate"):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
     rules = [_RULES[name]] if name in _RULES else []

@@ -7,7 +7,7 @@ from .. import _check
 from ..elements import Bars
 from ..loads import NodalLoads, as_list
 from ..phases import spread
-from ..selection import Only
+from ..selection import Only, Selection
 from ..structure import Structure
 
 
@@ -52,6 +52,8 @@ def stated(value, structure, name):
     for group, own in zip(structure.groups, spread(value, structure, name), strict=True):
         n_elem = len(group.links)
         meant = np.full(n_elem, own is not None)
+        if isinstance(own, Selection):
+            raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
         if isinstance(own, Only):
             meant = own.chosen(n_elem, name)
             own = own.spread(np.zeros(n_elem))
