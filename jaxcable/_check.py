@@ -1,4 +1,4 @@
-"""Argument checks shared by the constructors: shapes always, values when they are concrete."""
+"""Argument checks shared by the constructors: types and shapes; of values see `_rules`."""
 
 import sys
 import warnings
@@ -75,21 +75,6 @@ def per_element(value, n_elem, name):
     if array.shape == ():
         array = (jnp if isinstance(array, jax.Array) else np).broadcast_to(array, (n_elem,))
     return array
-
-
-def require(array, rule, name, text):
-    """Raise ValueError naming the first index where `rule(array)` is False (NaN passes).
-
-    NaN is not an error here but a status of the analysis, so that a batch survives it.
-    """
-    value = concrete(array)
-    if value is None:
-        return
-    bad = ~(rule(value) | np.isnan(value))
-    if bad.any():
-        index = tuple(int(i) for i in np.argwhere(bad)[0])
-        where = f"[{', '.join(map(str, index))}]" if index else ""
-        raise ValueError(f"{name}{where} = {value[index]!s}: {text}")
 
 
 def mask(value):

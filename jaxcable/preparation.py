@@ -7,15 +7,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import _check, plausibility, spins, status
+from ._rules import kept, rules_of
 from ._tree import copy, thaw
 from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
 from .loads import NodalLoads, SupportMovement, as_list
-from .phases import Phase
+from .phases import Phase, keeps_rules
 from .ramp import PhaseData, follows, unloaded
 from .solution import Solution, State
-from .structure import Structure
+from .structure import Structure, place_rules
 
 
 def prepare(structure, phases, method, start, earlier=0):
@@ -178,6 +179,27 @@ def ready(parameters):
         carry = copy(carry, bearing=carry.motion[:, 3:])
     groups = [group.continued() if group.breaks else group for group in groups]
     return nodes, groups, carry, data
+
+
+def verdicts(parameters, *others):
+    """What rules say of numbers that nothing could be refused of, because they were traced.
+
+    Args:
+        parameters: nodes, groups, carry and data, as they were handed over.
+        others: method and settings.
+
+    Returns:
+        own: whether the numbers of the structure keep their rules, scalar bool.
+        codes: INVALID_INPUT or OK, one a phase: of its numbers, of the structure and of `others`.
+    """
+    nodes, groups, _, data = parameters
+    own = kept([*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))])
+    common = own & kept(rules_of(others))
+    codes = [
+        jnp.where(common & keeps_rules(phase, groups), status.OK, status.INVALID_INPUT)
+        for phase in data
+    ]
+    return own, [code.astype(jnp.int32) for code in codes]
 
 
 def _begin(structure, start):

@@ -12,6 +12,7 @@ PACKAGE = ROOT / "jaxcable"
 
 FLOORS = [
     ["_tree", "_check", "_interrupt"],
+    ["_rules"],
     ["selection", "plausibility"],
     ["status"],
     ["linear", "search", "rotations", "roots", "progress"],

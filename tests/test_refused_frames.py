@@ -87,7 +87,7 @@ CASES = {
     ),
     "springs sign": (
         lambda: beams(hinges=[[True, False]] * 2, springs=-1.0),
-        r"springs = -1.0: must not be negative",
+        r"springs\[0, 0, 0\] = -1.0: must not be negative",
     ),
     "axes near the vertical": (
         lambda: jc.Structure(
