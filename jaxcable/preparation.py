@@ -17,6 +17,7 @@ from .phases import Phase, keeps_rules
 from .ramp import PhaseData, follows, unloaded
 from .solution import Solution, State
 from .structure import Structure, place_rules
+from .topology import require_same
 
 
 def prepare(structure, phases, method, start, earlier=0):
@@ -212,24 +213,7 @@ def _begin(structure, start):
         code, last = jnp.int32(status.OK), start
     else:
         raise ValueError(f"start: expected a Solution, got {type(start).__name__}")
-    if last.displacement.shape != structure.nodes.shape:
-        raise ValueError(
-            f"start: belongs to a structure of {last.displacement.shape[0]} nodes, "
-            f"this one has {structure.n_node}"
-        )
-    if len(last.carry.states) != len(structure.groups):
-        raise ValueError("start: belongs to a structure with other element groups")
-    for k, (group, state) in enumerate(zip(structure.groups, last.carry.states, strict=True)):
-        shapes = [jax.tree.map(jnp.shape, plastic) for plastic in (group.virgin(), state.plastic)]
-        if shapes[0] != shapes[1]:
-            raise ValueError(f"start: the law of group {k} remembers other plastic strains")
-    rows = structure.rows()[0]
-    motion = (
-        structure.n_node if rows is None else len(rows),
-        7 if structure.turns().any() else 3,
-    )
-    if last.carry.motion.shape != motion:
-        raise ValueError("start: belongs to a structure with other beams or hinges")
+    require_same(structure, last.topology, "start")
     fixed = last.fixed[-1]
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):
@@ -237,4 +221,15 @@ def _begin(structure, start):
                 "start: which supports a traced .last had is not known; use the solution itself"
             )
         fixed = last.fixed[int(last.phase) + 1]
-    return last.carry, code, fixed
+    return _weighing(structure, last.carry), code, fixed
+
+
+def _weighing(structure, carry):
+    """A carry whose groups with a weight all have what weighs; some got theirs since then."""
+    states = [
+        copy(state, weighing=state.rest_length)
+        if state.weighing is None and getattr(group, "weight", None) is not None
+        else state
+        for group, state in zip(structure.groups, carry.states, strict=True)
+    ]
+    return copy(carry, states=states)

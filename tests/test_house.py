@@ -23,7 +23,7 @@ FLOORS = [
     ["supports", "spins"],
     ["freedoms"],
     ["structure"],
-    ["parts"],
+    ["parts", "topology"],
     ["loads"],
     ["assembly"],
     ["frames"],
