@@ -33,6 +33,7 @@ _PROPERTIES = (
     "springs",
 )
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
+_MOST_POINTS = 1000  # along an element; each has a section of fibres to evaluate
 _LEANING = 0.1  # sine below which the default axes of an element that leans are not to be trusted
 
 
@@ -118,8 +119,11 @@ class Beams(Member, Prestressed):
             put(self, "up", pack.broadcast_to(up, (n_elem, 3)))
         if self.points is None:
             put(self, "points", 3 if self.section.is_elastic else 5)
-        if not isinstance(self.points, int | np.integer) or self.points < 3:
-            raise ValueError(f"points = {self.points!r}: expected an integer >= 3")
+        whole = isinstance(self.points, int | np.integer) and not isinstance(self.points, bool)
+        if not whole or not 3 <= self.points <= _MOST_POINTS:
+            raise ValueError(
+                f"points = {self.points!r}: expected an integer from 3 to {_MOST_POINTS}"
+            )
         self._check_hinges()
         refuse(self.rules())
 
