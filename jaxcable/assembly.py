@@ -287,8 +287,7 @@ class System:
     def kinked(self, motion):
         """Whether a cable that moves with free nodes is exactly unstressed.
 
-        Taut on one side and slack on the other, it gives equilibrium no derivative. (Laws with
-        plastic strains slacken elsewhere, and are not asked.)
+        Equilibrium then has no derivative. (Laws with plastic strains slacken elsewhere.)
         """
         found, n_free = jnp.zeros((), bool), self.freedoms.free.shape[0]
         for group, state in zip(self.groups, self.states, strict=True):

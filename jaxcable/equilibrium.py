@@ -31,10 +31,10 @@ themselves (EA eps) shows in the residual.
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from . import _check, linear, status
+from ._rules import Rule, refuse
 from ._tree import copy, pytree
 from .newton_step import WORTH, direction, go_along, largest
 from .search import SHORT
@@ -90,17 +90,25 @@ class Newton:
     watch: bool = False
 
     def __post_init__(self):
-        if self.tol is not None:
-            _require_positive(self.tol, "tol")
-            text = "relative to the forces: from 1 on any state would pass"
-            _check.require(self.tol, lambda v: v < 1, "tol", text)
-        _require_positive(self.max_steps, "max_steps")
-        steps = _check.concrete(self.max_steps)
-        if steps is not None and steps != np.floor(steps):
-            raise ValueError(f"max_steps = {steps}: expected a whole number")
+        for name in ("tol", "max_steps"):
+            value = getattr(self, name)
+            if value is not None and jnp.ndim(_check.floats(value, name)) != 0:
+                shape = jnp.shape(value)
+                raise ValueError(f"{name}: expected one number, got an array of shape {shape}")
+        refuse(self.rules())
         linear.check(self.linear_solver)
         if not isinstance(self.watch, bool):
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
+
+    def rules(self):
+        """What its numbers keep, see `_rules`; a NaN keeps none: no residual would exceed it."""
+        large = "relative to the forces: from 1 on any state would pass"
+        return [
+            Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
+            Rule("tol", self.tol, lambda v: v >= 1, large),
+            Rule("max_steps", self.max_steps, lambda v: ~(v > 0), "must be positive"),
+            Rule("max_steps", self.max_steps, lambda v: v % 1 != 0, "expected a whole number"),
+        ]
 
 
 @pytree
@@ -375,12 +383,3 @@ def march(ramp, x, factors, method, code, memory=None, tell=None):
 
     (*_, memory), outcome = lax.scan(step, (x, code, ramp.plastic, memory), factors)
     return outcome, memory
-
-
-def _require_positive(value, name):
-    """Raise ValueError unless `value` is one positive number."""
-    if jnp.ndim(_check.floats(value, name)) != 0:
-        raise ValueError(f"{name}: expected one number, got an array of shape {jnp.shape(value)}")
-    number = _check.concrete(value)
-    if number is not None and not number > 0:
-        raise ValueError(f"{name} = {number}: must be positive")

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from ._tree import copy
 from .ramp import make_system
 from .solution import State
+from .topology import topology_of
 
 
 def state_of(frame, carry, load, number, factor, freedoms):
@@ -103,6 +104,6 @@ def arranged(structure, solution, fixed):
         names = ("tension", "peak_tension", "strain")
         path = on_nodes(structure, with_peaks(phase.path), names)
         phases.append(copy(arrange(fold(phase), "began"), path=path))
-    last = copy(fold(solution.last), fixed=fixed)
+    last = copy(fold(solution.last), fixed=fixed, topology=topology_of(structure))
     links = tuple(group.links for group in structure.groups)
     return copy(fold(solution), phases=tuple(phases), last=last, links=links)

@@ -16,7 +16,7 @@ PER_PHASE = (
 """Results that a state, a phase and a solution have in common."""
 
 
-@pytree(static=("fixed",))
+@pytree(static=("fixed", "topology"))
 class State:
     """A converged state: the end of an analysis, or where it stopped.
 
@@ -43,6 +43,7 @@ class State:
         section_forces: ``N, Vy, Vz, T, My, Mz`` at `points` places of beams from end to end, in the
             shape of `elements`, each [n_elem, n_point, 6] or None for other groups, N and N m; None
             without beams. `section_forces` has their signs, and gives them at any place.
+        topology: `Topology` of the structure; one that goes on from here must have the same.
 
     Example:
         Where an analysis stopped that did not converge:
@@ -70,6 +71,7 @@ class State:
     reaction_moments: object = None
     section_forces: object = None
     peak_tension: object = None
+    topology: object = None
 
 
 @pytree

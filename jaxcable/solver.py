@@ -9,7 +9,7 @@ from jax import lax
 from . import equilibrium, implicit, incremental, plausibility, status
 from ._tree import copy, emptied, fill, refrozen
 from .equilibrium import Newton
-from .preparation import convex, prepare, ready
+from .preparation import convex, prepare, ready, verdicts
 from .progress import Increment, listener, tell
 from .ramp import Ramp, dead_load
 from .results import arranged, row_of, state_of
@@ -79,10 +79,11 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
 def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
     """The compiled core: the phases in turn; results per element are lists, one item per group."""
     parameters = fill(thawed, arrays)
+    own, codes = verdicts(parameters, method)
     nodes, groups, carry, data = ready(parameters)
     dtype = nodes.dtype
-    # a state of numbers that are not finite is none: its NaN must not reach what a batch shares
-    sound = _finite((nodes, groups))
+    # a state of numbers that are none is none: its NaN must not reach what a batch shares
+    sound = _finite((nodes, groups)) & own
     frame = implicit.gate(sound, (nodes, groups))
     reached = (
         jnp.int32(-1),
@@ -94,6 +95,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
         problem = (nodes, groups, carry, phase)
         if phase.other_pattern:
             memory = None  # of other matrices
+        code = status.first_failure(code, codes[number])
         teller = None if listen is None else _teller(listen, number, data)
         code, stable, carry, load, factor, path, memory = _run_phase(
             problem, method, code, differentiate_path, memory, teller
@@ -160,7 +162,7 @@ def _run_phase(problem, method, code, differentiate_path, memory, teller):
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
         outcome, memory = equilibrium.march(ramp, start, factors, method, code, memory, teller)
     else:
-        ramp = Ramp.build(*implicit.gate(_finite(problem), problem))
+        ramp = Ramp.build(*implicit.gate(_finite(problem) & (code == status.OK), problem))
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
         outcome = incremental.march(ramp, start, factors, method, code, teller)
     good = outcome.code == status.OK

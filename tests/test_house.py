@@ -12,6 +12,7 @@ PACKAGE = ROOT / "jaxcable"
 
 FLOORS = [
     ["_tree", "_check", "_interrupt"],
+    ["_rules"],
     ["selection", "status"],
     ["plausibility"],
     ["linear", "search", "rotations", "roots", "progress"],
@@ -22,7 +23,7 @@ FLOORS = [
     ["supports", "spins"],
     ["freedoms"],
     ["structure"],
-    ["parts"],
+    ["parts", "topology"],
     ["loads"],
     ["assembly"],
     ["frames"],

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, implicit, linear, plausibility
+from .. import implicit, linear, plausibility
+from .._rules import not_negative, or_nan
 from .._tree import copy, fill, pytree, thaw
 from ..supports import Fixed
 from .members import check_members, nodal_loads, stated, total
@@ -69,7 +70,7 @@ def force_density(structure, q, loads=None, linear_solver=None):
                 "every element needs one"
             )
         if group.tension_only:
-            _check.require(own, lambda v: v >= 0, "q", "a cable carries tension only; use Bars")
+            densities[k] = or_nan(not_negative("q", own, "a cable carries tension only; use Bars"))
     fixed = Fixed(structure.held())
     net = number_axes(fixed, tuple(group.links for group in structure.groups), linear_solver)
     thawed, arrays = thaw((structure.nodes, densities, loads))
