@@ -95,15 +95,6 @@ class System:
             following = jnp.pad(following, ((0, 0), (0, 3)))
         return self.load + following
 
-    def acting(self, motion):
-        """`all_load`, with what slides along ropes where it is now; for results."""
-        load = self.all_load(motion)
-        for group, state in zip(self.groups, self.states, strict=True):
-            if group.slides and state.line_load is not None:
-                slid = each("slid", group, state, self.nodes, motion)
-                load = load.at[group.links, :3].add(slid)
-        return load
-
     def following(self, moved):
         """Following loads on every node at the positions `moved`, both [n_node, 3], N."""
         arguments = self.groups, self.states, self.nodes, moved
@@ -293,15 +284,28 @@ class System:
             held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
 
+    def kinked(self, motion):
+        """Whether a cable that moves with free nodes is exactly unstressed.
+
+        Equilibrium then has no derivative. (Laws with plastic strains slacken elsewhere.)
+        """
+        found, n_free = jnp.zeros((), bool), self.freedoms.free.shape[0]
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.tension_only and not group.remembers:
+                moves = jnp.any(self.freedoms.number[group.links] < n_free, axis=(1, 2))
+                kink = each("at_kink", group, state, self.nodes, motion)
+                found = found | jnp.any(kink & moves)
+        return found
+
     @property
     def convex(self):
         """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
-        return self.followers is None and all(
-            group.tension_only
-            and group.rising
-            and not (group.slides and state.line_load is not None)
-            for group, state in zip(self.groups, self.states, strict=True)
-        )
+        slid = [
+            g.slides and s.line_load is not None
+            for g, s in zip(self.groups, self.states, strict=True)
+        ]
+        rising = all(group.tension_only and group.rising for group in self.groups)
+        return rising and self.followers is None and not any(slid)
 
     @property
     def remembers(self):

@@ -41,6 +41,7 @@ REFUSED = [
     (lambda: jc.solve(NET, jc.Phase(pretension=jc.only([0]))), "pretension: only.* has no values"),
     (lambda: jc.find_form(NET, jc.only([0])), "tension: only.* has no values"),
     (lambda: jc.solve(NET, jc.Phase(shortening=MASK)), "shortening: expected numbers, got bool"),
+    (lambda: jc.influence(NET, jc.Phase(), wrt=MASK), "wrt: expected a name such as 'shortening'"),
     (lambda: jc.pinned(MASK), "pinned nodes: expected integers, got bool; numpy.flatnonzero"),
     (lambda: jc.NodalLoads(MASK, (0.0, 0.0, 1.0)), "load nodes: expected integers, got bool"),
     (lambda: jc.Cables([[0, True]], axial_stiffness=1.0), "links: .* booleans among them"),

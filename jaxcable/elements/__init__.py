@@ -9,6 +9,8 @@ these members. Of the whole group:
   the columns that no number stands in, and whose ``balls()`` the ends with a rotation of their own;
 - ``properties()``: dict of the arrays with a leading [n_elem] axis, vmapped together with the
   state; everything else in the group (its material law, its section) is shared by the elements;
+- ``rules()``: what its numbers keep (`_rules`); ``rules_at(nodes)``: what they and the initial
+  positions [n_node, 3] keep together;
 - ``start(ends)``: the state before the first phase, from initial end positions [n_elem, n_end, 3];
 - ``weight``: per unstressed length, or None; ``chord(ends)``: initial lengths, [n_elem], m;
   ``at_ends(amount, ends)``: the share of each end in what acts along it, [n_elem, n_end];

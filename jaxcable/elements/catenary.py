@@ -102,6 +102,11 @@ class Catenaries(Cables):
             return slack
         return slack & jnp.all(state.line_load == 0)
 
+    def at_kink(self, state, ends, motion):
+        """Unstressed and without load; a load along it makes its force smooth."""
+        kink = super().at_kink(state, ends, motion)
+        return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
+
     def end_tensions(self, state, ends, motion):
         """Tensions at the first and the second end, [2], N."""
         if state.line_load is None:

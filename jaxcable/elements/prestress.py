@@ -81,6 +81,10 @@ class Prestressed:
     inner = ()
     n_inner_row = 0
 
+    def rules_at(self, nodes):
+        """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
+        return []
+
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)

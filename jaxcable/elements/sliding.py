@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import Rule
 from .._tree import Indices, pytree
 from .cable import Cables
 from .prestress import held_or
@@ -63,15 +64,19 @@ class SlidingCables(Cables):
             object.__setattr__(self, "links", _checked_chains(self.links))
         super().__post_init__()
 
-    def check(self, positions):
-        """Raise ValueError where two successive nodes of a cable have the same place."""
-        links = self.links.array
-        ends = positions[links]
-        same = (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])
-        if same.any():
-            k, piece = np.argwhere(same)[0]
+    def rules_at(self, nodes):
+        """No two successive nodes of a cable have the same place, of nodes [n_node, 3]."""
+        links = getattr(self.links, "array", self.links)
+
+        def same(ends, links):
+            return (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])
+
+        def text(index, _, links):
+            k, piece = index
             pair = links[k, piece : piece + 2].tolist()
-            raise ValueError(f"links[{k}]: its nodes {pair} coincide; a piece has no length")
+            return f"links[{k}]: its nodes {pair} coincide; a piece has no length"
+
+        return [Rule("nodes", (nodes[links], links), same, text)]
 
     def chord(self, ends):
         """Length over all nodes [n_elem, n_end, 3], [n_elem], m."""

@@ -16,14 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, equilibrium, implicit, linear, plausibility, status
+from .. import equilibrium, implicit, linear, plausibility, status
+from .._rules import not_negative, or_nan
 from .._tree import copy, fill, pytree, thaw
 from ..assembly import System
 from ..equilibrium import Newton
 from ..freedoms import number_freedoms
 from ..supports import Fixed
 from .along import OnForm, carries, split, touched
-from .members import check_members, stated, total
+from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
 
 _FIRST = 5  # steps with the loads of the form before, ahead of Newton's method
@@ -80,7 +81,7 @@ def force_density(structure, q, loads=None, linear_solver=None):
                 "every element needs one"
             )
         if group.tension_only:
-            _check.require(own, lambda v: v >= 0, "q", "a cable carries tension only; use Bars")
+            densities[k] = or_nan(not_negative("q", own, "a cable carries tension only; use Bars"))
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     net = number_axes(fixed, links, linear_solver)
@@ -196,6 +197,7 @@ def _loaded(thawed, arrays, net, freedoms, method):
     found, memory = equilibrium.newton(sought, start, method, jnp.ones((), bool))
     forces = sought.tensions(sought.motion(found.x))
     valid = (found.code == status.OK) & carries(frozen[3].groups, forces)
+    valid = valid & (verdict(nodes, groups, others) == status.OK)
     attached = system(implicit.gate(valid, data))
     tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
     x = implicit.attach(attached, found.x, valid, memory, tol, worth)

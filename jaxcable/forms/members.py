@@ -3,11 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from .. import _check, status
+from .._rules import kept, rules_of
 from ..elements import Bars
 from ..phases import spread
 from ..selection import Only, Selection
-from ..structure import Structure
+from ..structure import Structure, place_rules
 
 
 def check_members(structure):
@@ -20,6 +21,12 @@ def check_members(structure):
                 f"elements: group {k} ({type(group).__name__}) is not made of straight members "
                 "with two ends; form finding takes Cables and Bars"
             )
+
+
+def verdict(nodes, groups, *others):
+    """INVALID_INPUT where numbers of a structure or of `others` break their rules, traced."""
+    rules = [*rules_of([groups, others]), *(r for own in groups for r in place_rules(nodes, own))]
+    return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def total(loads, shape, dtype):

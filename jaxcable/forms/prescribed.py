@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, equilibrium, implicit, plausibility, status
+from .. import equilibrium, implicit, plausibility, status
+from .._rules import Rule, or_nan
 from .._tree import Indices, copy, fill, thaw
 from ..assembly import System
 from ..equilibrium import Newton
@@ -26,7 +27,7 @@ from . import lengths
 from .along import OnForm, split, touched
 from .force_density import number_axes, shape
 from .form import arranged, make_form
-from .members import check_members, stated, total
+from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
 
 _DRAPING = 5  # steps by force densities before Newton's method
@@ -145,29 +146,30 @@ def statements(structure, tension, stress, length):
             )
         forces = jnp.zeros(len(group.links))
         if said[0].any():
-            _check_force(values[0][k], said[0], group, "tension")
-            forces = jnp.where(said[0], values[0][k], 0.0)
+            own = _pulling(values[0][k], said[0], group, "tension")
+            forces = jnp.where(said[0], own, 0.0)
         if said[1].any():
             area = group._section()[2]
             if area is None:
                 raise ValueError(f"stress: group {k} has no area; give tension")
-            _check_force(values[1][k], said[1], group, "stress")
-            forces = jnp.where(said[1], values[1][k] * area, forces)
+            own = _pulling(values[1][k], said[1], group, "stress")
+            forces = jnp.where(said[1], own * area, forces)
         tensions.append(forces)
         own = values[2][k]
         if own is not None:
-            positive = ~said[2]
-            _check.require(own, lambda v, p=positive: p | (v > 0), "length", "must be positive")
+            rule = Rule("length", (own, said[2]), lambda v, own: own & (v <= 0), "must be positive")
+            own = or_nan(rule)
             own = jnp.where(said[2], own, 1.0), said[2]
         given.append(own)
     return tensions, chosen[2], given
 
 
-def _check_force(values, said, group, name):
-    if group.tension_only:
-        _check.require(
-            values, lambda v: ~said | (v >= 0), name, "a cable carries tension only; use Bars"
-        )
+def _pulling(values, said, group, name):
+    """Forces or stresses [n_elem], of cables refused if they push, NaN where that is traced."""
+    if not group.tension_only:
+        return values
+    text = "a cable carries tension only; use Bars"
+    return or_nan(Rule(name, (values, said), lambda v, said: said & (v < 0), text))
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
@@ -181,14 +183,16 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     )
     load = total(loads, nodes.shape, dtype)
     data = (nodes, tensions, given, load, None if others is None else OnForm(groups, others))
+    allowed = verdict(parameters[0], parameters[1], method, others)
     system = functools.partial(_system, groups, freedoms=freedoms, convex=convex)
     frozen = lax.stop_gradient(data)
     start = jnp.zeros(freedoms.free.shape, dtype)
     if net is not None:
         start = _draped(frozen, net).reshape(-1)[freedoms.free]
     if extra is None:
-        found, memory = equilibrium.newton(system(frozen), start, method, jnp.ones((), bool))
-        code, steps, residual, scale = found.code, found.steps, found.residual, found.scale
+        found, memory = equilibrium.newton(system(frozen), start, method, allowed == status.OK)
+        code = status.first_failure(allowed, found.code)
+        steps, residual, scale = found.steps, found.residual, found.scale
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
         tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
@@ -199,6 +203,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         z, code, steps, residual, scale = _with_lengths(
             system, frozen, start, extra, method, struts
         )
+        code = status.first_failure(allowed, code)
         valid = code == status.OK
         saddle = _saddle(system, implicit.gate(valid, data), extra)
         z = lengths.attach(saddle, z, valid)

@@ -67,6 +67,10 @@ class Strings:
         gap = state.excess + change
         return state.force * change + 0.5 * state.stiffness * gap**2
 
+    def at_kink(self, state, ends, motion):
+        """Its force has no kink."""
+        return jnp.zeros((), bool)
+
     def is_slack(self, state, ends, motion):
         """Whether it holds nothing at all."""
         return (state.force == 0) & (state.stiffness == 0)

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from .. import _check
+from .._rules import Rule, refuse
 from .._tree import Indices, copy, pytree
 from . import faces as _faces
 from .groups import chosen
@@ -63,16 +64,19 @@ class CablePressure:
         axis = _check.floats(self.axis, "axis")
         if axis.shape != (3,):
             raise ValueError(f"axis: expected shape (3,), got {axis.shape}")
-        value = _check.concrete(axis)
-        if value is not None and (value == 0).all():
-            raise ValueError("axis: is zero; give the normal of the plane in which the cable bends")
         object.__setattr__(self, "axis", axis)
+        refuse(self.rules())
         pressure = _check.floats(self.pressure, "pressure")
         if pressure.ndim > 1:
             raise ValueError(f"pressure: expected a scalar or [n_elem], got {pressure.shape}")
         object.__setattr__(self, "pressure", pressure)
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+
+    def rules(self):
+        """What its numbers keep, see `_rules`."""
+        text = "is zero; give the normal of the plane in which the cable bends"
+        return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 
     def check(self, structure):
         """Raise ValueError if a loaded group cannot be pressed."""

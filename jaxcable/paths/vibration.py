@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
 from ..tangent import displaced_by, filled, prepared, tangent_of
 
@@ -90,10 +91,10 @@ def natural_frequencies(
         raise ValueError(
             f"distribution = {distribution!r}: expected one of {', '.join(map(repr, _SHARES))}"
         )
-    _check.require(gravity, lambda v: v > 0, "gravity", "must be positive")
+    gravity = or_nan(positive("gravity", gravity))
     if masses is not None:
         masses = jnp.broadcast_to(_check.floats(masses, "masses"), structure.n_node)
-        _check.require(masses, lambda v: v >= 0, "masses", "must not be negative")
+        masses = or_nan(not_negative("masses", masses))
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     heavy = np.zeros(structure.n_node, bool)
     for group in structure.groups:

@@ -206,6 +206,8 @@ def _summary(structure, solution, failed):
                 f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
                 f"{int(path.n_slack[k])} slack"
             )
+        if int(phase.status) == status.OK and not bool(phase.stable):
+            text += "; UNSTABLE at its end: the tangent stiffness has a negative eigenvalue"
         lines.append(text)
     if code != status.OK:
         last = solution.last
