@@ -300,12 +300,8 @@ class System:
     @property
     def convex(self):
         """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
-        slid = [
-            g.slides and s.line_load is not None
-            for g, s in zip(self.groups, self.states, strict=True)
-        ]
-        rising = all(group.tension_only and group.rising for group in self.groups)
-        return rising and self.followers is None and not any(slid)
+        pairs = zip(self.groups, self.states, strict=True)
+        return self.followers is None and all(group.convex(state) for group, state in pairs)
 
     @property
     def remembers(self):

@@ -85,6 +85,10 @@ class Prestressed:
         """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
         return []
 
+    def convex(self, state):
+        """Whether its energy is known to be convex in the positions."""
+        return self.tension_only and self.rising
+
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
