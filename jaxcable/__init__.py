@@ -24,6 +24,7 @@ from ._tree import replace
 from .batches import batched
 from .design import fit, influence, minimize
 from .elements import Bars, Beams, Cables, Catenaries, SlidingCables
+from .energy import EnergyBalance, energy_balance
 from .equilibrium import Newton
 from .files import load_scene, save_scene
 from .forms import find_form, force_density
@@ -64,6 +65,7 @@ __all__ = [
     "Cables",
     "Catenaries",
     "Elastic",
+    "EnergyBalance",
     "FacePressure",
     "Incremental",
     "InputWarning",
@@ -89,6 +91,7 @@ __all__ = [
     "combine",
     "describe",
     "design",
+    "energy_balance",
     "fibre_stress",
     "files",
     "find_form",

@@ -110,7 +110,7 @@ def convex(groups, carry, data):
     """Whether the energy is convex in all phases, as `System.convex`."""
     loads = [] if carry is None else [load for load, _ in carry.element_loads]
     loads += [load for phase in data for load in phase.element_loads]
-    tight = all(group.tension_only and group.rising for group in groups)
+    tight = all(g.tension_only and g.rising and not (g.slides and loads) for g in groups)
     return tight and not any(follows(load) for load in loads)
 
 

@@ -100,6 +100,9 @@ class Path:
             makes stresses of them.
         stable: whether each increment is stable, as in `PhaseResult`, [n_inc] bool; None unless
             `Newton(watch=True)` asks for it.
+        motion: of structures with beams, the motion of every row (nodes, hinged ends, inner numbers
+            of elements) from the initial geometry, displacement and unit quaternion,
+            [n_inc, n_row, 7]; NaN from a failure on. `energy_balance` reads it.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -130,6 +133,7 @@ class Path:
     strain: object = None
     peak_tension: object = None
     stable: object = None
+    motion: object = None
 
 
 @pytree

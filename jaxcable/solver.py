@@ -101,7 +101,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
             problem, method, code, differentiate_path, memory, teller
         )
         if not differentiate_path and isinstance(method, Newton):
-            names = ("displacement", "tension", "peak_tension", "strain")
+            names = ("displacement", "tension", "peak_tension", "strain", "motion")
             rows = {n: getattr(path, n) for n in names if getattr(path, n) is not None}
             path = copy(path, **implicit.undifferentiated(rows, parameters))
         now = (jnp.int32(number), factor, phase.freedoms.held)
@@ -186,6 +186,8 @@ def _run_phase(problem, method, code, differentiate_path, memory, teller):
         carry, load = _end(ramp, factor, x, valid, problem)
         rows = jax.vmap(lambda f, x: row_of(ramp, ramp.at(f), x))(factors, xs)
     path = _path(rows, factors, outcome, good)
+    if carry.motion.shape[1] > 3:  # else displacements say it all
+        path = copy(path, motion=jnp.where(good[:, None, None], xs, jnp.nan))
     stable = outcome.stable[-1]
     if converges and method.watch:
         path = copy(path, stable=outcome.stable)

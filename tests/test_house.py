@@ -35,7 +35,7 @@ FLOORS = [
     ["solution"],
     ["preparation", "results"],
     ["solver", "batches", "tangent"],
-    ["paths", "stresses", "internal_forces"],
+    ["paths", "stresses", "internal_forces", "energy"],
     ["design", "forms"],
     ["scenes"],
     ["plots", "files"],
