@@ -106,12 +106,19 @@ def prepare(structure, phases, method, start, earlier=0):
     return thawed, arrays, method, code, tuple(sets)
 
 
-def convex(groups, carry, data):
-    """Whether the energy is convex in all phases, as `System.convex`."""
+def may_warn(groups, carry, data):
+    """Whether a tangent that is not definite says that a state is unstable, and can happen.
+
+    It cannot where the energy is convex (`System.convex`), and does not under nodal moments and
+    following loads, which make it unsymmetric.
+    """
+    if all(group.tension_only and group.rising for group in groups):
+        return False
     loads = [] if carry is None else [load for load, _ in carry.element_loads]
     loads += [load for phase in data for load in phase.element_loads]
-    tight = all(group.tension_only and group.rising for group in groups)
-    return tight and not any(follows(load) for load in loads)
+    moments = [load.moments for phase in data for load in phase.nodal_loads]
+    turned = carry is not None and carry.nodal_load.shape[1] > 3
+    return not (turned or any(map(follows, loads)) or any(m is not None for m in moments))
 
 
 def _support_sets(structure, phases, fixed):
