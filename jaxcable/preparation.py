@@ -117,7 +117,8 @@ def may_warn(groups, carry, data):
     loads = [] if carry is None else [load for load, _ in carry.element_loads]
     loads += [load for phase in data for load in phase.element_loads]
     moments = [load.moments for phase in data for load in phase.nodal_loads]
-    turned = carry is not None and carry.nodal_load.shape[1] > 3
+    before = None if carry is None else _check.concrete(carry.nodal_load)
+    turned = before is not None and bool(np.any(before[:, 3:]))
     return not (turned or any(map(follows, loads)) or any(m is not None for m in moments))
 
 
