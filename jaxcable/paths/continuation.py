@@ -28,6 +28,7 @@ from .run import Beyond, Noted, Point, Run
 ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
 _BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
 _SHORT = 1e-3  # steps of this part of the first one are taken round any corner
+_LEAP = 4.0  # longest steps that a correction may go; further off is another part of the path
 _EASY = 3  # iterations of a step that may be followed by one as long
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
 _FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
@@ -86,7 +87,9 @@ def march(ramp, method, settings, code, capacity):
         bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
         regular = found.regular | (by_newton & begin.convex)
-        sound = found.converged & regular & ~far
+        gone = jnp.sqrt(jnp.sum((found.moved / weight) ** 2) + (found.factor - a.factor) ** 2)
+        leapt = free & ~fresh & (gone > _LEAP * jnp.sqrt(2.0) * settings.largest)
+        sound = found.converged & regular & ~far & ~leapt
         weight = jnp.where(found.regular, weight, run.weight)
         return found, point, sound, bent & ~fresh, newton_code, weight, far
 
