@@ -220,3 +220,122 @@ def test_an_arch_of_358_unknowns_on_every_solver():
         loads.append(float(path.failure_load))
     # forces of 40 EI / R^2 in balance to 1e-10 of the largest in the arch
     assert np.ptp(loads) < 1e-8 and abs(loads[0] - 0.50252495) < 1e-7
+
+
+@pytest.mark.slow
+def test_two_columns_that_buckle_together_under_loads_that_follow(newton):
+    """An even number of eigenvalues crosses zero: no sign of a determinant tells.
+
+    Rigid struts between springs across; a pressed face beside each top couples both ways across by
+    ``-s`` and ``s = p c / 6``, c its edge. With kx, ky of the springs and the load P on the top the
+    tangent ``[[kx - P/h, -s], [s, ky - P/h]]`` has closed eigenvalues.
+    """
+    h, side, kx, ky, s, edge = 2.0, 4.0, 1e3, 2.4e3, 400.0, 1.5
+    top = np.array([[0, 0, h]])
+    springs = top + side * np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    corners = top + np.array([[1, 0, -edge / 2], [1, 0, edge / 2]])
+    one = np.concatenate([top, [[0, 0, 0]], springs, corners])
+    nodes = np.concatenate([one, one + np.array([20.0, 0, 0])])
+    both = np.array([0, 8])
+    struts = jc.Bars(both[:, None] + [0, 1], axial_stiffness=1e12)
+    links = (both[:, None, None] + [[0, 2], [0, 3], [0, 4], [0, 5]]).reshape(-1, 2)
+    soft = jc.Bars(links, axial_stiffness=np.tile(side / 2 * np.array([kx, kx, ky, ky]), 2))
+    held = np.ones((16, 3), bool)
+    held[both] = False
+    parts = {"struts": struts, "springs": soft}
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    pressure = 6 * s / edge
+    faces = jc.FacePressure(both[:, None] + [0, 6, 7], pressure)
+    area = 0.5 * np.cross(corners[0] - top[0], corners[1] - top[0])
+    phases = [
+        # what the face pushes in its first place is taken by a dead load
+        jc.Phase(loads=[faces, jc.NodalLoads(both, -pressure / 3 * area)]),
+        jc.Phase(loads=jc.NodalLoads(both, (0, 0, -5000.0))),
+    ]
+    path = ok(jc.trace_path(structure, phases, method=newton))
+    middle, half = (kx + ky) / 2, np.sqrt(((ky - kx) / 2) ** 2 - s**2)
+    assert path.events.names == ["bifurcation"] * 2
+    assert np.asarray(path.events.multiplicity).tolist() == [2, 2]
+    exact = h * np.array([middle - half, middle + half])
+    # the struts are shortened by P / EA = 5e-9, brackets are squares of 1e-5
+    assert np.allclose(5000 * path.events.load_factor, exact, rtol=1e-7)
+    numbers = np.asarray(path.n_negative)
+    assert numbers[0] == 0 and numbers[-1] == 4 and set(numbers.tolist()) == {0, 2, 4}
+    # within the bracket, though the struts' stiffness is 5e8 times what its rounding is judged by
+    lower, upper = 5000 * np.asarray([path.events.lower, path.events.upper])
+    assert (lower < exact).all() and (exact < upper).all() and (upper - lower < 0.1).all()
+
+
+@pytest.mark.slow
+def test_brackets_of_a_column_hold_its_buckling_loads(newton):
+    """1, 9 and 25 times Euler's load; separate analyses tell the signs at both ends."""
+    n, length, ei = 20, 4.0, 2100.0
+    z = np.linspace(0, length, n + 1)
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    section = solid(1e-2, ei / 210e9, 210e9)
+    beams = jc.Beams(links, section=section, torsional_stiffness=1e3, up=(0.0, 1.0, 0.0))
+    nodes = np.column_stack([0 * z, 0 * z, z])
+    structure = jc.Structure(nodes, beams, supports=in_plane(n + 1, clamped=[0]))
+
+    def loaded(factor):
+        down = -30 * factor * np.pi**2 * ei / (2 * length) ** 2
+        return jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, down)))
+
+    path = ok(jc.trace_path(structure, loaded(1.0), method=newton))
+    assert path.events.names == ["bifurcation"] * 3
+    # order 4 in the element: 2e-5 of the third with 20
+    assert np.allclose(30 * path.events.load_factor, [1, 9, 25], rtol=1e-4)
+    for k, event in enumerate(path.events):
+        assert float(event.lower) < float(event.load_factor) < float(event.upper)
+        for factor, number in ((event.lower, k), (event.upper, k + 1)):
+            state = jc.solve(structure, loaded(float(factor)))
+            assert int(state.status) == 0
+            values = np.linalg.eigvalsh(np.asarray(jc.forms.tangent_of(structure, state)))
+            assert (values < 0).sum() == number
+
+
+def pressed_ring(n, radius, share, per="current", end=2 * np.pi):
+    """Rigidly joined beams with EI = 100, in plane, under ``share 3 EI / R^3`` from outside.
+
+    A soft skin on the same nodes is what is pressed.
+    """
+    inertia, modulus = 100 / 2e11, 2e11
+    at = end * np.arange(n if end > 6 else n + 1) / n
+    nodes = radius * np.column_stack([np.cos(at), 0 * at, np.sin(at)])
+    links = np.column_stack([np.arange(n), (np.arange(n) + 1) % len(at)])
+    section = solid(1e5 * inertia / radius**2, inertia, modulus)
+    beams = jc.Beams(links, section=section, torsional_stiffness=1e3, up=(0.0, 1.0, 0.0))
+    skin = jc.Bars(links, axial_stiffness=1e-4)
+    held = np.zeros((len(at), 6), bool)
+    held[:, [1, 3, 5]] = True
+    if end > 6:  # statically determinate: nothing of the mode is held
+        held[0, [0, 2]] = held[n // 2, 2] = True
+    else:  # a quarter, symmetric about its ends
+        held[0, [2, 4]] = held[n, [0, 4]] = True
+    parts = {"beams": beams, "skin": skin}
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    pressure = -share * 3 * 100 / radius**3
+    load = jc.CablePressure(pressure, axis=(0.0, 1.0, 0.0), on="skin", per=per)
+    return structure, jc.Phase(loads=load)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("per", ["current", "unstressed"])
+def test_a_ring_under_pressure_buckles_in_two_modes_at_once(per):
+    """``p = 3 EI / R^3`` of an inextensible ring; of this pressure the second has no potential.
+
+    Pressure works on the enclosed area: the polygon of 24 has that of the circle (with its nodes on
+    the circle its area is 1.1 % too small, and the pressure is 1.4 % above).
+    """
+    radius = np.sqrt(2 * np.pi / 24 / np.sin(2 * np.pi / 24))
+    structure, phase = pressed_ring(24, radius, 1.2 * radius**3, per)  # of R = 1
+    path = ok(jc.trace_path(structure, phase, step=0.2, largest=0.2))
+    assert path.events.names == ["bifurcation"] and int(path.events.multiplicity[0]) == 2
+    assert set(np.asarray(path.n_negative).tolist()) == {0, 2}
+    assert abs(1.2 * float(path.failure_load) - 1) < 5e-3
+    mode = np.asarray(path.events.mode[0])[:, [0, 2]]
+    at = 2 * np.pi * np.arange(24) / 24
+    radial = mode[:, 0] * np.cos(at) + mode[:, 1] * np.sin(at)
+    parts = np.abs(np.fft.rfft(radial))
+    # two waves round the ring; supports give it a translation, one wave
+    assert parts[2] > 100 * np.delete(parts, [1, 2]).max()
