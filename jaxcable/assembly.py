@@ -300,9 +300,8 @@ class System:
     @property
     def convex(self):
         """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
-        return self.followers is None and all(
-            group.tension_only and group.rising for group in self.groups
-        )
+        pairs = zip(self.groups, self.states, strict=True)
+        return self.followers is None and all(group.convex(state) for group, state in pairs)
 
     @property
     def remembers(self):

@@ -212,7 +212,7 @@ def loading(number, loads, fixed, groups, alone):
 @_warns
 def held(number, fixed, groups):
     """Warn of supports that leave nothing to move, nor elements that change by themselves."""
-    if fixed.all() and not any(group.shaped_by_load for group in groups):
+    if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
             f"supports of phases[{number}]: every node is held, nothing can move; pinned(nodes) "
             "names the anchors only"

@@ -260,9 +260,7 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
     if load is None:
         load = dead_load(nodes, groups, carry)
     states = [
-        copy(state, line_load=_line_load(number, group, state, nodes, carry.element_loads))
-        if group.shaped_by_load
-        else state
+        _shaped(number, group, state, nodes, carry.element_loads) if group.shaped_by_load else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
     followers = [pair for pair in carry.element_loads if follows(pair[0])] or None
@@ -277,6 +275,18 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
 def follows(load):
     """Whether a load depends on where the nodes are."""
     return hasattr(load, "following_forces")
+
+
+def _shaped(number, group, state, nodes, element_loads):
+    """State of a group with what acts along its elements and shapes them."""
+    pressed = {}
+    for load, factor in element_loads:
+        own = load.pressing(number, group) if hasattr(load, "pressing") else None
+        if own is not None:
+            per, pressure, axis = own
+            pressed.setdefault(per, []).append((factor * pressure, axis))
+    line_load = _line_load(number, group, state, nodes, element_loads)
+    return copy(state, line_load=line_load, pressed=pressed or None)
 
 
 def _begun(load, nodes, carry):

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from ._tree import copy
+from .assembly import each
 from .ramp import make_system
 from .solution import State
 from .topology import topology_of
@@ -21,7 +22,7 @@ def state_of(frame, carry, load, number, factor, freedoms):
         tension=system.tensions(motion),
         rest_length=[state.rest_length for state in carry.states],
         reactions=system.reactions(motion),
-        load=system.all_load(motion),
+        load=_acting(system, motion),
         phase=number,
         load_factor=factor,
         carry=None,
@@ -38,6 +39,16 @@ def state_of(frame, carry, load, number, factor, freedoms):
         reaction_moments=state.reactions[:, 3:],
         section_forces=system.section_forces(motion),
     )
+
+
+def _acting(system, motion):
+    """All loads on every node, with what slides along ropes where it is now."""
+    load = system.all_load(motion)
+    for group, state in zip(system.groups, system.states, strict=True):
+        if group.slides and state.line_load is not None:
+            slid = each("slid", group, state, system.nodes, motion)
+            load = load.at[group.links, :3].add(slid)
+    return load
 
 
 def row_of(ramp, system, x):

@@ -15,6 +15,7 @@ these members. Of the whole group:
 - ``weight``: per unstressed length, or None; ``chord(ends)``: initial lengths, [n_elem], m;
   ``at_ends(amount, ends)``: the share of each end in what acts along it, [n_elem, n_end];
 - ``shaped_by_load``: whether its state has the load along it (`AxialState.line_load`);
+  ``slides``: whether that load goes from node to node with it (then ``slid`` says how much does);
 - ``restate(state, ends, inputs)``, if it can be prestressed, ``lock(state, ends, motion)``, if by
   a jack; ``capacity()``: the forces between which it can be (`prestress` has the common part);
 - ``tension_only``, ``rising``: whether it holds only in tension, and whether its force is known not

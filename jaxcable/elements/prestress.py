@@ -23,7 +23,9 @@ class AxialState:
             in a group that does not expand.
         plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
-            makes, or None.
+            makes, or along which it slides, or None.
+        pressed: pressures that follow beams, a list of (pressure [n_elem], unit axis [n_elem, 3])
+            for each of the names of lengths that they are per, N/m, or None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -42,6 +44,7 @@ class AxialState:
     warmth: object = None
     plastic: object = None
     line_load: object = None
+    pressed: object = None
 
     @property
     def loaded(self):
@@ -74,12 +77,17 @@ class Prestressed:
     """
 
     shaped_by_load = False
+    slides = False
     inner = ()
     n_inner_row = 0
 
     def rules_at(self, nodes):
         """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
         return []
+
+    def convex(self, state):
+        """Whether its energy is known to be convex in the positions."""
+        return self.tension_only and self.rising
 
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""

@@ -1,4 +1,4 @@
-"""What form finding takes of a structure: straight members between two nodes, and nodal loads."""
+"""What form finding takes of a structure: straight members between two nodes."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,7 +6,6 @@ import numpy as np
 from .. import _check, status
 from .._rules import kept, rules_of
 from ..elements import Bars
-from ..loads import NodalLoads, as_list
 from ..phases import spread
 from ..selection import Only, Selection
 from ..structure import Structure, place_rules
@@ -22,19 +21,6 @@ def check_members(structure):
                 f"elements: group {k} ({type(group).__name__}) is not made of straight members "
                 "with two ends; form finding takes Cables and Bars"
             )
-
-
-def nodal_loads(structure, loads):
-    """Loads as a checked list of `NodalLoads`; ValueError for others."""
-    loads = as_list(loads)
-    for k, load in enumerate(loads):
-        if not isinstance(load, NodalLoads):
-            raise ValueError(
-                f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "
-                "unstressed lengths or moves supports; form finding takes NodalLoads"
-            )
-        load.check(structure)
-    return loads
 
 
 def verdict(nodes, groups, *others):

@@ -23,8 +23,9 @@ from .. import _check, implicit, plausibility, status
 from .._rules import Rule, not_negative, or_nan
 from .._tree import copy, fill, pytree, thaw
 from ..elements.prestress import element
+from .along import split
 from .form import arranged, make_form
-from .members import check_members, nodal_loads, stated, total, verdict
+from .members import check_members, stated, total, verdict
 
 _AWAY = 1e3  # displacement, in structure sizes, that no held structure reaches
 _SPARE = 1.05  # of the masses, over what stability asks for
@@ -82,7 +83,7 @@ def dynamic_relaxation(
     """
     check_members(structure)
     plausibility.precision(structure.nodes)
-    loads = nodal_loads(structure, loads)
+    loads, _ = split(structure, loads, takes_more=False)
     forces, held = stated(tension, structure, "tension")
     rests, cut = stated(rest_length, structure, "rest_length")
     for k, group in enumerate(structure.groups):

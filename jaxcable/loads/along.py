@@ -160,7 +160,7 @@ class LineLoads:
 
     def per_length(self, number, group, state, nodes):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
-        if number not in self.on:
+        if number not in self.on or (group.slides and self.per != "unstressed"):
             return None
         length = state.loaded
         if self.per != "unstressed":
