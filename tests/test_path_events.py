@@ -339,3 +339,15 @@ def test_a_ring_under_pressure_buckles_in_two_modes_at_once(per):
     parts = np.abs(np.fft.rfft(radial))
     # two waves round the ring; supports give it a translation, one wave
     assert parts[2] > 100 * np.delete(parts, [1, 2]).max()
+
+
+@pytest.mark.slow
+def test_a_quarter_of_a_ring_starts_from_zero_load():
+    """Without a force to be judged by it starts, and has the one mode that is symmetric."""
+    radius = np.sqrt(2 * np.pi / 24 / np.sin(2 * np.pi / 24))
+    structure, phase = pressed_ring(6, radius, 1.2 * radius**3, end=np.pi / 2)
+    path = ok(jc.trace_path(structure, phase, step=0.2, largest=0.2))
+    assert float(path.load_factor[0]) == 0 and float(path.load_factor[-1]) == 1
+    assert path.events.names == ["bifurcation"] and int(path.events.multiplicity[0]) == 1
+    # as the whole ring: of order 2 in the angle of 24 sides
+    assert abs(1.2 * float(path.failure_load) - 1) < 5e-3

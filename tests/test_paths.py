@@ -111,6 +111,18 @@ def test_it_ends_at_the_limit_point_if_it_is_to(quick):
         jc.raise_if_failed(path)
 
 
+def test_derivative_of_a_failure_load_that_is_none():
+    """Up to a tenth of the limit load nothing happens: NaN, and so are its derivatives."""
+
+    def value(p):
+        return jc.trace_path(*truss(p), until=0.05, steps=10).failure_load
+
+    for function in (value, jax.jit(value)):
+        load, gradient = jax.value_and_grad(function)(USUAL)
+        assert np.isnan(load) and np.isnan(gradient).all()
+        assert np.isnan(jax.jvp(function, (USUAL,), (jnp.ones(3),))[1])
+
+
 def test_derivative_of_the_limit_load(newton):
     @jax.jit
     def value(p):

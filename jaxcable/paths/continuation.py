@@ -123,8 +123,10 @@ def march(ramp, method, settings, code, capacity):
         near = ds <= _NEAR * settings.step
         both = jnp.maximum(jnp.abs(p.stiffness), jnp.abs(a.stiffness))
         low = run.hunting & (both <= _LOW * run.reference) & (p.stiffness * a.stiffness < 0)
-        line = branch & smooth & ~limit & low & near
-        wide = crossing & (ds > run.tol) & ~line & ~fresh
+        line = ((branch & smooth) | astray) & ~limit & low & near
+        # on the other branch already, and as near as one gets
+        stray = astray & near
+        wide = crossing & (ds > run.tol) & ~line & ~fresh & ~stray
         hit = crossing & ~wide
 
         forks = smooth & branch & ~limit & (low | ~near)  # or else the stiffness jumps

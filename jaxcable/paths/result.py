@@ -53,7 +53,8 @@ class TracedPath(Path):
     def failure_load(self):
         """Load factor of the first limit point, bifurcation or material failure; NaN if none.
 
-        Differentiable where the event's load factor is, see `Events.load_factor`.
+        Differentiable where the event's load factor is, see `Events.load_factor`; a NaN has NaN
+        derivatives.
 
         Returns:
             Scalar.
@@ -66,6 +67,8 @@ class TracedPath(Path):
         kind = jnp.asarray(self.events.kind)
         fails = jnp.isin(kind, jnp.asarray(FAILURES))
         if kind.shape[0] == 0:
-            return jnp.asarray(jnp.nan, self.load_factor.dtype)
+            return jnp.nan * jnp.sum(self.load_factor)
         first = self.events.load_factor[jnp.argmax(fails)]
-        return jnp.where(jnp.any(fails), first, jnp.nan)
+        # where there is none, NaN by way of the path, whose derivatives are NaN, too, and not zero
+        nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * self.load_factor[0]
+        return jnp.where(jnp.any(fails), first, 0.0) + nothing
