@@ -106,12 +106,20 @@ def prepare(structure, phases, method, start, earlier=0):
     return thawed, arrays, method, code, tuple(sets)
 
 
-def convex(groups, carry, data):
-    """Whether the energy is convex in all phases, as `System.convex`."""
+def may_warn(groups, carry, data):
+    """Whether a tangent that is not definite says that a state is unstable, and can happen.
+
+    It cannot where the energy is convex (`System.convex`), and does not under nodal moments and
+    following loads, which make it unsymmetric.
+    """
     loads = [] if carry is None else [load for load, _ in carry.element_loads]
     loads += [load for phase in data for load in phase.element_loads]
-    tight = all(g.tension_only and g.rising and not (g.slides and loads) for g in groups)
-    return tight and not any(follows(load) for load in loads)
+    if all(g.tension_only and g.rising and not (g.slides and loads) for g in groups):
+        return False
+    moments = [load.moments for phase in data for load in phase.nodal_loads]
+    before = None if carry is None else _check.concrete(carry.nodal_load)
+    turned = before is not None and bool(np.any(before[:, 3:]))
+    return not (turned or any(map(follows, loads)) or any(m is not None for m in moments))
 
 
 def _support_sets(structure, phases, fixed):

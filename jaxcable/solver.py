@@ -9,7 +9,7 @@ from jax import lax
 from . import equilibrium, implicit, incremental, plausibility, status
 from ._tree import copy, emptied, fill, refrozen
 from .equilibrium import Newton
-from .preparation import convex, prepare, ready, verdicts
+from .preparation import may_warn, prepare, ready, verdicts
 from .progress import Increment, listener, tell
 from .ramp import Ramp, dead_load
 from .results import arranged, row_of, state_of
@@ -44,7 +44,7 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
     Warns:
         InputWarning: input that is legal and most likely not meant.
         UnstableWarning: a phase ends in an equilibrium that is unstable. Inside of jit, vmap and
-            grad nothing is said: look at `stable`.
+            grad nothing is said, nor under moments and following loads: look at `stable`.
 
     Example:
         Two cables, prestressed so that 600 N hang in a 3-4-5 triangle, and how that node gives way
@@ -68,7 +68,7 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
     listen = listener(progress)
     thawed, arrays, method, code, fixed = prepare(structure, phases, method, start)
     solution = _analyse(thawed, arrays, method, code, differentiate_path, listen)
-    if not convex(*thawed[1:]):  # or else all is stable, and nobody has to wait for the numbers
+    if may_warn(*thawed[1:]):  # or else nobody has to wait for the numbers
         plausibility.stability(solution)
     last = copy(solution.last, carry=refrozen(solution.last.carry, arrays))
     solution = copy(solution, last=last)

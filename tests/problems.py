@@ -5,10 +5,21 @@ from decimal import Decimal, getcontext
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import jaxcable as jc
+from jaxcable.linear import host
 
 getcontext().prec = 60
+
+_PARDISO = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not host.available("pardiso"), reason="pypardiso not installed"),
+]
+SOLVERS = ["dense", "superlu", pytest.param("pardiso", marks=_PARDISO)]
+"""Linear solvers for a cheap test of a small structure."""
+HEAVY = ["dense", pytest.param("superlu", marks=pytest.mark.slow), SOLVERS[-1]]
+"""The same for one that takes seconds."""
 
 
 def reference(name):

@@ -291,6 +291,7 @@ def test_half_and_full_load_of_a_cable_truss():
     assert np.abs(sunk - sunk[::-1]).max() < 1e-9 * np.abs(sunk).max()
 
 
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
 def test_a_geiger_dome_twists_under_too_much_load():
     """Stable below; beyond, the perfect dome is in unstable equilibrium, status OK notwithstanding.
 

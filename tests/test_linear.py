@@ -275,3 +275,31 @@ def test_solver_by_size_and_by_name(monkeypatch):
     for method in (jc.Newton, jc.Incremental):
         with pytest.raises(ValueError, match="linear_solver = 'umfpack': expected None or one of"):
             method(linear_solver="umfpack")
+
+
+@pytest.mark.parametrize("solver", ["dense", *SPARSE])
+@pytest.mark.parametrize("softest", [0.0, 1e-15, 1e-12, 1e-6, 1.0])
+def test_a_bordered_matrix_is_regular_where_its_block_is_singular(solver, softest):
+    """Against SciPy on the whole dense matrix, whose condition is 1e3 whatever the block's is."""
+    rng = np.random.default_rng(0)
+    numbers = [np.array([[k, k + 1] for k in range(11)])]
+    pattern = linear.make_pattern(numbers, 12, True, solver)
+    # a chain: stiffness of differences, and of the first alone
+    part = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    blocks = np.tile(part, (11, 1, 1)) * rng.uniform(1, 9, 11)[:, None, None]
+    blocks[0, 0, 0] += softest
+    matrix = linear.assemble([(jnp.asarray(blocks), jnp.asarray(numbers[0]))], 12, pattern)
+    full = np.asarray(matrix.dense())
+    column, row, rhs = rng.normal(size=(3, 12))
+    loose = jnp.zeros(12, bool)
+    x, y, regular = linear.solve_bordered(matrix, column, row, 0.3, rhs, 0.7, loose)
+    whole = np.block([[full, column[:, None]], [row[None], np.array([[0.3]])]])
+    exact = np.linalg.solve(whole, np.append(rhs, 0.7))
+    assert bool(regular)
+    # eps times the condition
+    assert np.abs(np.append(x, y) - exact).max() < 1e-12 * np.abs(exact).max()
+    # and where column and row see nothing of the softest direction, all of it is singular
+    even = np.ones(12) / 12
+    column, row = column - column.sum() * even, row - row.sum() * even
+    if softest < 1e-12:
+        assert not linear.solve_bordered(matrix, column, row, 0.3, rhs, 0.7, loose)[2]

@@ -441,6 +441,7 @@ def test_a_number_that_is_refused_when_known_fails_when_traced(row):
 MAKERS = ("Rule", "positive", "not_negative")
 
 OTHERWISE = {
+    "preparation.py:may_warn": "no rule: whether a warning can be given",
     "elements/beam.py:idle": "no rule: layers on one line have nothing across it",
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",

@@ -12,9 +12,10 @@ from .choice import check, is_dense
 from .dense import Factor, solve_definite
 from .pattern import Pattern, Sparse, assemble, make_pattern
 from .sparse import SparseFactor, no_memory
-from .spectrum import spectrum
+from .spectrum import NOT_COUNTED, is_symmetric, spectrum
 
 __all__ = [
+    "NOT_COUNTED",
     "Factor",
     "Pattern",
     "Sparse",
@@ -25,6 +26,7 @@ __all__ = [
     "factorize",
     "is_definite",
     "is_dense",
+    "is_symmetric",
     "make_pattern",
     "no_memory",
     "or_identity",

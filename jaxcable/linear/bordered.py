@@ -4,16 +4,28 @@
     [ r  d ] [y] = [e]
 
 With K the tangent stiffness and c the derivative of the residual by the load factor it stays
-regular at limit points (Keller 1977). Sparse matrices are eliminated by blocks and the result is
-improved once by its own residual, which makes up for a K that is nearly singular.
+regular at limit points (Keller 1977). A sparse K is factorised on the host and the rest eliminated
+by blocks. Where K is nearly singular this loses digits: both parts of ``x = K^-1 b - y K^-1 c`` are
+then large and nearly cancel. The result is improved by its own residual, and judged by it, against
+the terms ``|K| |x| + |c| |y| + |b|`` that the residual is the sum of (backward error; not against
+``|K x|``, which is no more than its rounding where K x vanishes). If that does not lead to the
+rounding of these terms, as at a singular K, the whole matrix is factorised with row exchanges.
 """
 
+import functools
+
+import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
+import numpy as np
+import scipy.sparse as sp
 from jax import lax
 
-from . import sparse
+from . import host, sparse
 from .pattern import Sparse
+
+_CLOSE = 64  # roundings of its terms that a residual may have
+_IMPROVE = 4  # times that a solution by blocks is improved before the whole is factorised
 
 
 def solve_bordered(matrix, column, row, corner, rhs, last, loose):
@@ -31,7 +43,7 @@ def solve_bordered(matrix, column, row, corner, rhs, last, loose):
     """
     column, row, rhs = (jnp.where(loose, 0.0, v) for v in (column, row, rhs))
     if isinstance(matrix, Sparse) and matrix.pattern.solver != "dense":
-        return _by_blocks(matrix, column, row, corner, rhs, last, loose)
+        return _on_host(matrix, column, row, corner, rhs, last, loose)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
     return _whole(lax.stop_gradient(full), column, row, corner, rhs, last, loose)
 
@@ -64,29 +76,111 @@ def _largest(v):
     return jnp.where(largest > 0, largest, 1.0)
 
 
-def _by_blocks(matrix, column, row, corner, rhs, last, loose):
-    factor = sparse.factorize(matrix, loose)
+def _on_host(matrix, column, row, corner, rhs, last, loose):
+    p = matrix.pattern
+    scalar = jax.ShapeDtypeStruct((), rhs.dtype)
+    shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
+    return sparse._call(
+        _solver(p.solver, p.symmetric),
+        shapes,
+        *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),
+        *(column, row, rhs, jnp.asarray(corner, rhs.dtype), jnp.asarray(last, rhs.dtype)),
+    )
 
-    def solve(b):
-        return jnp.where(loose, 0.0, factor.solve(b, lambda v: matrix @ v))
 
-    along = solve(column)
+@functools.cache
+def _solver(solver, symmetric):
+    def function(digest, indptr, indices, *arrays):
+        vectors, scalars = arrays[:-2], arrays[-2:]
+        batch = np.broadcast_shapes(*(v.shape[:-1] for v in vectors), *(s.shape for s in scalars))
+        rows = [sparse._rows(v, batch) for v in vectors]
+        rows += [np.broadcast_to(s, batch).reshape(-1) for s in scalars]
+        pattern = sparse._pattern_of(solver, symmetric, digest, indptr, indices)
+        with host._lock:
+            analysed = host.kept(*pattern)
+            found = [_solve(analysed, *case) for case in zip(*rows, strict=True)]
+        x, y, regular = (np.array(part) for part in zip(*found, strict=True))
+        return x.reshape(*batch, -1), y.reshape(batch), regular.reshape(batch)
+
+    return function
+
+
+def _solve(analysed, values, loose, column, row, rhs, corner, last):
+    """x, y and whether the bordered matrix is regular, of one case, NumPy."""
+    n = len(rhs)
+    nothing = np.zeros(n), 0.0, False
+    numbers = (values, column, row, rhs, corner, last)
+    values, column, row, rhs, corner, last = (np.asarray(v, float) for v in numbers)
+    if not all(np.isfinite(v).all() for v in (values, column, row, rhs, corner, last)):
+        return nothing
+    own = host._without(analysed, values, loose)
+    stored = sp.csr_matrix((own, analysed.indices, analysed.indptr), (n, n))
+    matrix = stored + sp.triu(stored, 1).T if analysed.symmetric else stored
+    # unknowns and equations are scaled as in `_whole`
+    size = np.sqrt(np.abs(own[analysed.diagonal]))
+    size[size == 0] = 1.0
+    width = np.abs(column / size).max(initial=0.0) or 1.0
+    height = max(np.abs(row / size).max(initial=0.0), abs(corner) / width) or 1.0
+    by_size = sp.diags_array(1 / size)
+    whole = sp.block_array(
+        [
+            [by_size @ matrix @ by_size, (column / size / width)[:, None]],
+            [(row / size / height)[None], np.array([[corner / width / height]])],
+        ],
+        format="csc",
+    )
+    b = np.append(rhs / size, last / height)
+    z = _by_blocks(analysed.factor(own, False), whole, b, size)
+    if z is None:
+        z = _factorised(whole, b)
+    return nothing if z is None else (z[:-1] / size, z[-1] / width, True)
+
+
+def _by_blocks(factor, whole, b, size):
+    """Solution with a factor of K, or None if it is not as good as one of the whole matrix."""
+    if factor is None:
+        return None
+    column, row = whole[:-1, [-1]].toarray()[:, 0], whole[[-1], :-1].toarray()[0]
+    corner = whole[-1, -1]
+    along = size * factor.solve(size * column)
     schur = corner - row @ along
+    if not abs(schur) > len(b) * np.finfo(float).eps * (abs(corner) + np.abs(row) @ np.abs(along)):
+        return None
 
-    def eliminate(b, e):
-        x = solve(b)
-        y = (e - row @ x) / schur
-        return x - y * along, y
+    def eliminate(b):
+        x = size * factor.solve(size * b[:-1])
+        y = (b[-1] - row @ x) / schur
+        return np.append(x - y * along, y)
 
-    x, y = eliminate(rhs, last)
-    left = jnp.where(loose, 0.0, rhs - matrix @ x - column * y)
-    dx, dy = eliminate(left, last - row @ x - corner * y)
-    x, y = x + dx, y + dy
-    left = jnp.where(loose, 0.0, rhs - matrix @ x - column * y)
-    terms = _size(rhs) + _size(column * y) + _size(matrix @ x)
-    close = _size(left) <= jnp.cbrt(jnp.finfo(rhs.dtype).eps) * terms
-    return x, y, close & jnp.all(jnp.isfinite(x)) & jnp.isfinite(y)
+    return _improved(eliminate, whole, b)
 
 
-def _size(v):
-    return jnp.max(jnp.abs(v), initial=0.0)
+def _factorised(whole, b):
+    """Solution by factors of the whole matrix with row exchanges, None if it is singular."""
+    import scipy.sparse.linalg as sla  # slow to import
+
+    try:
+        lu = sla.splu(whole)
+    except RuntimeError as error:
+        if "singular" not in str(error):
+            raise
+        return None
+    pivots = np.abs(lu.U.diagonal())
+    if not pivots.min() > len(b) * np.finfo(float).eps * pivots.max():
+        return None
+    return _improved(lu.solve, whole, b)
+
+
+def _improved(solve, whole, b):
+    """``solve(b)``, improved until the residual is the rounding of its terms; None if it is not."""
+    sizes, z, left = abs(whole), np.zeros_like(b), b
+    for _ in range(1 + _IMPROVE):
+        z = z + solve(left)
+        left = b - whole @ z
+        terms = sizes @ np.abs(z) + np.abs(b)
+        # forces and the condition apart: each against the largest of its own terms
+        pairs = ((left[:-1], terms[:-1]), (left[-1:], terms[-1:]))
+        allowed = _CLOSE * np.finfo(float).eps
+        if all(np.abs(own).max() <= allowed * of.max() for own, of in pairs):
+            return z
+    return None

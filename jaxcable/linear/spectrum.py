@@ -3,7 +3,10 @@ it ceases to be.
 
 Dense matrices get all eigenvalues. Sparse ones are factorised without pivoting on the host, which
 tells the signs (Sylvester's law of inertia), and the eigenvalue nearest to zero is found by inverse
-Lanczos iteration (ARPACK). Unsymmetric ones have singular values in their place.
+Lanczos iteration (ARPACK). A matrix that is symmetric but for rounding is taken as symmetric,
+wherever it comes from (pressure in a closed ring follows and has a potential). Unsymmetric ones
+have complex eigenvalues, all computed on the host, and singular values beside them; large ones are
+not counted: of these only the sign of the determinant is known.
 """
 
 import functools
@@ -19,26 +22,34 @@ from .pattern import Sparse
 
 _FEW = 40  # unknowns that are treated as a dense matrix on the host too
 _INVERSE = 40  # inverse iterations; near a singular matrix two are enough
+_COUNTED = 400  # unknowns up to which eigenvalues of an unsymmetric matrix are counted
+NOT_COUNTED = -1
+"""Stands for the number of negative eigenvalues where nobody knows it."""
 _ROUNDING = 4  # times n eps of the largest eigenvalue: a negative one below that is none
 
 
-def spectrum(matrix, loose, general=False):
+def spectrum(matrix, loose, general=False, strict=False):
     """Number of negative eigenvalues, and the one nearest to zero; not differentiable.
 
-    Of a general matrix: 1 if its determinant is negative, else 0; the smallest singular value with
-    the sign of the determinant; and its two vectors. It passes zero where the matrix is singular.
+    Of an unsymmetric matrix: the number of eigenvalues with negative real part; the smallest
+    singular value, with the sign of the real part of the eigenvalue nearest to zero; and its two
+    vectors. It passes zero where the matrix is singular. With more than 400 unknowns the number is
+    `NOT_COUNTED`, and the sign that of the determinant.
 
     Args:
         matrix: [n, n].
         loose: unknowns with empty rows and columns, left out, [n] bool.
-        general: whether the matrix is unsymmetric.
+        general: whether the matrix may be unsymmetric; one that is not is taken as symmetric.
+        strict: count what is below zero by less than the rounding of the largest, too; scalar.
+            Where eigenvalues may be zero all along this counts noise, but beside one that crosses
+            zero it is what tells on which side of it.
 
     Returns:
         number int32, value, right and left unit vectors [n]; NaN where they were not found.
     """
     matrix = lax.stop_gradient(matrix)
     if isinstance(matrix, Sparse) and matrix.pattern.solver != "dense":
-        return _on_host(matrix, loose, general)
+        return _on_host(matrix, loose, general, strict)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
     largest = jnp.max(jnp.abs(jnp.diagonal(full)), initial=0.0)
     # a loose unknown gets a stiffness that is the least interesting one
@@ -48,20 +59,54 @@ def spectrum(matrix, loose, general=False):
     nan = jnp.where(sound, 1.0, jnp.nan).astype(full.dtype)
     one = jnp.eye(len(apart), dtype=apart.dtype)
     apart = jnp.where(sound, apart, one)
+    sure = jnp.where(strict, 0.0, _ROUNDING * len(apart) * jnp.finfo(apart.dtype).eps)
+    sure = sure.astype(apart.dtype)
     if general:
-        left, values, right = jnp.linalg.svd(apart)
-        sign = jnp.linalg.slogdet(apart)[0]
-        number = (sign < 0).astype(jnp.int32)
-        return number, sign * values[-1] * nan, right[-1] * nan, left[:, -1] * nan
-    values, vectors = jnp.linalg.eigh(0.5 * (apart + apart.T))
-    limit = _ROUNDING * len(values) * jnp.finfo(values.dtype).eps * jnp.max(jnp.abs(values))
+        found = lax.cond(is_symmetric(apart), _by_eigenvalues, _by_singular_values, apart, sure)
+    else:
+        found = _by_eigenvalues(apart, sure)
+    number, value, right, left = found
+    return number, value * nan, right * nan, left * nan
+
+
+def is_symmetric(matrix):
+    """Whether a tangent [n, n] is symmetric but for its rounding; NaN counts as such."""
+    size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
+    tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)  # sums of many rotations, squares of their angles
+    return ~jnp.any(jnp.abs(matrix - matrix.T) > tol * jnp.outer(size, size))
+
+
+def _by_eigenvalues(matrix, sure):
+    """`spectrum` of a dense symmetric matrix; `sure`: of the largest, what counts as zero."""
+    values, vectors = jnp.linalg.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
-    number = jnp.sum(values < -limit).astype(jnp.int32)
-    vector = vectors[:, nearest] * nan
-    return number, values[nearest] * nan, vector, vector
+    number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
+    vector = vectors[:, nearest]
+    return number, values[nearest], vector, vector
 
 
-def _on_host(matrix, loose, general):
+def _by_singular_values(matrix, sure):
+    """The same of an unsymmetric one; its eigenvalues are found on the host."""
+    left, values, right = jnp.linalg.svd(matrix)
+    if len(matrix) > _COUNTED:
+        number, sign = jnp.int32(NOT_COUNTED), jnp.linalg.slogdet(matrix)[0]
+    else:
+        shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
+        number, sign = sparse._call(_count, shapes, matrix, sure)
+    return number, sign * values[-1], right[-1], left[:, -1]
+
+
+def _count(matrix, sure):
+    """Eigenvalues with negative real part, and the sign of the one nearest to zero, NumPy."""
+    values = np.linalg.eigvals(matrix)
+    size = np.abs(values)
+    limit = np.asarray(sure)[..., None] * size.max(axis=-1, keepdims=True)
+    number = (values.real < -limit).sum(axis=-1)
+    nearest = np.take_along_axis(values, size.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+    return number.astype(np.int32), np.where(nearest.real < 0, -1.0, 1.0)
+
+
+def _on_host(matrix, loose, general, strict):
     p = matrix.pattern
     shapes = (
         jax.ShapeDtypeStruct((), jnp.int32),
@@ -70,16 +115,23 @@ def _on_host(matrix, loose, general):
         jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
     )
     function = _analyser(p.symmetric, general)
-    return sparse._call(function, shapes, p.indptr, p.indices, matrix.values, loose)
+    return sparse._call(
+        function, shapes, p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)
+    )
 
 
 @functools.cache
 def _analyser(symmetric, general):
-    def function(indptr, indices, values, loose):
-        batch = np.broadcast_shapes(values.shape[:-1], loose.shape[:-1])
-        rows = sparse._rows(values, batch).astype(np.float64), sparse._rows(loose, batch)
+    def function(indptr, indices, values, loose, strict):
+        batch = np.broadcast_shapes(values.shape[:-1], loose.shape[:-1], strict.shape)
+        rows = (
+            sparse._rows(values, batch).astype(np.float64),
+            sparse._rows(loose, batch),
+            np.broadcast_to(strict, batch).reshape(-1),
+        )
         first = [array.reshape(-1, array.shape[-1])[0] for array in (indptr, indices)]
-        found = [_analyse(symmetric, general, *first, *pair) for pair in zip(*rows, strict=True)]
+        apart = np.finfo(values.dtype).eps ** (2 / 3) if general else None
+        found = [_analyse(symmetric, apart, *first, *case) for case in zip(*rows, strict=True)]
         number, value, *vectors = (np.array(column) for column in zip(*found, strict=True))
         right, left = (vector.reshape(*batch, -1) for vector in vectors)
         return number.reshape(batch), value.reshape(batch), right, left
@@ -87,8 +139,8 @@ def _analyser(symmetric, general):
     return function
 
 
-def _analyse(symmetric, general, indptr, indices, values, loose):
-    """`spectrum` of one matrix in compressed rows."""
+def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
+    """`spectrum` of one matrix in compressed rows; `apart` as of `_is_symmetric`, or None."""
     n = len(indptr) - 1
     stored = sp.csr_matrix((values, indices, indptr), (n, n))
     whole = stored + sp.triu(stored, 1).T if symmetric else stored
@@ -97,7 +149,12 @@ def _analyse(symmetric, general, indptr, indices, values, loose):
     nothing = np.int32(0), np.nan, np.full(n, np.nan), np.full(n, np.nan)
     if not np.isfinite(whole.data).all() or len(keep) == 0:
         return nothing
-    found = _signed_singular(whole) if general else _signed_eigenvalue(0.5 * (whole + whole.T))
+    unsymmetric = apart is not None and not _is_symmetric(whole, apart)
+    sure = 0.0 if strict else _ROUNDING * np.finfo(float).eps
+    if unsymmetric:
+        found = _signed_singular(whole, sure)
+    else:
+        found = _signed_eigenvalue(0.5 * (whole + whole.T), sure)
     if found is None:
         return nothing
     number, value, *vectors = found
@@ -106,7 +163,7 @@ def _analyse(symmetric, general, indptr, indices, values, loose):
     return np.int32(number), value, right, left
 
 
-def _signed_eigenvalue(matrix):
+def _signed_eigenvalue(matrix, sure):
     """Negative eigenvalues, the one nearest to zero and its vector, twice; None if not found."""
     import scipy.sparse.linalg as sla  # slow to import
 
@@ -115,7 +172,7 @@ def _signed_eigenvalue(matrix):
     if n <= _FEW:  # Lanczos needs room
         values, vectors = np.linalg.eigh(matrix.toarray())
         nearest = np.abs(values).argmin()
-        number = (values < -_ROUNDING * n * eps * np.abs(values).max()).sum()
+        number = (values < -sure * n * np.abs(values).max()).sum()
         return number, values[nearest], vectors[:, nearest], vectors[:, nearest]
     size = np.abs(matrix.diagonal()).max()
     lu = _unpivoted(matrix)
@@ -123,7 +180,7 @@ def _signed_eigenvalue(matrix):
         lu = _unpivoted(matrix + sp.diags_array(np.full(n, eps * size), format="csc"))
     if lu is None:
         return None
-    number = (lu.U.diagonal() < -_ROUNDING * eps * size).sum()
+    number = (lu.U.diagonal() < -sure * size).sum()
     start = np.random.default_rng(0).standard_normal(n)  # no symmetry of its own
     inverse = sla.LinearOperator(matrix.shape, lu.solve, dtype=float)
     try:
@@ -133,29 +190,39 @@ def _signed_eigenvalue(matrix):
     return number, value[0], vector[:, 0], vector[:, 0]
 
 
-def _signed_singular(matrix):
-    """Whether the determinant is negative, the smallest singular value with its sign, vectors."""
+def _is_symmetric(matrix, tol):
+    """`is_symmetric` of a sparse matrix, NumPy, up to `tol` of the diagonal."""
+    size = np.sqrt(np.abs(matrix.diagonal()))
+    apart = abs(matrix - matrix.T).tocoo()
+    return not (apart.data > tol * size[apart.row] * size[apart.col]).any()
+
+
+def _signed_singular(matrix, sure):
+    """`spectrum` of an unsymmetric matrix: number, signed value, vectors; None if not found."""
     import scipy.sparse.linalg as sla  # slow to import
 
-    if matrix.shape[0] <= _FEW:
+    n = matrix.shape[0]
+    counted = _count(matrix.toarray(), n * sure) if n <= _COUNTED else None
+    if n <= _FEW:
         left, values, right = np.linalg.svd(matrix.toarray())
-        sign = np.linalg.slogdet(matrix.toarray())[0]
-        return sign < 0, sign * values[-1], right[-1], left[:, -1]
+        return counted[0], counted[1] * values[-1], right[-1], left[:, -1]
     try:
         lu = sla.splu(matrix)
     except RuntimeError as error:
         if "singular" not in str(error):
             raise
         return None
-    sign = np.prod(np.sign(lu.U.diagonal())) * _parity(lu.perm_r) * _parity(lu.perm_c)
-    right = np.random.default_rng(0).standard_normal(matrix.shape[0])
+    if counted is None:
+        sign = np.prod(np.sign(lu.U.diagonal())) * _parity(lu.perm_r) * _parity(lu.perm_c)
+        counted = NOT_COUNTED, sign
+    right = np.random.default_rng(0).standard_normal(n)
     for _ in range(_INVERSE):  # inverse iteration with the matrix and its transpose
         left = lu.solve(right, "T")
         left /= np.linalg.norm(left)
         right = lu.solve(left)
         value = 1 / np.linalg.norm(right)
         right *= value
-    return sign < 0, sign * value, right, left
+    return counted[0], counted[1] * value, right, left
 
 
 def _parity(permutation):

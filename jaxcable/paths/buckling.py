@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from .. import _check, linear
 from .._tree import Indices, copy, pytree
 from ..ramp import follows, make_system, unloaded
 from ..solution import Solution, State
@@ -120,7 +120,7 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
         before = tangent_at(own, indices, numbered)
         pairs = zip(_slack(own, indices), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
-    symmetric = _is_symmetric(before) & _is_symmetric(after)
+    symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
     if _check.concrete(symmetric) is not None and not symmetric:
         raise ValueError(
             "state: moments act on nodes and make its tangent stiffness unsymmetric; linear "
@@ -168,13 +168,6 @@ def _bare(thawed, arrays, slack):
         longer = jnp.where(loose, chord, 0.0)  # twice its chord: slack for certain
         states.append(copy(state, rest_length=chord + longer, elongation=-longer))
     return copy(bare, states=states)
-
-
-def _is_symmetric(matrix):
-    """Whether a tangent is symmetric but for its rounding; NaN counts as such."""
-    size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
-    tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)  # sums of many rotations, squares of their angles
-    return ~jnp.any(jnp.abs(matrix - matrix.T) > tol * jnp.outer(size, size))
 
 
 @jax.jit

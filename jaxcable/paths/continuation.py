@@ -23,11 +23,13 @@ from ..assembly import each
 from ..results import row_of
 from . import events
 from .correction import Condition, by_load, correct, loose_unknowns
+from .inertia import alignment, crossed, multiplicity, unstable
 from .run import Beyond, Noted, Point, Run
 
 ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
 _BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
 _SHORT = 1e-3  # steps of this part of the first one are taken round any corner
+_LEAP = 4.0  # longest steps that a correction may go; further off is another part of the path
 _EASY = 3  # iterations of a step that may be followed by one as long
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
 _FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
@@ -82,11 +84,14 @@ def march(ramp, method, settings, code, capacity):
         turn, rise = found.turn / weight, found.rise
         size = jnp.sqrt(turn @ turn + rise**2)
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
-        point = _point(ramp, a, found, turn / size, rise / size)
+        closing = run.hunting & run.beyond.branch
+        point = _point(ramp, a, found, turn / size, rise / size, closing)
         bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
         regular = found.regular | (by_newton & begin.convex)
-        sound = found.converged & regular & ~far
+        gone = jnp.sqrt(jnp.sum((found.moved / weight) ** 2) + (found.factor - a.factor) ** 2)
+        leapt = free & ~fresh & (gone > _LEAP * jnp.sqrt(2.0) * settings.largest)
+        sound = found.converged & regular & ~far & ~leapt
         weight = jnp.where(found.regular, weight, run.weight)
         return found, point, sound, bent & ~fresh, newton_code, weight, far
 
@@ -106,8 +111,8 @@ def march(ramp, method, settings, code, capacity):
         # the inertia changes at a limit point too, a hair before or after the load factor turns
         aligned = alignment(p) > _ALIGNED
         of_limit = (jnp.abs(p.rise) < _FLAT) & aligned
-        branch = known & found.regular & (p.negative != a.negative) & ~of_limit
-        branch = branch | (usable & fresh & (p.negative > 0))  # unstable from the start
+        branch = known & found.regular & crossed(p, a) & ~of_limit
+        branch = branch | (usable & fresh & unstable(p))  # unstable from the start
         slackened = known & jnp.any(p.slack & ~a.slack)
         tightened = known & jnp.any(a.slack & ~p.slack)
         failed = usable & broken & ~astray
@@ -118,9 +123,14 @@ def march(ramp, method, settings, code, capacity):
         near = ds <= _NEAR * settings.step
         both = jnp.maximum(jnp.abs(p.stiffness), jnp.abs(a.stiffness))
         low = run.hunting & (both <= _LOW * run.reference) & (p.stiffness * a.stiffness < 0)
-        line = branch & smooth & ~limit & low & near
-        wide = crossing & (ds > run.tol) & ~line & ~fresh
+        line = ((branch & smooth) | astray) & ~limit & low & near
+        # on the other branch already, and as near as one gets
+        stray = astray & near
+        wide = crossing & (ds > run.tol) & ~line & ~fresh & ~stray
         hit = crossing & ~wide
+
+        forks = smooth & branch & ~limit & (low | ~near)  # or else the stiffness jumps
+        now = Beyond(p.rise, p.stiffness, p.negative, smooth, forks)
 
         # --- what to do with the step
         outside = usable & ~crossing & (run.mode == ARC) & ~fresh
@@ -139,6 +149,8 @@ def march(ramp, method, settings, code, capacity):
             (failed, events.MATERIAL_FAILURE),
         )
         noted, count = run.noted, run.n_event
+        beside = jax.tree.map(lambda far, new: jnp.where(astray, far, new), run.beyond, now)
+        many = multiplicity(beside, a, fresh)
         for happened, kind in kinds:
             own = jnp.where(kind == events.SLACKENING, p.slack & ~a.slack, a.slack & ~p.slack)
             if kind == events.MATERIAL_FAILURE:
@@ -148,7 +160,8 @@ def march(ramp, method, settings, code, capacity):
             note = hit & happened & (count < n_event)
             null = run.hunting & (both <= _LOW * run.reference)
             at = jnp.where(line & (kind == events.BIFURCATION), _zero_between(a, p), p.factor)
-            entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own, null)
+            number = many[kind == events.LIMIT_POINT] if kind in events.CRITICAL else jnp.int32(0)
+            entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own, null, number)
             noted = _put(noted, count, entry, note)
             count = count + (hit & happened)
         stopping = hit & (limit | branch | astray) & ~failed & ~settings.through
@@ -162,8 +175,11 @@ def march(ramp, method, settings, code, capacity):
         # --- the next step
         anchor = jax.tree.map(lambda new, old: jnp.where(accept, new, old), settled(p, a), a)
         # the path itself goes straight on, beyond the bifurcation that has been noted
-        passed = jnp.where(hit & astray, run.beyond.negative, anchor.negative)
-        anchor = copy(anchor, negative=passed)
+        passed = [
+            jnp.where(hit & astray, getattr(run.beyond, of), getattr(anchor, of))
+            for of in ("negative", "stiffness")
+        ]
+        anchor = copy(anchor, negative=passed[0], stiffness=passed[1])
         ease = jnp.sqrt(_EASY / jnp.maximum(found.steps, 1).astype(dtype))
         plain = accept & ~run.hunting & ~hit & (run.mode == ARC)
         # steers the length of steps, no part of the result
@@ -174,8 +190,6 @@ def march(ramp, method, settings, code, capacity):
         bracket = jnp.where(
             wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket)
         )
-        forks = smooth & branch & ~limit & (low | ~near)  # or else the stiffness jumps
-        now = Beyond(p.rise, p.stiffness, p.negative, smooth, forks)
         far_end = jax.tree.map(
             lambda new, old: jnp.where(wide & ~astray, new, old), now, run.beyond
         )
@@ -256,7 +270,7 @@ def march(ramp, method, settings, code, capacity):
         nobody,
     )
     no = jnp.zeros((), bool)
-    entry = Noted(jnp.int32(0), zero, zero, zero, jnp.int32(0), nowhere, nobody, no)
+    entry = Noted(jnp.int32(0), zero, zero, zero, jnp.int32(0), nowhere, nobody, no, jnp.int32(0))
     unknown = jax.eval_shape(lambda p: _row(ramp, p, ramp.plastic, _nothing(p)), nowhere)
     start = Run(
         anchor=nowhere,
@@ -280,17 +294,13 @@ def march(ramp, method, settings, code, capacity):
     return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, turn, start)
 
 
-def _point(ramp, a, found, turn, rise):
-    """The `Point` that an iteration from `a` ended in."""
+def _point(ramp, a, found, turn, rise, closing):
+    """The `Point` that an iteration from `a` ended in; `closing` in on a bifurcation."""
     system = ramp.at(found.factor, a.plastic)
     loose = loose_unknowns(system, found.x)
-    general, plain = (lambda m, g=g: linear.spectrum(m, loose, general=g) for g in (True, False))
-    if system.followers is not None:
-        found_out = general(found.matrix)
-    elif system.turning:  # nodal moments make it unsymmetric
-        found_out = lax.cond(system.unsymmetric(), general, plain, found.matrix)
-    else:
-        found_out = plain(found.matrix)
+    # loads that follow and moments of frames can make the tangent unsymmetric
+    general = system.followers is not None or system.turning
+    found_out = linear.spectrum(found.matrix, loose, general, closing)
     slack = _slack(system, system.motion(found.x), a.slack)
     return Point(found.x, found.factor, turn, rise, a.plastic, *found_out, found.pull, slack)
 
@@ -313,12 +323,6 @@ def _weight(found, system):
     own = jnp.linalg.norm(found.turn) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
     usable = (own > 0) & jnp.isfinite(own)
     return jnp.where(usable, own, system.length_scale())
-
-
-def alignment(p):
-    """``|phi.F| / (|phi| |F|)`` of the left null vector; 1 if nothing pulls."""
-    size = jnp.linalg.norm(p.pull)
-    return jnp.where(size > 0, jnp.abs(p.left @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)
 
 
 def _guess(anchor, far_end, bracket, turns, tol):

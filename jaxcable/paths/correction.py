@@ -18,7 +18,6 @@ from jax import lax
 from .. import equilibrium, linear
 from .._tree import pytree
 
-_COMING = 1e-3  # part of the load of a unit load factor that counts as a force
 _EXACT = 1e-3  # of what is allowed: not to be improved
 _STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 to 6
 
@@ -81,6 +80,8 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
         `Corrected`.
     """
     zero = jnp.zeros((), x.dtype)
+    begin = ramp.at(factor, plastic)
+    came_from = begin.rounding(begin.place(x)) if begin.rounds else None
 
     def unfinished(it):
         return active & ~it.converged & ~it.failed & (it.steps <= _STEPS)
@@ -91,12 +92,12 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
         residual, pull = jax.jvp(
             lambda f: _residual(ramp.at(f, plastic), x), (it.factor,), (zero + 1,)
         )
-        # an unloaded start has no forces to be judged by: those to come stand in for them
-        coming = _COMING * jnp.max(jnp.abs(pull), initial=0.0)
+        # an unloaded start has no forces to be judged by: the load to come stands in for them
+        coming = jnp.max(jnp.abs(pull), initial=0.0)
         scale = jnp.maximum(system.residual_and_scale(x)[1], coming)
         allowed = tol * scale
         if system.rounds:
-            allowed = jnp.maximum(allowed, system.rounding(x))
+            allowed = jnp.maximum(allowed, jnp.maximum(system.rounding(x), came_from))
         small = jnp.all(jnp.abs(residual) <= allowed)
         # a short step from a good point is nearly as good: one correction makes it so
         settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT * allowed))

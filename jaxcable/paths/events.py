@@ -23,6 +23,9 @@ NAMES = {
 FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
 """Kinds at which a structure under growing dead load fails."""
 
+CRITICAL = (LIMIT_POINT, BIFURCATION)
+"""Kinds at which the tangent is singular."""
+
 
 @pytree
 class Events:
@@ -46,6 +49,10 @@ class Events:
             law) the softest mode; else NaN.
         alignment: ``|phi.F| / (|phi| |F|)`` there, phi the left null vector, F the load that the
             phase adds: zero at a branch point, not zero at a limit point, [n].
+        multiplicity: number of eigenvalues of the tangent that change their sign at limit points
+            and bifurcations, [n] int: 2 where two modes cross together (within the bracket), as in
+            a ring under pressure; -1 where they are not counted (`TracedPath.n_negative`), 0 at
+            other events.
         elements: which elements slackened, tightened or failed, in the shape of `elements`, each
             [n, n_elem] bool.
 
@@ -68,6 +75,7 @@ class Events:
     displacement: object
     mode: object
     alignment: object
+    multiplicity: object
     elements: object
 
     @property

@@ -24,11 +24,13 @@ class TracedPath(Path):
         iterations: of the correction onto the path, [n].
         factorizations: None.
         equilibrated: None.
-        n_negative: negative eigenvalues of the tangent stiffness, [n]: 0 is stable. Of an
-            unsymmetric tangent (loads that follow, nodal moments) 1 where its determinant is
-            negative, else 0.
+        n_negative: negative eigenvalues of the tangent stiffness, [n]: 0 is stable. Of a tangent
+            that is not symmetric to rounding (pressure that does not keep its direction where it
+            has no potential, nodal moments) those with negative real part; -1, not counted, if such
+            a one has more than 400 unknowns: then only crossings of an odd number are seen.
         stiffness: its eigenvalue nearest to zero, [n], N/m (of a unit vector of all freedoms); of
-            an unsymmetric one its smallest singular value with the sign of the determinant.
+            an unsymmetric one its smallest singular value with the sign of the real part of that
+            eigenvalue, or of the determinant where eigenvalues are not counted.
         rise: the tangent's part of load factor, 1 to -1; changes its sign at limit points, [n].
         events: `Events`.
 
@@ -51,7 +53,8 @@ class TracedPath(Path):
     def failure_load(self):
         """Load factor of the first limit point, bifurcation or material failure; NaN if none.
 
-        Differentiable where the event's load factor is, see `Events.load_factor`.
+        Differentiable where the event's load factor is, see `Events.load_factor`; a NaN has NaN
+        derivatives.
 
         Returns:
             Scalar.
@@ -64,6 +67,8 @@ class TracedPath(Path):
         kind = jnp.asarray(self.events.kind)
         fails = jnp.isin(kind, jnp.asarray(FAILURES))
         if kind.shape[0] == 0:
-            return jnp.asarray(jnp.nan, self.load_factor.dtype)
+            return jnp.nan * jnp.sum(self.load_factor)
         first = self.events.load_factor[jnp.argmax(fails)]
-        return jnp.where(jnp.any(fails), first, jnp.nan)
+        # where there is none, NaN by way of the path, whose derivatives are NaN, too, and not zero
+        nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * self.load_factor[0]
+        return jnp.where(jnp.any(fails), first, 0.0) + nothing

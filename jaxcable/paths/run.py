@@ -58,7 +58,14 @@ class Point:
 
 @pytree
 class Noted:
-    """Events as they are noted, with the point beyond; `null`: phi is a null vector there."""
+    """Events as they are noted, with the point beyond.
+
+    Attributes:
+        kind, factor, lower, upper, row, changed: as of `Events`.
+        point: beyond it.
+        null: whether phi is a null vector there.
+        crossed: eigenvalues that change their sign.
+    """
 
     kind: object
     factor: object
@@ -68,6 +75,7 @@ class Noted:
     point: Point
     changed: object
     null: object
+    crossed: object
 
 
 @pytree

@@ -16,8 +16,9 @@ from ..preparation import as_phases, prepare, ready, verdicts
 from ..ramp import Ramp
 from ..results import on_nodes, with_peaks
 from ..solver import solve
-from .continuation import alignment, march
+from .continuation import march
 from .events import BIFURCATION, LIMIT_POINT, Events
+from .inertia import alignment
 from .result import TracedPath
 from .run import Settings
 
@@ -165,6 +166,7 @@ def _trace(thawed, arrays, method, settings, code, room):
         displacement=known(jax.vmap(lambda p: _moved(ramp, p))(noted.point), happened),
         mode=jax.vmap(lambda p: _shape(ramp, p))(noted.point),
         alignment=jax.vmap(alignment)(noted.point),
+        multiplicity=jnp.where(happened, noted.crossed, 0),
         elements=None,
     )
     critical = (events.kind == LIMIT_POINT) | (events.kind == BIFURCATION)

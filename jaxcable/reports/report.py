@@ -207,7 +207,10 @@ def _summary(structure, solution, failed):
                 f"{int(path.n_slack[k])} slack"
             )
         if int(phase.status) == status.OK and not bool(phase.stable):
-            text += "; UNSTABLE at its end: the tangent stiffness has a negative eigenvalue"
+            text += (
+                "; UNSTABLE at its end: the tangent stiffness (under moments and following loads "
+                "its symmetric part) has a negative eigenvalue"
+            )
         lines.append(text)
     if code != status.OK:
         last = solution.last

@@ -1,0 +1,36 @@
+"""What two points of a path, or a point and its load, tell about eigenvalues that cross zero."""
+
+import jax.numpy as jnp
+
+from .. import linear
+
+
+def _odd(p):
+    """Whether the number of negative eigenvalues is odd, also where they are not counted."""
+    return jnp.where(p.negative < 0, p.stiffness < 0, p.negative % 2 == 1)
+
+
+def unstable(p):
+    """Whether there are negative eigenvalues, as far as it is known."""
+    return (p.negative > 0) | ((p.negative < 0) & _odd(p))
+
+
+def crossed(p, a):
+    """Whether the number of negative eigenvalues differs, as far as it is known."""
+    counted = (p.negative >= 0) & (a.negative >= 0)
+    return jnp.where(counted, p.negative != a.negative, _odd(p) != _odd(a))
+
+
+def multiplicity(p, a, fresh):
+    """How many eigenvalues cross between two points: at a bifurcation, at a limit point."""
+    counted = (p.negative >= 0) & (a.negative >= 0)
+    many = jnp.abs(p.negative - jnp.where(fresh, 0, a.negative))
+    many = jnp.where(counted, many, linear.NOT_COUNTED)
+    # the inertia changes a hair before or after the load factor turns
+    return many, jnp.where(counted, jnp.maximum(many, 1), many)
+
+
+def alignment(p):
+    """``|phi.F| / (|phi| |F|)`` of the left null vector; 1 if nothing pulls."""
+    size = jnp.linalg.norm(p.pull)
+    return jnp.where(size > 0, jnp.abs(p.left @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)
