@@ -8,29 +8,25 @@ Everything that the phases do to a structure does work on it,
 The left side comes from forces and displacements at the ends of the increments, by the trapezoidal
 rule; the energies are those of the elements, written apart from their forces. In equilibrium all
 along, the imbalance is the error of that rule, of second order in the increment. One that does not
-fall so says that forces, loads and energies do not belong together, or that a state jumped.
+fall so says that forces, loads and energies do not belong together, or that a state jumped: that a
+phase began out of balance, or the structure snapped between two increments.
 """
 
 import warnings
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
-from . import status
 from ._check import InputWarning
-from ._tree import copy, fill, pytree
-from .assembly import each
+from ._tree import pytree
 from .parts import one_case
-from .preparation import prepare, ready
-from .ramp import Ramp
-from .rotations import angles, inverse, product, stereographic
+from .preparation import prepare
+from .works import marks, works
 
 WORKS = ("dead", "following", "supports", "prestress")
 """Names of what does work."""
 
-_FIRST = 1e-6  # part of the first increment's load that stands for none: it has a direction
+_ROUNDING = 1e-9  # of the stored energy: a phase that does less has done nothing
 
 
 @pytree
@@ -38,19 +34,22 @@ class EnergyBalance:
     """Work and energy in each phase of an analysis, J; `energy_balance` makes it.
 
     Attributes:
-        dead: work of dead loads, on nodes and on what they deflect within elements, [n_phase].
+        dead: work of dead loads, on nodes and on what they deflect within elements, or slides with
+            ropes, [n_phase].
         following: work of loads that follow, [n_phase].
         supports: work of supports that are moved, and of reactions that are ramped out where
             freedoms are released, [n_phase].
         prestress: work of jacks and turnbuckles, of heat, and of whatever else changes unstressed
-            lengths, [n_phase].
-        stored: change of the stored energy, [n_phase].
+            lengths, on what is between the ends of the elements, [n_phase].
+        stored: change of the stored energy, [n_phase]. The potential of weight is none of it: what
+            a load does is work.
         dissipated: by plastic strains, [n_phase].
-        level: stored energy at the end of each phase, [n_phase].
+        level: stored energy at the end of each phase, or where it stopped, [n_phase].
+        increments: the imbalance of every increment, a tuple of [n_inc].
 
     Example:
-        600 N hung on a cable of 5 m and 100 kN, all at once and in ten steps: half of the work of
-        one step would be wrong, were the force not linear in the displacement.
+        600 N hung on a cable of 5 m and 100 kN, whose force is linear in the displacement, so that
+        one step of the trapezoidal rule is right:
 
         >>> cable = jc.Cables([[0, 1]], axial_stiffness=1e5)
         >>> held = np.array([[True, True, True], [True, True, False]])
@@ -69,6 +68,7 @@ class EnergyBalance:
     stored: object
     dissipated: object
     level: object
+    increments: tuple
 
     @property
     def work(self):
@@ -82,9 +82,12 @@ class EnergyBalance:
 
     @property
     def relative(self):
-        """The imbalance over the largest of all terms of its phase, [n_phase]; 0 if all are."""
+        """The imbalance over the largest of all terms of its phase, [n_phase], without sign.
+
+        Over 1e-9 of the stored energy in a phase that does less: then all of it is rounding.
+        """
         terms = [*(getattr(self, name) for name in WORKS), self.stored, self.dissipated]
-        largest = np.max(np.abs(terms), axis=0)
+        largest = np.max(np.abs([*terms, _ROUNDING * self.level]), axis=0)
         return np.abs(self.imbalance) / np.where(largest > 0, largest, 1.0)
 
 
@@ -104,8 +107,8 @@ def energy_balance(structure, phases, solution, start=None):
         `EnergyBalance`, NumPy, outside of all transformations.
 
     Raises:
-        ValueError: `solution` is a batch or being traced, or has another number of phases; those
-            of `solve`.
+        ValueError: `solution` is a batch or being traced, has another number of phases, or does not
+            end where these phases do (was it started from another one?); those of `solve`.
 
     Example:
         Two hundred newtons of pretension in all cables of a net, and 15 N on its four nodes:
@@ -125,204 +128,22 @@ def energy_balance(structure, phases, solution, start=None):
         raise ValueError(
             f"phases: {len(thawed[3])} of them, the solution has {len(solution.phases)}"
         )
-    paths = tuple(
-        (
-            phase.path.status,
-            phase.path.displacement if phase.path.motion is None else phase.path.motion,
-        )
-        for phase in solution.phases
-    )
-    rows = jax.tree.map(np.asarray, _balance(thawed, arrays, paths))
-    return EnergyBalance(*np.stack([np.stack(row) for row in rows], axis=1))
-
-
-@jax.jit
-def _balance(thawed, arrays, paths):
-    """Rows of `EnergyBalance`, a list with an item per phase."""
-    nodes, groups, carry, data = ready(fill(thawed, arrays))
-    rows = []
-    for phase, (codes, path) in zip(data, paths, strict=True):
-        ramp = Ramp.build(nodes, groups, carry, phase)
-        row, carry = _phase(ramp, codes, path)
-        rows.append(row)
-    return rows
-
-
-def _phase(ramp, codes, path):
-    """Row of `EnergyBalance` for a phase, and the `Carry` that it leaves."""
-    begin, n_inc = ramp.begin.motion, len(codes)
-    good = codes == status.OK
-    motions = path if begin.shape[1] > 3 else begin[None] + path
-    motions = jnp.where(good[:, None, None], motions, begin[None])
-    factors = jnp.arange(1, n_inc + 1, dtype=begin.dtype) / n_inc
-
-    def step(before, increment):
-        factor, motion, now = increment
-        terms, plastic = _increment(ramp, before, (factor, motion))
-        plastic = jax.tree.map(lambda a, b: jnp.where(now, a, b), plastic, before[2])
-        after = factor, motion, plastic
-        after = jax.tree.map(lambda a, b: jnp.where(now, a, b), after, before)
-        return after, jnp.where(now, terms, 0.0)
-
-    zero = jnp.zeros((), begin.dtype)
-    first = zero, begin, ramp.plastic
-    (factor, motion, plastic), terms = lax.scan(step, first, (factors, motions, good))
-    level = _At(ramp, factor, motion, plastic).level
-    return jnp.append(jnp.sum(terms, axis=0), level), ramp.leave(factor, motion, plastic)
-
-
-def _increment(ramp, before, after):
-    """Terms of one increment: works by name, stored, dissipated, [6]; plastic strains after it."""
-    plastic = before[2]
-    old, new = _At(ramp, *before), _At(ramp, *after, plastic)
-    moved = _moved(before[1], after[1])
-
-    def work(of):
-        return 0.5 * jnp.sum((of(old) + of(new)) * moved)
-
-    zero = jnp.zeros((), moved.dtype)
-    dead = work(lambda at: at.load)
-    following = zero
-    if new.system.followers is not None:
-        following = work(lambda at: at.following)
-    supports = zero
-    if ramp.moved is not None:
-        supports = work(lambda at: at.reactions)
-    if ramp.released is not None:
-        supports = supports + work(lambda at: at.released)
-    within = old.deflection_work(new)
-    prestress = 0.5 * (old.energy_with(new) - old.energy + new.energy - new.energy_with(old))
-    stored, dissipated = new.level - old.level, zero
-    if plastic is not None:
-        plastic = new.system.settle(after[1])
-        settled = _At(ramp, *after, plastic)
-        dissipated = new.energy - settled.energy
-        stored = settled.level - old.level
-    terms = dead + within[0], following + within[1], supports, prestress, stored, dissipated
-    return jnp.stack(terms), plastic
-
-
-def _moved(before, after):
-    """Displacement, and the rotation vector where nodes turn, between motions, [n_row, 3 or 6]."""
-    shift = (after - before)[:, :3]
-    if before.shape[1] == 3:
-        return shift
-
-    def turn(old, new):
-        return angles(stereographic(product(new, inverse(old))))
-
-    return jnp.concatenate([shift, jax.vmap(turn)(before[:, 3:], after[:, 3:])], axis=1)
-
-
-class _At:
-    """Forces and energies at a load factor and motion of a phase, at given plastic strains.
-
-    The energy E of an element has the potential of the loads q along it in it, as far as these act
-    beyond its ends. Its own is ``U = E - q dE/dq``, and ``dU = dE/dm dm + dE/ds ds - q d(dE/dq)``
-    the work of its ends, of what changes its unstressed length s, and of these loads.
-    """
-
-    def __init__(self, ramp, factor, motion, plastic):
-        system = ramp.at(factor, plastic)
-        self.system, self.motion = system, motion
-        self.released = None if ramp.released is None else (1 - factor) * ramp.released
-        self.load = system.load if ramp.released is None else system.load - self.released
-        # a jack reels unstressed length in and out: that which would hold its force here
-        self.states = [
-            each("lock", group, state, system.nodes, motion) if state.held is not None else state
-            for group, state in zip(system.groups, system.states, strict=True)
-        ]
-        self.alongs = [_along(state) for state in self.states]
-
-    @property
-    def following(self):
-        force = self.system.following(self.system.nodes + self.motion[:, :3])
-        return jnp.pad(force, ((0, 0), (0, self.load.shape[1] - 3)))
-
-    @property
-    def reactions(self):
-        return self.system.reactions(self.motion)
-
-    def _energy(self, k, state, along=None):
-        """Energy of a group in a state under loads along it, J."""
-        group = self.system.groups[k]
-        if along is not None:
-            state = _under(state, along)
-        return jnp.sum(each("energy", group, state, self.system.nodes, self.motion))
-
-    @property
-    def energy(self):
-        """E of all elements, J."""
-        return sum(self._energy(k, state) for k, state in enumerate(self.states))
-
-    def energy_with(self, other):
-        """E with the unstressed lengths of another point of the phase, J."""
-        pairs = zip(self.states, other.states, strict=True)
-        mixed = [
-            copy(own, rest_length=their.rest_length, elongation=their.elongation)
-            for own, their in pairs
-        ]
-        return sum(self._energy(k, state) for k, state in enumerate(mixed))
-
-    def _slopes(self, k, along):
-        """dE/dq of a group under loads along it, as these; zero without load."""
-        slopes = jax.grad(lambda q: self._energy(k, self.states[k], q))(along)
-        return jax.tree.map(lambda q, slope: jnp.where(_none(q), 0.0, slope), along, slopes)
-
-    @property
-    def level(self):
-        """Stored energy U of all elements, J."""
-        total = self.energy
-        for k, along in enumerate(self.alongs):
-            if along is not None:
-                total = total - sum(jax.tree.leaves(_product(along, self._slopes(k, along))))
-        return total
-
-    def deflection_work(self, new):
-        """Work of dead loads, and of pressures, on what they deflect up to `new`, J."""
-        works = [jnp.zeros((), self.motion.dtype)] * 2
-        for k, (old_load, new_load) in enumerate(zip(self.alongs, new.alongs, strict=True)):
-            if new_load is None:
-                continue
-            first = jax.tree.map(
-                lambda a, b: jnp.where(_none(a), _FIRST * b, a), old_load, new_load
+    paths = [phase.path for phase in solution.phases]
+    for k, (own, path) in enumerate(zip(thawed[3], paths, strict=True)):
+        if own.increments != len(path.status):
+            raise ValueError(
+                f"phases[{k}]: {own.increments} increments, in the solution {len(path.status)}"
             )
-            change = jax.tree.map(jnp.subtract, new._slopes(k, new_load), self._slopes(k, first))
-            mean = jax.tree.map(lambda a, b: 0.5 * (a + b), old_load, new_load)
-            done = _product(mean, change)
-            works = [w - sum(jax.tree.leaves(own)) for w, own in zip(works, done, strict=True)]
-        return works
-
-
-def _along(state):
-    """Loads along the elements of a group, (dead or None, pressures or None); None without any."""
-    line, pressed = state.line_load, state.pressed
-    if line is None and pressed is None:
-        return None
-    if pressed is not None:
-        pressed = {per: [pressure for pressure, _ in own] for per, own in pressed.items()}
-    return line, pressed
-
-
-def _under(state, along):
-    """The state with other loads along the elements."""
-    line, pressed = along
-    if pressed is not None:
-        pressed = {
-            per: [(new, axis) for new, (_, axis) in zip(own, state.pressed[per], strict=True)]
-            for per, own in pressed.items()
-        }
-    return copy(state, line_load=line, pressed=pressed)
-
-
-def _none(load):
-    """Whether an element has no load, in a shape that broadcasts against it."""
-    return load == 0 if load.ndim == 1 else jnp.all(load == 0, axis=-1, keepdims=True)
-
-
-def _product(loads, slopes):
-    """Sums of the products, with the two kinds of load apart."""
-    return tuple(
-        jax.tree.map(lambda a, b: jnp.sum(a * b), own, theirs)
-        for own, theirs in zip(loads, slopes, strict=True)
-    )
+    points = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
+    rows, end = jax.tree.map(np.asarray, works(thawed, arrays, points))
+    for own, their in zip(end, marks(solution.last.carry), strict=True):
+        apart = np.abs(own - np.asarray(their)).max()
+        if apart > np.sqrt(np.finfo(own.dtype).eps) * np.abs(own).max():
+            raise ValueError(
+                "solution: is not that of these phases; of one that was started from another give "
+                "that as start"
+            )
+    sums = np.array([[*terms.sum(axis=1), level] for terms, level in rows]).T
+    n = len(WORKS)
+    increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in rows)
+    return EnergyBalance(*sums, increments)
