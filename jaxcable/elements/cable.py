@@ -46,8 +46,12 @@ class Cables(Bars):
         return self._cut(super().force(strain, plastic), strain, plastic)
 
     def energy_per_length(self, strain, plastic=None):
-        """Stored energy per unstressed length, J/m: zero in a slack cable."""
-        return self._cut(super().energy_per_length(strain, plastic), strain, plastic)
+        """Stored energy per unstressed length, J/m: none in a slack cable.
+
+        But for that of yielded parts of its law, which pull and push each other when it is slack.
+        """
+        energy = super().energy_per_length(strain, plastic)
+        return energy if plastic is not None else self._cut(energy, strain, plastic)
 
     def fibre_stress(self, strain, plastic=None):
         """Stress of every fibre, Pa; their sum over the area is zero in a slack cable.

@@ -192,16 +192,13 @@ class Parallel:
         return jnp.where(own < 0 if plastic is None else self._sum(own, plastic) < 0, 0.0, size)
 
     def energy_at(self, strain, plastic=None):
-        """Energy per volume, J/m3, that of the spring among it; of a cable from slackness on.
+        """Energy per volume, J/m3, that of the spring among it.
 
-        That of a cable is the integral of its stress where none of the curves falls.
+        That of a cable is the integral of its stress where none of the curves falls, and in a slack
+        one what laws that have yielded store against each other.
         """
         own = self._kept(strain, plastic)
-        each = list(self.each(plastic))
-        energy = sum(share * law.energy_at(own, p) for share, law, p in each)
-        if self.one_sided and plastic is not None:
-            slack = self._slackened(own, plastic)
-            energy = energy - sum(share * law.energy_at(slack, p) for share, law, p in each)
+        energy = sum(share * law.energy_at(own, p) for share, law, p in self.each(plastic))
         if self.spring is not None:
             energy = energy + 0.5 * self.spring * self.stress_at(strain, plastic) ** 2
         return energy
