@@ -102,7 +102,8 @@ class Path:
             `Newton(watch=True)` asks for it.
         motion: of structures with beams, the motion of every row (nodes, hinged ends, inner numbers
             of elements) from the initial geometry, displacement and unit quaternion,
-            [n_inc, n_row, 7]; NaN from a failure on. `energy_balance` reads it.
+            [n_inc, n_row, 7]; NaN from a failure on; None without beams, whose displacements say it
+            all. `energy_balance` reads it; files of results do not have it.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)

@@ -34,7 +34,7 @@ FLOORS = [
     ["ramp"],
     ["solution"],
     ["preparation", "results"],
-    ["solver", "batches", "tangent"],
+    ["solver", "batches", "tangent", "works"],
     ["paths", "stresses", "internal_forces", "energy"],
     ["design", "forms"],
     ["scenes"],

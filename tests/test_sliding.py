@@ -161,6 +161,20 @@ def test_weight_slides_with_the_rope():
     assert -load[0, 2] == pytest.approx(mean(a), rel=1e-10)  # the mass hangs still
 
 
+def test_a_rope_that_balances_over_a_peg_is_unstable():
+    """Legs of equal length of a heavy rope over a peg: whatever sinks goes on sinking."""
+    nodes = [[-0.1, 0, -2.0], [0.0, 0, 0], [0.1, 0, -2.0]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e4, weight=10.0)
+    mask = np.ones((3, 3), bool)
+    mask[[0, 2], 2] = False
+    structure = jc.Structure(nodes, rope, jc.Supports(mask))
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+        solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+    assert int(solution.status) == 0 and not bool(solution.stable)
+    z = np.asarray(solution.positions[:, 2])
+    assert z[0] == pytest.approx(z[2], rel=1e-9)
+
+
 def test_line_loads_per_initial_length_stay():
     structure, _ = pulley()
     load = jc.LineLoads((0, 0, -20.0), per="initial")

@@ -27,7 +27,8 @@ def run(options):
             if path.endswith(".py"):
                 require_exportable(structure)
         solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
-        told = report(structure, solution, phases)
+        # whoever wants no report does not wait for its energies
+        told = report(structure, solution, phases, energy=options.report is not None)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
     wrote = _write(options, structure, solution, told)  # whoever reads the output may go away

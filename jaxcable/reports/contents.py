@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..design import utilisation
+from ..energy import energy_balance
 from ..parts import first_and_last, groups_by_name, per_group, pieces
 from ..paths import buckling_factor
 from .table import Table
@@ -14,6 +15,7 @@ BUCKLING = (
     "paths.buckling_factor"
 )
 _ROUNDING = 1e-9  # of the largest force: compression that is none
+_IMBALANCE = 0.05  # of the largest work or energy of a phase, from which a word is due
 
 
 class State(NamedTuple):
@@ -169,6 +171,35 @@ def buckling(structure, state, reference=None):
     return (
         f"buckling: at {factor:.4g} times {loads}, by linear theory, which takes turns for small: "
         f"elements have turned by {turn:.2g} degrees at most"
+    )
+
+
+def energy(structure, solution, phases, start=None):
+    """Work of all that acts against stored and dissipated energy, a row a phase.
+
+    Args:
+        structure, phases, solution, start: as for `energy_balance`.
+    """
+    balance = energy_balance(structure, phases, solution, start)
+    names = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
+    values = [getattr(balance, name) for name in names]
+    values = np.column_stack([*values, 100 * balance.relative]).tolist()
+    rows = [[k, *own] for k, own in enumerate(values, 1)]
+    notes = [
+        f"stored at the end: {float(balance.level[-1]):.6g} J",
+        "work by the trapezoidal rule, whose error falls with the square of the increments; "
+        "part: imbalance over the largest term",
+    ]
+    for k, own in enumerate(balance.increments):
+        if balance.relative[k] > _IMBALANCE and len(own):
+            worst = int(np.abs(own).argmax())
+            notes.append(
+                f"phase {k + 1} is not balanced: {own[worst]:.3g} J in increment {worst + 1} of "
+                f"{len(own)}; it jumped there, began out of balance, or needs more increments"
+            )
+    columns, units = ("phase", *names, "part"), ("", *["J"] * len(names), "%")
+    return Table(
+        "Energy: work = stored + dissipated + imbalance", columns, units, rows, tuple(notes)
     )
 
 

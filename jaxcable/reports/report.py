@@ -27,7 +27,7 @@ class Report:
         status: code of the analysis.
         summary: sentences.
         tables: dict from name to `Table`: ``reactions``, ``equilibrium``, ``members``,
-            ``cutting_list``, ``slack``, ``loose``.
+            ``cutting_list``, ``slack``, ``loose``; ``energy`` if it was asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -95,7 +95,7 @@ class Report:
         return self.text()
 
 
-def report(structure, solution, phases=None, cases=None, names=None, buckling=False):
+def report(structure, solution, phases=None, cases=None, names=None, buckling=False, energy=False):
     """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
 
     Args:
@@ -110,6 +110,9 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
         buckling: whether to say in the summary by which factor on its loads the state would buckle
             (`paths.buckling_factor`, an eigenproblem); or the `Solution` or `State` of the
             prestress, which the factor then leaves as it is.
+        energy: whether to add the balance of work and energy of every phase (`energy_balance`; it
+            compiles a program of its own, a second for nets and some for beams); or the `Solution`
+            or `State` that the analysis was started from. It needs `phases`.
 
     Returns:
         `Report`. Forces and utilisation are those of the largest force along an element;
@@ -117,12 +120,24 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
 
     Raises:
         ValueError: `solution` is a batch, or names of another number than the cases; those of
-            `paths.buckling_factor` if it is asked for.
+            `paths.buckling_factor` and of `energy_balance` if these are asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> print(jc.report(structure, jc.solve(structure, phases)).summary[0])
         status 0: converged
+
+        Work of the prestress and of the loads on four nodes, and what is stored of it:
+
+        >>> told = jc.report(structure, jc.solve(structure, phases), phases, energy=True)
+        >>> table = told.tables["energy"]
+        >>> for name in ("dead", "prestress", "stored", "imbalance"):
+        ...     k = table.columns.index(name)
+        ...     print(name, *(f"{row[k]:.4f}" for row in table.rows), table.units[k])
+        dead 0.0000 0.3576 J
+        prestress 0.9779 0.0000 J
+        stored 0.9779 0.3574 J
+        imbalance 0.0000 0.0003 J
     """
     one_case(solution)
     if phases is not None:
@@ -132,6 +147,9 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
                 f"phases: {len(phases)} of them, the solution has {len(solution.phases)}; give "
                 "those of this analysis, without those that it was started from"
             )
+    balanced = energy is not False and energy is not None
+    if balanced and phases is None:
+        raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
     state = solution.last
     states, failed = _states(solution, cases, names)
     summary = _summary(structure, solution, failed)
@@ -149,6 +167,9 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
         "slack": contents.slack(structure, {**at_end, **states}),
         "loose": contents.loose(structure, {**at_end, **states}),
     }
+    if balanced:
+        start = None if energy is True else energy
+        tables["energy"] = contents.energy(structure, solution, phases, start)
     return Report(int(solution.status), tuple(summary), tables)
 
 

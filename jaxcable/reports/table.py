@@ -3,6 +3,8 @@
 import dataclasses
 import math
 
+_SCALED = ("N", "N m", "J")
+
 
 @dataclasses.dataclass(frozen=True)
 class Table:
@@ -47,7 +49,7 @@ def empty(value):
 
 
 def as_text(table, most):
-    """A table as lines of text, forces in N or kN by their size."""
+    """A table as lines of text, forces in N or kN by their size, work in J or kJ."""
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
         if table.governing is not None:
@@ -55,11 +57,11 @@ def as_text(table, most):
         rows = rows[:most]
         which = "the largest" if table.governing is not None else "the first"
         notes.append(f"{which} {most} of {len(table.rows)}; the tables have all")
-    kilo = {unit for unit in ("N", "N m") if _largest(table, rows, unit) >= 1e4}
+    kilo = {unit for unit in _SCALED if _largest(table, rows, unit) >= 1e4}
     factors = [1e-3 if unit in kilo else 1.0 for unit in table.units]
     units = ["k" + unit if unit in kilo else unit for unit in table.units]
     heads = [f"{c} ({u})" if u else c for c, u in zip(table.columns, units, strict=True)]
-    least = {unit: 1e-9 * _largest(table, table.rows, unit) for unit in ("N", "N m")}
+    least = {unit: 1e-9 * _largest(table, table.rows, unit) for unit in _SCALED}
     body = [
         [
             _cell(value, factor, unit, least.get(unit, 0.0))
