@@ -154,6 +154,15 @@ class System:
         parts = self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), motion)
         return self._assemble(parts + self._following_blocks(motion))
 
+    def assembled(self, parts, x):
+        """A matrix as `tangent` of other element matrices, a list of ([n_elem, d, d], group)."""
+        motion = self.motion(x)
+
+        def placed(blocks, group):
+            return self._part(blocks, group.links, group.n_freedom, motion, group.inner)
+
+        return self._assemble([placed(*part) for part in parts])
+
     def _following_blocks(self, motion):
         """What following loads take from the tangent, as `_blocks`."""
         if self.followers is None:
