@@ -78,7 +78,7 @@ def study(structure, phases, say):
     density, links = stated(structure, phases[0])
     n_free = int((~structure.fixed(structure.supports)).sum())
     assert found.m - found.s == n_free - len(links)
-    tension = density * found.length
+    tension = density * np.concatenate(jax.tree.leaves(found.length))
     solution = jc.solve(structure, phases)
     jc.raise_if_failed(solution)
 

@@ -19,7 +19,7 @@ A net is prestressed, then loaded:
 
 from . import _interrupt as _interrupt  # isort: skip - before jax, which loads for seconds
 from . import design, files, forms, materials, paths, plots, progress, reports, scenes
-from ._check import InputWarning
+from ._check import InputWarning, UnstableWarning
 from ._tree import replace
 from .batches import batched
 from .design import fit, influence, minimize
@@ -83,6 +83,7 @@ __all__ = [
     "Structure",
     "SupportMovement",
     "Supports",
+    "UnstableWarning",
     "batched",
     "clamped",
     "combine",

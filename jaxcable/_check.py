@@ -1,4 +1,4 @@
-"""Argument checks shared by the constructors: shapes always, values when they are concrete."""
+"""Argument checks shared by the constructors: types and shapes; of values see `_rules`."""
 
 import sys
 import warnings
@@ -26,12 +26,34 @@ class InputWarning(UserWarning):
     """
 
 
-def suspect(text):
-    """Issue an `InputWarning` that points at the line outside of this package."""
+class UnstableWarning(UserWarning):
+    """An analysis ended in an equilibrium that is unstable; its results are those of that state.
+
+    Silenced, or made an exception, as `InputWarning`.
+
+    Example:
+        A strut that is pushed along its axis by more than the spring beside it can hold:
+
+        >>> import warnings
+        >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [5.0, 0.0, 1.0], [0.0, 5.0, 1.0]]
+        >>> strut = jc.Bars([[0, 1]], axial_stiffness=1e6)
+        >>> springs = jc.Bars([[1, 2], [1, 3]], axial_stiffness=50.0)  # 10 N/m each
+        >>> structure = jc.Structure(nodes, [strut, springs], jc.pinned([0, 2, 3]))
+        >>> push = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -20.0)))
+        >>> with warnings.catch_warnings(record=True) as seen:
+        ...     warnings.simplefilter("always")
+        ...     solution = jc.solve(structure, push)
+        >>> print(solution.status, solution.stable, seen[0].category.__name__)
+        0 False UnstableWarning
+    """
+
+
+def suspect(text, kind=InputWarning):
+    """Issue a warning that points at the line outside of this package."""
     frame, level = sys._getframe(1), 2
     while frame is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
         frame, level = frame.f_back, level + 1
-    warnings.warn(text, InputWarning, stacklevel=level)
+    warnings.warn(text, kind, stacklevel=level)
 
 
 def concrete(x):
@@ -77,29 +99,25 @@ def per_element(value, n_elem, name):
     return array
 
 
-def require(array, rule, name, text):
-    """Raise ValueError naming the first index where `rule(array)` is False (NaN passes).
-
-    NaN is not an error here but a status of the analysis, so that a batch survives it.
-    """
-    value = concrete(array)
-    if value is None:
-        return
-    bad = ~(rule(value) | np.isnan(value))
-    if bad.any():
-        index = tuple(int(i) for i in np.argwhere(bad)[0])
-        where = f"[{', '.join(map(str, index))}]" if index else ""
-        raise ValueError(f"{name}{where} = {value[index]!s}: {text}")
+def mask(value):
+    """Return `value` as a NumPy array of booleans if it is one, or a list of nothing else."""
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        return None
+    return array if array.dtype == bool else None
 
 
-def integers(value, name, width=None):
-    """Return `value` as a NumPy array of int32, [n] or [n, width]."""
+def integers(value, name, width=None, things="node"):
+    """Return `value` as a NumPy array of int32, [n] or [n, width], numbers of `things`."""
     if isinstance(value, jax.core.Tracer):
         raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
     try:
         array = np.asarray(value)
     except ValueError as error:
         raise ValueError(f"{name}: not a rectangular array of integers") from error
+    if array.dtype != bool and holds_boolean(value):
+        raise ValueError(f"{name}: expected integers, got some booleans among them")
     if array.size == 0:
         array = array.astype(np.int32).reshape((0,) if width is None else (0, width))
     if not np.issubdtype(array.dtype, np.integer):
@@ -112,12 +130,19 @@ def integers(value, name, width=None):
         raise ValueError(f"{name}: expected shape {shape}, got {array.shape}")
     if (array < 0).any():
         index = int(np.argwhere(array < 0)[0][0])
-        raise ValueError(f"{name}[{index}] = {array[index]}: node numbers start at 0")
+        raise ValueError(f"{name}[{index}] = {array[index]}: {things} numbers start at 0")
     large = array > np.iinfo(np.int32).max
     if large.any():
         index = int(np.argwhere(large)[0][0])
         raise ValueError(f"{name}[{index}] = {array[index]}: a number of 32 bits is expected")
     return array.astype(np.int32)
+
+
+def holds_boolean(value):
+    """Whether a list, or one in it, holds a boolean, which NumPy would count as 0 or 1."""
+    if isinstance(value, list | tuple):
+        return any(holds_boolean(v) for v in value)
+    return isinstance(value, bool | np.bool_)
 
 
 def known(numbers, n_node, name):

@@ -154,15 +154,6 @@ class System:
         parts = self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), motion)
         return self._assemble(parts + self._following_blocks(motion))
 
-    def assembled(self, parts, x):
-        """A matrix as `tangent` of other element matrices, a list of ([n_elem, d, d], group)."""
-        motion = self.motion(x)
-
-        def placed(blocks, group):
-            return self._part(blocks, group.links, group.n_freedom, motion, group.inner)
-
-        return self._assemble([placed(*part) for part in parts])
-
     def _following_blocks(self, motion):
         """What following loads take from the tangent, as `_blocks`."""
         if self.followers is None:
@@ -293,12 +284,24 @@ class System:
             held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
 
+    def kinked(self, motion):
+        """Whether a cable that moves with free nodes is exactly unstressed.
+
+        Equilibrium then has no derivative. (Laws with plastic strains slacken elsewhere.)
+        """
+        found, n_free = jnp.zeros((), bool), self.freedoms.free.shape[0]
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.tension_only and not group.remembers:
+                moves = jnp.any(self.freedoms.number[group.links] < n_free, axis=(1, 2))
+                kink = each("at_kink", group, state, self.nodes, motion)
+                found = found | jnp.any(kink & moves)
+        return found
+
     @property
     def convex(self):
         """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
-        return self.followers is None and all(
-            group.tension_only and group.rising for group in self.groups
-        )
+        pairs = zip(self.groups, self.states, strict=True)
+        return self.followers is None and all(group.convex(state) for group, state in pairs)
 
     @property
     def remembers(self):

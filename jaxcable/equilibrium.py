@@ -21,6 +21,8 @@ Each iteration factorises once, at most (see 5):
 5. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method will leave anyway; a new
    factor is made where they do not get there in a few steps (`linear.solve_next`).
+6. Is it stable? Where the energy need not be convex, one more turn of the loop at the equilibrium
+   factorises the tangent, and moves nothing.
 
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
 of lengths), hence the iteration converges from any start, until the rounding of the displacements
@@ -29,12 +31,13 @@ themselves (EA eps) shows in the residual.
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 
 from . import _check, linear, status
+from ._rules import Rule, refuse
 from ._tree import copy, pytree
-from .search import SHORT, search
+from .newton_step import WORTH, direction, go_along, largest
+from .search import SHORT
 
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
 _KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
@@ -44,9 +47,8 @@ _HARDEN = 0.1  # by this factor
 _STIFF = 0.01  # added strain, relative to the elastic one, that is dropped altogether
 _SPRINT = 20  # plain Newton steps that may be tried first
 _ASTRAY = 10.0  # displacement, in structure sizes, at which they have led nowhere
-_INEXACT = 1e-2  # residual that an iterative linear solve may leave, at most
-_WORTH = 12  # steps of it that a factorisation is worth
 _RELEASED = 2.0  # roundings of the first forces that the last ones may have
+_ZERO = 64  # roundings of the largest stiffness, below which an eigenvalue is none
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -55,7 +57,7 @@ def default_tolerance(dtype):
     return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
 
 
-@pytree(static=("linear_solver",))
+@pytree(static=("linear_solver", "watch"))
 class Newton:
     """Iterate every increment to equilibrium.
 
@@ -69,6 +71,8 @@ class Newton:
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
             some hundred, else PARDISO where installed, else SuperLU.
+        watch: whether to judge the stability of every increment (`path.stable`), and not only of
+            the last one of a phase: a factorisation more for each.
 
     Raises:
         ValueError: a number that is not positive, `max_steps` not whole, an unknown solver.
@@ -83,17 +87,28 @@ class Newton:
     tol: object = None
     max_steps: object = 200
     linear_solver: str | None = None
+    watch: bool = False
 
     def __post_init__(self):
-        if self.tol is not None:
-            _require_positive(self.tol, "tol")
-            text = "relative to the forces: from 1 on any state would pass"
-            _check.require(self.tol, lambda v: v < 1, "tol", text)
-        _require_positive(self.max_steps, "max_steps")
-        steps = _check.concrete(self.max_steps)
-        if steps is not None and steps != np.floor(steps):
-            raise ValueError(f"max_steps = {steps}: expected a whole number")
+        for name in ("tol", "max_steps"):
+            value = getattr(self, name)
+            if value is not None and jnp.ndim(_check.floats(value, name)) != 0:
+                shape = jnp.shape(value)
+                raise ValueError(f"{name}: expected one number, got an array of shape {shape}")
+        refuse(self.rules())
         linear.check(self.linear_solver)
+        if not isinstance(self.watch, bool):
+            raise ValueError(f"watch = {self.watch!r}: expected True or False")
+
+    def rules(self):
+        """What its numbers keep, see `_rules`; a NaN keeps none: no residual would exceed it."""
+        large = "relative to the forces: from 1 on any state would pass"
+        return [
+            Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
+            Rule("tol", self.tol, lambda v: v >= 1, large),
+            Rule("max_steps", self.max_steps, lambda v: ~(v > 0), "must be positive"),
+            Rule("max_steps", self.max_steps, lambda v: v % 1 != 0, "expected a whole number"),
+        ]
 
 
 @pytree
@@ -111,6 +126,8 @@ class _Iterate:
     memory: object  # of sparse solves, see `linear.solve_next`
     stiffness: object = None  # largest on the diagonal, times a length, where it may be softened
     sprint: object = None  # whether plain steps are being tried; None where they never are
+    stable: object = None  # whether the tangent at the end is definite; None where it always is
+    judged: object = None  # whether that has been asked
 
 
 @pytree
@@ -125,6 +142,7 @@ class Outcome:
         residual: largest unbalanced force at a free freedom, N.
         scale: the force that it is judged by, N.
         equilibrated: whether it was iterated to equilibrium.
+        stable: whether the tangent there is known to have no negative eigenvalue.
     """
 
     x: object
@@ -134,6 +152,7 @@ class Outcome:
     residual: object
     scale: object
     equilibrated: object
+    stable: object
 
 
 def limit(method, dtype):
@@ -147,10 +166,10 @@ def adjoint_effort(method, system, dtype):
 
     As exact as the state whose derivative it is: its residual is below `tol` times the forces.
     """
-    return 0.1 * limit(method, dtype), _WORTH if system.convex else 0
+    return 0.1 * limit(method, dtype), WORTH if system.convex else 0
 
 
-def newton(system, x, method, active, memory=None):
+def newton(system, x, method, active, memory=None, judge=False):
     """Bring `system` to equilibrium from `x`.
 
     Args:
@@ -159,6 +178,7 @@ def newton(system, x, method, active, memory=None):
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
         memory: of sparse solves in earlier increments, if they were on the same pattern.
+        judge: whether to ask if the equilibrium is stable.
 
     Returns:
         `Outcome`, and the memory after it. Not differentiable: `implicit.attach` gives the
@@ -179,34 +199,47 @@ def newton(system, x, method, active, memory=None):
             rounding = jnp.maximum(system.rounding(it.x), came_from)
             allowed = jnp.maximum(allowed, rounding)
             return rigid & jnp.all(jnp.abs(it.residual) <= allowed)
-        return rigid & (_largest(it.residual) <= allowed)
-
-    def unfinished(it):
-        return (it.code == status.OK) & ~converged(it) & (it.steps < method.max_steps)
+        return rigid & (largest(it.residual) <= allowed)
 
     soften = system.convex
+
+    def unfinished(it):
+        more = it.steps < method.max_steps
+        if not soften:
+            more = jnp.where(converged(it), judge & ~it.judged, more)
+            return (it.code == status.OK) & more
+        return (it.code == status.OK) & ~converged(it) & more
 
     def at_softness(c):
         return system.softened(c) if soften else system
 
     def iterate(it):
         working, wanted = at_softness(it.softness), unfinished(it)
-        largest = _largest(it.residual)
-        shift = it.kappa * largest / length
+        shift = it.kappa * largest(it.residual) / length
         if system.turning:
             shift = jnp.where(it.sprint, 0.0, shift)
-        matrix = linear.plus_diagonal(working.tangent(it.x), shift)
-        step, definite, memory = _solve(working, matrix, it, tol, wanted)
+        matrix = working.tangent(it.x)
+        if not soften:  # the turn that only judges?
+            last = converged(it)
+            shift = jnp.where(last, no_stiffness(matrix), shift)
+            if it.sprint is not None:
+                it = copy(it, sprint=it.sprint & ~last)
+        matrix = linear.plus_diagonal(matrix, shift)
+        step, definite, memory = direction(working, matrix, it, tol, wanted)
         slope = it.residual @ step
         usable = definite & jnp.isfinite(slope) & (slope < 0)
         if it.sprint is not None:
             usable = usable | (it.sprint & definite & jnp.isfinite(slope))
+        stable, judged, count = it.stable, it.judged, 1
+        if not soften:
+            usable, stable = usable & ~last, jnp.where(last, definite, stable)
+            judged, count = judged | last, jnp.where(last, 0, 1)
         step = jnp.where(usable, step, 0.0)
         # in a batch, nobody waits for the search of a case that has finished
-        new, residual, scale, taken, found = _search(working, it, step, slope, usable & wanted)
+        new, residual, scale, taken, found = go_along(working, it, step, slope, usable & wanted)
         sprint = it.sprint
         if sprint is not None:
-            found = found & ~(sprint & (_largest(new) > _ASTRAY * extent))
+            found = found & ~(sprint & (largest(new) > _ASTRAY * extent))
             on = sprint & found & (it.steps + 1 < _SPRINT)
             reached = converged(copy(it, x=new, residual=residual, scale=scale))
             restart = sprint & ~on & ~reached
@@ -237,17 +270,19 @@ def newton(system, x, method, active, memory=None):
             scale=scale,
             kappa=kappa,
             short=short,
-            steps=it.steps + 1,
+            steps=it.steps + count,
             code=code,
             memory=memory,
             stiffness=stiffness,
             sprint=sprint,
+            stable=stable,
+            judged=judged,
         )
 
     def due(it):
         """Whether the added softness has to change before the next step."""
         begin = (it.short == _PATIENCE) & (softest > 0)
-        settled = (it.softness > 0) & (_largest(it.residual) <= _SETTLED * it.scale)
+        settled = (it.softness > 0) & (largest(it.residual) <= _SETTLED * it.scale)
         return begin | settled
 
     def change(it):
@@ -280,6 +315,8 @@ def newton(system, x, method, active, memory=None):
         start = copy(start, sprint=jnp.ones((), bool))
     if soften:
         start = copy(start, stiffness=zero)
+    else:
+        start = copy(start, stable=jnp.zeros((), bool), judged=jnp.zeros((), bool))
     end = lax.while_loop(lambda it: active & unfinished(it), stage if soften else iterate, start)
     stuck = (end.code == status.OK) & ~converged(end)
     code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)
@@ -296,8 +333,23 @@ def newton(system, x, method, active, memory=None):
         )
     x = jnp.where(good, end.x, begin)
     factorizations = end.steps if memory is None else end.memory.count - memory.count
-    outcome = Outcome(x, code, end.steps, factorizations, _largest(residual), scale, good)
+    stable = good if soften else good & end.stable
+    outcome = Outcome(x, code, end.steps, factorizations, largest(residual), scale, good, stable)
     return outcome, end.memory
+
+
+def no_stiffness(matrix):
+    """Size of eigenvalues of a tangent that rounding makes of zero, N/m; positive."""
+    size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
+    return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny
+
+
+def is_stable(system, x):
+    """Whether the tangent at a point has no negative eigenvalue."""
+    if system.convex:
+        return jnp.ones((), bool)
+    matrix = system.tangent(x)
+    return linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
 
 
 def march(ramp, x, factors, method, code, memory=None, tell=None):
@@ -320,8 +372,8 @@ def march(ramp, x, factors, method, code, memory=None, tell=None):
 
     def step(carry, factor):
         x, code, plastic, memory = carry
-        system = ramp.at(factor, plastic)
-        outcome, memory = newton(system, x, method, code == status.OK, memory)
+        system, judge = ramp.at(factor, plastic), method.watch | (factor == factors[-1])
+        outcome, memory = newton(system, x, method, code == status.OK, memory, judge)
         code = status.first_failure(code, outcome.code)
         plastic = ramp.settle(system, outcome.x, code, plastic)
         outcome = copy(outcome, code=code)
@@ -331,62 +383,3 @@ def march(ramp, x, factors, method, code, memory=None, tell=None):
 
     (*_, memory), outcome = lax.scan(step, (x, code, ramp.plastic, memory), factors)
     return outcome, memory
-
-
-def _solve(working, matrix, it, tol, wanted):
-    """The step of Newton's method: solution, whether it can be used, memory of sparse solves."""
-    # Conjugate gradients cannot tell that a matrix is indefinite; a convex energy has no such.
-    # They leave what the next step of Newton's method will leave anyway; the bounds steer effort
-    # and hide nothing, since the residual of the step is judged as ever.
-    relative = _largest(it.residual) / it.scale
-    forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
-    limit = _WORTH if working.convex else 0
-    step, definite, memory = linear.solve_next(
-        matrix, -it.residual, it.memory, forcing, limit, wanted
-    )
-    if working.turning or working.followers is not None:
-        # Moments and following loads have no potential, hence no definite tangent to ask for. In a
-        # batch both are
-        # done: after each other, because LAPACK's batched calls can wait for each other.
-        after, _ = lax.optimization_barrier((-it.residual, step))
-        step, definite = lax.cond(
-            it.sprint & working.unsymmetric(),
-            lambda matrix, rhs, _: linear.solve_general(matrix, rhs),
-            lambda matrix, rhs, found: found,
-            matrix,
-            after,
-            (step, definite),
-        )
-    return step, definite, memory
-
-
-def _search(working, it, step, slope, usable):
-    """Find a step length; returns the unknowns there, residual, scale, the length and success."""
-
-    def evaluate(a):
-        return working.residual_and_scale(working.move(it.x, a * step))
-
-    if it.sprint is None:
-        a, residual, scale, found = search(evaluate, step, slope, usable)
-    else:  # plain steps are taken whole if they lead to numbers
-        a, residual, scale, found = search(evaluate, step, slope, usable & ~it.sprint)
-        found = found | (it.sprint & usable & jnp.isfinite(scale))
-
-    def keep(new, old):
-        return jnp.where(found, new, old)
-
-    x = keep(working.move(it.x, a * step), it.x)
-    return x, keep(residual, it.residual), keep(scale, it.scale), a, found
-
-
-def _largest(residual):
-    return jnp.max(jnp.abs(residual), initial=0.0)
-
-
-def _require_positive(value, name):
-    """Raise ValueError unless `value` is one positive number."""
-    if jnp.ndim(_check.floats(value, name)) != 0:
-        raise ValueError(f"{name}: expected one number, got an array of shape {jnp.shape(value)}")
-    number = _check.concrete(value)
-    if number is not None and not number > 0:
-        raise ValueError(f"{name} = {number}: must be positive")

@@ -296,12 +296,6 @@ class FrameSystem(System):
         own = jnp.concatenate(own)
         return jnp.einsum("...ij,i,j->...ij", block, own, own)
 
-    def assembled(self, parts, x):
-        """See `System.assembled`."""
-        if self._slopes(x) is None:
-            parts = [(self._scaled(b, group, group.links.shape[1]), group) for b, group in parts]
-        return super().assembled(parts, x)
-
     def _without_spins(self, matrix, x):
         """The tangent with free spins held at a node each, as far as they are without stiffness.
 

@@ -33,8 +33,9 @@ def attach(system, x, valid, memory=None, tol=0.0, limit=0):
         system: `System`, differentiable.
         x: its equilibrium, the point of an iteration; its own derivative is ignored.
         valid: whether `x` is an equilibrium; if not, the result has derivative zero (and the caller
-            must see to it that nobody takes that for an answer).
-        memory, tol, limit: see `linear.solve_built`.
+            must see to it that nobody takes that for an answer). An equilibrium with a cable
+            between taut and slack has no derivative: NaN.
+        memory, tol, limit: see `linear.solve_marked`.
     """
     x = lax.stop_gradient(x)
     frozen = lax.stop_gradient(system)
@@ -43,14 +44,23 @@ def attach(system, x, valid, memory=None, tol=0.0, limit=0):
         return back(numbers)
 
     def build():
+        motion = frozen.motion(x)
         matrix = linear.or_identity(frozen.tangent(x), valid)
+        matrix = linear.or_nan(matrix, ~(frozen.kinked(motion) & valid))
         node = frozen.freedoms.free // frozen.freedoms.number.shape[1]
-        return matrix, frozen.loose_nodes(frozen.motion(x))[node] & valid
+        return matrix, frozen.loose_nodes(motion)[node] & valid
+
+    def both(found):
+        return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
 
     def tangent_solve(linearized, rhs):
-        return linear.solve_built(build, rhs, linearized, memory, tol, limit)
+        return linear.solve_marked(build, rhs, linearized, memory, tol, limit)
 
-    return back(lax.custom_root(residual, numbers, lambda f, start: start, tangent_solve))
+    # What has no derivative is marked beside the root: its NaN goes out to whoever asks, and not
+    # into the residual at the root, where second derivatives would meet it times zero.
+    start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
+    found = lax.custom_root(both, start, lambda f, start: start, tangent_solve)
+    return back(found[: numbers.size] + found[numbers.size :])
 
 
 def undifferentiated(tree, parameters):

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import _check, implicit, linear, status
+from ._rules import Rule, refuse
 from ._tree import pytree
 from .equilibrium import Newton, Outcome, newton
 
@@ -72,10 +73,12 @@ class Incremental:
         tol = _check.floats(self.tol, "tol")
         if tol.shape != ():
             raise ValueError(f"tol: expected a scalar, got shape {tol.shape}")
-        value = _check.concrete(tol)
-        if value is not None and not value > 0:  # NaN too: no residual would ever exceed it
-            raise ValueError(f"tol = {value}: must be positive")
+        refuse(self.rules())
         linear.check(self.linear_solver)
+
+    def rules(self):
+        """What its number keeps, see `_rules`; a NaN does not: no residual would exceed it."""
+        return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
 def march(ramp, x, factors, method, code, tell=None):
@@ -136,7 +139,8 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     code = status.first_failure(code, jnp.asarray(own, jnp.int32))
     x = jnp.where(code == status.OK, x, begin)
     steps = jnp.where(active, steps, 0)
-    outcome = Outcome(x, code, steps, steps, largest, scale, settled)
+    stable = (code == status.OK) & system.convex  # else the solver asks at the end of the phase
+    outcome = Outcome(x, code, steps, steps, largest, scale, settled, stable)
     return outcome, ramp.settle(system, x, code, plastic)
 
 

@@ -4,6 +4,7 @@ import jax
 import numpy as np
 
 from . import _check
+from ._rules import Rule, or_nan
 from .elements.prestress import element
 from .ramp import make_system
 from .tangent import filled, prepared
@@ -63,7 +64,8 @@ def section_forces(structure, state, places=11):
     places = _check.floats(places, "places")
     if places.ndim != 1 or not places.size:
         raise ValueError(f"places: expected a number or shape [n], got {places.shape}")
-    _check.require(places, lambda v: (v >= 0) & (v <= 1), "places", "expected from 0 to 1")
+    text = "expected from 0 to 1"
+    places = or_nan(Rule("places", places, lambda v: (v < 0) | (v > 1), text))
     thawed, arrays, freedoms = prepared(structure, state)
     return structure.arrange(_forces(thawed, arrays, freedoms.held, places))
 

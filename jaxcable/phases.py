@@ -4,24 +4,17 @@ import jax
 import numpy as np
 
 from . import _check, plausibility
+from ._rules import Rule, kept, not_negative, positive, refuse, rules_of
 from ._tree import Indices, pytree
 from .elements.prestress import Stated
 from .loads import as_list
-from .selection import Only
+from .selection import Only, Selection
 from .supports import Supports
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
 INCREMENTS = ("shortening", "temperature")
 
-_RULES = {
-    "rest_length": (lambda v: v > 0, "an unstressed length must be positive"),
-    "prestrain": (lambda v: v > -1, "a prestrain must be above -1"),
-    "sag": (lambda v: v > 0, "a sag must be positive; a straight cable has no length of its own"),
-}
-_CABLE_RULES = {
-    name: (lambda v: v >= 0, "a cable carries tension only; must not be negative (use Bars)")
-    for name in ("pretension", "force_density", "jacking")
-}
+_TENSIONS = ("pretension", "force_density", "jacking")
 
 
 @pytree(static=("increments",))
@@ -43,7 +36,11 @@ class Phase:
       phase the jack is anchored: the unstressed length that it left is locked in.
 
     Increments, which may be combined with them: shortening (turnbuckle), m; temperature (change;
-    the group needs `expansion`), K.
+    the group needs `expansion`), K. Within a phase the absolute statement comes first, then the
+    shortening, then the temperature. An absolute statement says what an element is at the
+    temperature that it then has, so that it takes the place of all earlier statements and
+    shortenings; the element stays as warm as it was, and a later change of temperature counts from
+    there. Heat changes no weight, and no load per unstressed length.
 
     Args:
         loads: one load or a list; they add to those of earlier phases.
@@ -176,11 +173,11 @@ def spread(value, structure, name):
 
     def is_row(x):
         return isinstance(x, list | tuple) and not any(
-            isinstance(v, list | tuple | dict | Only) for v in x
+            isinstance(v, list | tuple | dict | Only | Selection) for v in x
         )
 
     def is_one(x):
-        return x is None or isinstance(x, Only)
+        return x is None or isinstance(x, Only | Selection)
 
     # a list may be a branch of the tree of groups, or else the values of one group
     for is_leaf in (is_one, lambda x: is_one(x) or is_row(x)):
@@ -208,11 +205,10 @@ def _shape(tree):
 
 
 def _checked(value, group, name):
+    if isinstance(value, Selection):
+        raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
     if not hasattr(group, "restate"):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
-    rules = [_RULES[name]] if name in _RULES else []
-    if getattr(group, "tension_only", False) and name in _CABLE_RULES:
-        rules.append(_CABLE_RULES[name])
     if name == "sag" and (not hasattr(group, "strain_at_sag") or group.weight is None):
         raise ValueError(
             "sag: stated for catenaries with a weight only; for a chain of straight elements "
@@ -229,11 +225,50 @@ def _checked(value, group, name):
     else:
         chosen = None
         value = given = _check.per_element(value, count, name)
-    for rule, text in rules:
-        _check.require(given, rule, name, text)
-    low, high = (_check.concrete(v) for v in group.capacity())
-    if name in ("pretension", "jacking") and low is not None and high is not None:
-        text = "above what its law can carry; a pretension must lie within the curve"
-        # written so that a curve with NaN in it passes: it becomes a status
-        _check.require(value, lambda v: ~((v < low) | (v > high)), name, text)
+    refuse(_sign_rules(name, given, group))
+    refuse(_capacity_rules(name, value, group))
     return Stated(value, chosen)
+
+
+def keeps_rules(data, groups):
+    """Whether the numbers of a phase keep their rules, scalar bool, traced.
+
+    Args:
+        data: the `PhaseData` of a phase.
+        groups: element groups, as handed over.
+    """
+    whole = kept(rules_of([data.nodal_loads, data.element_loads, data.movements]))
+    for group, inputs in zip(groups, data.inputs, strict=True):
+        for name, stated in inputs.items():
+            rules = _sign_rules(name, stated.values, group)
+            rules += _capacity_rules(name, stated.values, group)
+            whole = whole & kept(rules, stated.chosen)
+    return whole
+
+
+def _sign_rules(name, values, group):
+    """Rules of a statement of prestress by themselves, see `_rules`."""
+    if name == "rest_length":
+        return [positive(name, values, "an unstressed length must be positive")]
+    if name == "prestrain":
+        return [Rule(name, values, lambda v: v <= -1, "a prestrain must be above -1")]
+    if name == "sag":
+        text = "a sag must be positive; a straight cable has no length of its own"
+        return [positive(name, values, text)]
+    if name in _TENSIONS and getattr(group, "tension_only", False):
+        text = "a cable carries tension only; must not be negative (use Bars)"
+        return [not_negative(name, values, text)]
+    return []
+
+
+def _capacity_rules(name, values, group):
+    """The rule that a law can carry what is stated for every element of its group, [n_elem]."""
+    if name not in ("pretension", "jacking") or not group.breaks:
+        return []
+    text = "above what its law can carry; a pretension must lie within the curve"
+
+    def beyond(force, low, high):  # of a curve with NaN in it nothing is known: it passes
+        more = 1 + 8 * np.finfo(force.dtype).eps  # a law reaches its own peak
+        return (force < low * more) | (force > high * more)
+
+    return [Rule(name, (values, *group.capacity()), beyond, text)]

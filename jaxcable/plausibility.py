@@ -10,7 +10,7 @@ import functools
 import jax
 import numpy as np
 
-from . import _check
+from . import _check, status
 
 STRAIN = 0.15
 """Stated strain that a constant stiffness describes in no cable; steel breaks at 0.02 to 0.04."""
@@ -38,6 +38,20 @@ def _warns(judge):
             _check.suspect(text)
 
     return warn
+
+
+def stability(solution):
+    """Warn of phases that have ended in an unstable equilibrium, unless they are being traced."""
+    if isinstance(solution.stable, jax.core.Tracer):
+        return
+    for number, phase in enumerate(solution.phases):
+        if int(phase.status) == status.OK and not bool(phase.stable):
+            _check.suspect(
+                f"phases[{number}] ends in an unstable equilibrium: its tangent stiffness has a "
+                "negative eigenvalue, and the structure will not stay there; trace_path shows "
+                "where it became so",
+                _check.UnstableWarning,
+            )
 
 
 @_warns
@@ -198,7 +212,7 @@ def loading(number, loads, fixed, groups, alone):
 @_warns
 def held(number, fixed, groups):
     """Warn of supports that leave nothing to move, nor elements that change by themselves."""
-    if fixed.all() and not any(group.shaped_by_load for group in groups):
+    if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
             f"supports of phases[{number}]: every node is held, nothing can move; pinned(nodes) "
             "names the anchors only"

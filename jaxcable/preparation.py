@@ -7,15 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import _check, plausibility, spins, status
+from ._rules import kept, rules_of
 from ._tree import copy, thaw
 from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
 from .loads import NodalLoads, SupportMovement, as_list
-from .phases import Phase
+from .phases import Phase, keeps_rules
 from .ramp import PhaseData, follows, unloaded
 from .solution import Solution, State
-from .structure import Structure
+from .structure import Structure, place_rules
+from .topology import require_same
 
 
 def prepare(structure, phases, method, start, earlier=0):
@@ -104,6 +106,22 @@ def prepare(structure, phases, method, start, earlier=0):
     return thawed, arrays, method, code, tuple(sets)
 
 
+def may_warn(groups, carry, data):
+    """Whether a tangent that is not definite says that a state is unstable, and can happen.
+
+    It cannot where the energy is convex (`System.convex`), and does not under nodal moments and
+    following loads, which make it unsymmetric.
+    """
+    if all(group.tension_only and group.rising for group in groups):
+        return False
+    loads = [] if carry is None else [load for load, _ in carry.element_loads]
+    loads += [load for phase in data for load in phase.element_loads]
+    moments = [load.moments for phase in data for load in phase.nodal_loads]
+    before = None if carry is None else _check.concrete(carry.nodal_load)
+    turned = before is not None and bool(np.any(before[:, 3:]))
+    return not (turned or any(map(follows, loads)) or any(m is not None for m in moments))
+
+
 def _support_sets(structure, phases, fixed):
     """`Fixed` before the first phase and in each; all with directions if one has some."""
     sets = [fixed]
@@ -180,6 +198,27 @@ def ready(parameters):
     return nodes, groups, carry, data
 
 
+def verdicts(parameters, *others):
+    """What rules say of numbers that nothing could be refused of, because they were traced.
+
+    Args:
+        parameters: nodes, groups, carry and data, as they were handed over.
+        others: method and settings.
+
+    Returns:
+        own: whether the numbers of the structure keep their rules, scalar bool.
+        codes: INVALID_INPUT or OK, one a phase: of its numbers, of the structure and of `others`.
+    """
+    nodes, groups, _, data = parameters
+    own = kept([*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))])
+    common = own & kept(rules_of(others))
+    codes = [
+        jnp.where(common & keeps_rules(phase, groups), status.OK, status.INVALID_INPUT)
+        for phase in data
+    ]
+    return own, [code.astype(jnp.int32) for code in codes]
+
+
 def _begin(structure, start):
     """Carry, status and supported freedoms that the analysis starts from."""
     if start is None:
@@ -190,24 +229,7 @@ def _begin(structure, start):
         code, last = jnp.int32(status.OK), start
     else:
         raise ValueError(f"start: expected a Solution, got {type(start).__name__}")
-    if last.displacement.shape != structure.nodes.shape:
-        raise ValueError(
-            f"start: belongs to a structure of {last.displacement.shape[0]} nodes, "
-            f"this one has {structure.n_node}"
-        )
-    if len(last.carry.states) != len(structure.groups):
-        raise ValueError("start: belongs to a structure with other element groups")
-    for k, (group, state) in enumerate(zip(structure.groups, last.carry.states, strict=True)):
-        shapes = [jax.tree.map(jnp.shape, plastic) for plastic in (group.virgin(), state.plastic)]
-        if shapes[0] != shapes[1]:
-            raise ValueError(f"start: the law of group {k} remembers other plastic strains")
-    rows = structure.rows()[0]
-    motion = (
-        structure.n_node if rows is None else len(rows),
-        7 if structure.turns().any() else 3,
-    )
-    if last.carry.motion.shape != motion:
-        raise ValueError("start: belongs to a structure with other beams or hinges")
+    require_same(structure, last.topology, "start")
     fixed = last.fixed[-1]
     if isinstance(start, State) and any(f != fixed for f in last.fixed):
         if isinstance(last.phase, jax.core.Tracer):
@@ -215,4 +237,15 @@ def _begin(structure, start):
                 "start: which supports a traced .last had is not known; use the solution itself"
             )
         fixed = last.fixed[int(last.phase) + 1]
-    return last.carry, code, fixed
+    return _warm(structure, last.carry), code, fixed
+
+
+def _warm(structure, carry):
+    """A carry whose groups that expand all know how warm they are; some expand only since then."""
+    states = [
+        copy(state, warmth=jnp.ones_like(state.rest_length))
+        if state.warmth is None and getattr(group, "expansion", None) is not None
+        else state
+        for group, state in zip(structure.groups, carry.states, strict=True)
+    ]
+    return copy(carry, states=states)

@@ -140,7 +140,7 @@ class Ramp:
             end_states,
             held,
             added,
-            data.element_loads,
+            [_begun(load, nodes, carry) for load in data.element_loads],
             moved,
             released,
             data.freedoms,
@@ -260,9 +260,7 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
     if load is None:
         load = dead_load(nodes, groups, carry)
     states = [
-        copy(state, line_load=_line_load(number, group, state, nodes, carry.element_loads))
-        if group.shaped_by_load
-        else state
+        _shaped(number, group, state, nodes, carry.element_loads) if group.shaped_by_load else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
     followers = [pair for pair in carry.element_loads if follows(pair[0])] or None
@@ -279,13 +277,31 @@ def follows(load):
     return hasattr(load, "following_forces")
 
 
+def _shaped(number, group, state, nodes, element_loads):
+    """State of a group with what acts along its elements and shapes them."""
+    pressed = {}
+    for load, factor in element_loads:
+        own = load.pressing(number, group) if hasattr(load, "pressing") else None
+        if own is not None:
+            per, pressure, axis = own
+            pressed.setdefault(per, []).append((factor * pressure, axis))
+    line_load = _line_load(number, group, state, nodes, element_loads)
+    return copy(state, line_load=line_load, pressed=pressed or None)
+
+
+def _begun(load, nodes, carry):
+    """An element load that knows where the phase begins, if it asks for that."""
+    if getattr(load, "begun", None) is None:
+        return load
+    return copy(load, begun=nodes + carry.motion[:, :3])
+
+
 def _line_load(number, group, state, nodes, element_loads):
     """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
-    ends = nodes[group.links]
     loads = [
         factor * along
         for load, factor in element_loads
-        if not follows(load) and (along := load.per_length(number, group, state, ends)) is not None
+        if not follows(load) and (along := load.per_length(number, group, state, nodes)) is not None
     ]
     return sum(loads) if loads else None
 

@@ -3,8 +3,10 @@
 import jax.numpy as jnp
 
 from ._tree import copy
+from .assembly import each
 from .ramp import make_system
 from .solution import State
+from .topology import topology_of
 
 
 def state_of(frame, carry, load, number, factor, freedoms):
@@ -20,7 +22,7 @@ def state_of(frame, carry, load, number, factor, freedoms):
         tension=system.tensions(motion),
         rest_length=[state.rest_length for state in carry.states],
         reactions=system.reactions(motion),
-        load=system.all_load(motion),
+        load=_acting(system, motion),
         phase=number,
         load_factor=factor,
         carry=None,
@@ -37,6 +39,16 @@ def state_of(frame, carry, load, number, factor, freedoms):
         reaction_moments=state.reactions[:, 3:],
         section_forces=system.section_forces(motion),
     )
+
+
+def _acting(system, motion):
+    """All loads on every node, with what slides along ropes where it is now."""
+    load = system.all_load(motion)
+    for group, state in zip(system.groups, system.states, strict=True):
+        if group.slides and state.line_load is not None:
+            slid = each("slid", group, state, system.nodes, motion)
+            load = load.at[group.links, :3].add(slid)
+    return load
 
 
 def row_of(ramp, system, x):
@@ -103,6 +115,6 @@ def arranged(structure, solution, fixed):
         names = ("tension", "peak_tension", "strain")
         path = on_nodes(structure, with_peaks(phase.path), names)
         phases.append(copy(arrange(fold(phase), "began"), path=path))
-    last = copy(fold(solution.last), fixed=fixed)
+    last = copy(fold(solution.last), fixed=fixed, topology=topology_of(structure))
     links = tuple(group.links for group in structure.groups)
     return copy(fold(solution), phases=tuple(phases), last=last, links=links)

@@ -16,7 +16,7 @@ PER_PHASE = (
 """Results that a state, a phase and a solution have in common."""
 
 
-@pytree(static=("fixed",))
+@pytree(static=("fixed", "topology"))
 class State:
     """A converged state: the end of an analysis, or where it stopped.
 
@@ -30,7 +30,7 @@ class State:
         peak_tension: the axial force of largest size along each element, likewise: what strength is
             judged by. Of catenaries the larger end tension (its derivative jumps where both ends
             are equal), of all others `tension`.
-        rest_length: unstressed length per element, likewise, m.
+        rest_length: unstressed length per element at the temperature of the moment, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act, [n_node, 3], N.
         phase: number of the phase it belongs to, from 0; -1 before the first increment.
@@ -43,6 +43,7 @@ class State:
         section_forces: ``N, Vy, Vz, T, My, Mz`` at `points` places of beams from end to end, in the
             shape of `elements`, each [n_elem, n_point, 6] or None for other groups, N and N m; None
             without beams. `section_forces` has their signs, and gives them at any place.
+        topology: `Topology` of the structure; one that goes on from here must have the same.
 
     Example:
         Where an analysis stopped that did not converge:
@@ -70,6 +71,7 @@ class State:
     reaction_moments: object = None
     section_forces: object = None
     peak_tension: object = None
+    topology: object = None
 
 
 @pytree
@@ -96,6 +98,8 @@ class Path:
             points, [n_inc, n_elem, n_point, 3], with what loads along them do. None for a group
             with a mere stiffness, and None altogether if there is nothing else. `fibre_stress`
             makes stresses of them.
+        stable: whether each increment is stable, as in `PhaseResult`, [n_inc] bool; None unless
+            `Newton(watch=True)` asks for it.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -125,6 +129,7 @@ class Path:
     equilibrated: object
     strain: object = None
     peak_tension: object = None
+    stable: object = None
 
 
 @pytree
@@ -133,6 +138,11 @@ class PhaseResult:
 
     Attributes:
         status: code at the end of the phase.
+        stable: whether the tangent stiffness at the end of the phase has no negative eigenvalue (to
+            rounding): a structure that is pushed aside a little comes back. True without being
+            asked in cable nets under dead load, whose energy is convex; False where the phase has
+            not been reached. Where nodal moments or following loads make the tangent unsymmetric,
+            that of its symmetric part, which is on the safe side (Hill 1958).
         displacement: from the geometry in which the phase began, [n_node, 3], m.
         positions, tension, peak_tension, rest_length, reactions: as in `State`.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
@@ -162,6 +172,7 @@ class PhaseResult:
     section_forces: object = None
     began: object = None
     peak_tension: object = None
+    stable: object = None
 
 
 @pytree(static=("links",))
@@ -175,11 +186,14 @@ class Solution:
 
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.
+        stable: whether the end is stable, as in `PhaseResult`. An unstable equilibrium is one: the
+            status says OK.
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
         peak_tension: the force of largest size along each element, as in `State`.
-        rest_length: unstressed lengths at the end: the cutting list, likewise, m.
+        rest_length: unstressed lengths at the end: the cutting list, likewise, m; at the
+            temperature of the end (`report` has them at that before the first phase).
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
         last: the last converged `State`.
@@ -214,3 +228,4 @@ class Solution:
     reaction_moments: object = None
     section_forces: object = None
     peak_tension: object = None
+    stable: object = None

@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from . import equilibrium, implicit, incremental, status
+from . import equilibrium, implicit, incremental, plausibility, status
 from ._tree import copy, emptied, fill, refrozen
 from .equilibrium import Newton
-from .preparation import prepare, ready
+from .preparation import may_warn, prepare, ready, verdicts
 from .progress import Increment, listener, tell
 from .ramp import Ramp, dead_load
 from .results import arranged, row_of, state_of
@@ -43,6 +43,8 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
 
     Warns:
         InputWarning: input that is legal and most likely not meant.
+        UnstableWarning: a phase ends in an equilibrium that is unstable. Inside of jit, vmap and
+            grad nothing is said, nor under moments and following loads: look at `stable`.
 
     Example:
         Two cables, prestressed so that 600 N hang in a 3-4-5 triangle, and how that node gives way
@@ -66,6 +68,8 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
     listen = listener(progress)
     thawed, arrays, method, code, fixed = prepare(structure, phases, method, start)
     solution = _analyse(thawed, arrays, method, code, differentiate_path, listen)
+    if may_warn(*thawed[1:]):  # or else nobody has to wait for the numbers
+        plausibility.stability(solution)
     last = copy(solution.last, carry=refrozen(solution.last.carry, arrays))
     solution = copy(solution, last=last)
     return arranged(structure, solution, fixed)
@@ -75,10 +79,11 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
 def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
     """The compiled core: the phases in turn; results per element are lists, one item per group."""
     parameters = fill(thawed, arrays)
+    own, codes = verdicts(parameters, method)
     nodes, groups, carry, data = ready(parameters)
     dtype = nodes.dtype
-    # a state of numbers that are not finite is none: its NaN must not reach what a batch shares
-    sound = _finite((nodes, groups))
+    # a state of numbers that are none is none: its NaN must not reach what a batch shares
+    sound = _finite((nodes, groups)) & own
     frame = implicit.gate(sound, (nodes, groups))
     reached = (
         jnp.int32(-1),
@@ -90,8 +95,9 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
         problem = (nodes, groups, carry, phase)
         if phase.other_pattern:
             memory = None  # of other matrices
+        code = status.first_failure(code, codes[number])
         teller = None if listen is None else _teller(listen, number, data)
-        code, carry, load, factor, path, memory = _run_phase(
+        code, stable, carry, load, factor, path, memory = _run_phase(
             problem, method, code, differentiate_path, memory, teller
         )
         if not differentiate_path and isinstance(method, Newton):
@@ -104,7 +110,9 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
         began = problem[2].motion[:, :3] if end.rotation is not None else problem[2].motion
         own = copy(end, displacement=end.displacement - began)
         values = _unless(code == status.OK, own, PER_PHASE, parameters)
-        results.append(PhaseResult(status=code, path=path, began=_plastic(problem[2]), **values))
+        results.append(
+            PhaseResult(status=code, stable=stable, path=path, began=_plastic(problem[2]), **values)
+        )
     names = (*PER_PHASE, "load")
     slots = [] if thawed[2] is None else thawed[2].element_loads
     added = [(load, None) for phase in thawed[3] for load in phase.element_loads]
@@ -115,7 +123,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
     carry = copy(carry, element_loads=slots)
     last = copy(end, carry=carry, **_unless(sound, end, names, parameters))
     final = _unless(code == status.OK, end, names, parameters)
-    return Solution(status=code, last=last, phases=tuple(results), **final)
+    return Solution(status=code, stable=stable, last=last, phases=tuple(results), **final)
 
 
 def _unless(ok, end, names, parameters):
@@ -145,7 +153,7 @@ def _teller(listen, number, data):
 
 
 def _run_phase(problem, method, code, differentiate_path, memory, teller):
-    """One phase: status, carry, load at its end, load factor reached, path, memory of solves."""
+    """One phase: status, stability, carry, load at its end, load factor reached, path, memory."""
     carry, data = problem[2:]
     dtype, n_inc = carry.motion.dtype, data.increments
     factors = jnp.arange(1, n_inc + 1, dtype=dtype) / n_inc
@@ -154,7 +162,7 @@ def _run_phase(problem, method, code, differentiate_path, memory, teller):
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
         outcome, memory = equilibrium.march(ramp, start, factors, method, code, memory, teller)
     else:
-        ramp = Ramp.build(*implicit.gate(_finite(problem), problem))
+        ramp = Ramp.build(*implicit.gate(_finite(problem) & (code == status.OK), problem))
         start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
         outcome = incremental.march(ramp, start, factors, method, code, teller)
     good = outcome.code == status.OK
@@ -164,6 +172,7 @@ def _run_phase(problem, method, code, differentiate_path, memory, teller):
     converges = isinstance(method, Newton)
     if converges:
         ramp = Ramp.build(*implicit.gate(valid, problem))
+    plastic = None
     if ramp.plastic is not None:
         rows, plastic, x = _follow(ramp, factors, xs, outcome.code, converges)
         carry, load = _end(ramp, factor, x, valid, problem, plastic)
@@ -177,7 +186,13 @@ def _run_phase(problem, method, code, differentiate_path, memory, teller):
         carry, load = _end(ramp, factor, x, valid, problem)
         rows = jax.vmap(lambda f, x: row_of(ramp, ramp.at(f), x))(factors, xs)
     path = _path(rows, factors, outcome, good)
-    return outcome.code[-1], carry, load, factor, path, memory
+    stable = outcome.stable[-1]
+    if converges and method.watch:
+        path = copy(path, stable=outcome.stable)
+    elif not (converges or ramp.at(factor).convex):
+        end = lax.stop_gradient(ramp.at(factor, plastic))
+        stable = equilibrium.is_stable(end, lax.stop_gradient(x)) & good[-1]
+    return outcome.code[-1], stable, carry, load, factor, path, memory
 
 
 def _follow(ramp, factors, xs, codes, converges):

@@ -18,6 +18,7 @@ BAD_START = 10
 OUTSIDE = 11
 LIMIT_POINT = 12
 BIFURCATION = 13
+INVALID_INPUT = 14
 
 _TEXTS = {
     OK: "converged",
@@ -74,6 +75,11 @@ _TEXTS = {
     BIFURCATION: (
         "the tangent stiffness is no longer positive definite: the structure can leave this path "
         "for another; the event has the mode, an imperfection in its shape shows where it goes"
+    ),
+    INVALID_INPUT: (
+        "a number is not allowed, such as a negative stiffness, the compression of a cable or a "
+        "tol of 1 or more: it was traced, so that nothing could be refused before; give the same "
+        "numbers outside of jit, vmap and grad, and a ValueError names the argument"
     ),
 }
 

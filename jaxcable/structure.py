@@ -7,6 +7,7 @@ import numpy as np
 from scipy import sparse
 
 from . import _check, plausibility
+from ._rules import Rule, refuse
 from ._tree import Indices, copy, pytree
 from .freedoms import Rows
 from .spins import free_spins
@@ -17,6 +18,20 @@ from .supports import Fixed, Supports
 def is_group(x):
     """Whether `x` is an element group, a leaf of the `elements` pytree."""
     return hasattr(x, "links")
+
+
+def place_rules(nodes, group, where=""):
+    """What initial positions [n_node, 3] keep beside the numbers of a group, see `_rules`."""
+    links = getattr(group.links, "array", group.links)
+
+    def same(ends, _):
+        return (ends == ends[:, :1]).all(axis=(1, 2))
+
+    def text(index, _, links):
+        k = index[0]
+        return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes coincide"
+
+    return [Rule("nodes", (nodes[links], links), same, text), *group.rules_at(nodes)]
 
 
 @pytree(indices=("rigid",))
@@ -80,15 +95,8 @@ class Structure:
                     "Cables(links, axial_stiffness=...)"
                 )
             _check.known(group.links.array, len(nodes), f"elements{where}.links")
+            refuse(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
-                ends = positions[group.links.array]
-                zero = (ends == ends[:, :1]).all(axis=(1, 2))
-                if zero.any():
-                    k = int(zero.argmax())
-                    raise ValueError(
-                        f"elements{where}.links[{k}] = {group.links[k].tolist()}: zero length; "
-                        "its nodes coincide"
-                    )
                 if hasattr(group, "check"):
                     group.check(positions)
                 plausibility.members(group, where, positions)

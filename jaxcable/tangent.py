@@ -9,6 +9,7 @@ from .freedoms import number_freedoms
 from .ramp import make_system
 from .solution import Solution, State
 from .supports import Fixed
+from .topology import require_same
 
 
 def tangent_of(structure, state, fixed=None):
@@ -65,6 +66,7 @@ def prepared(structure, state, fixed=None):
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its last, got {type(state).__name__}")
+    require_same(structure, state.topology, "state")
     rows, groups = structure.rows()
     held = state.fixed[-1] if fixed is not None else _held(state)
     fixed = held if fixed is None else Fixed(np.asarray(fixed, bool), held.axes)

@@ -108,7 +108,7 @@ for ratio in (0.5, 1.0, 2.0):
 
 # %%
 found = jc.replace(structure, nodes=form.positions)
-faces = jc.net_faces(structure.nodes, links)
+faces = jc.net_faces(structure.nodes, links, border="ends")
 snow = jc.Phase(loads=jc.AreaLoads(faces, (0.0, 0.0, -750.0)))
 solution = jc.solve(found, [jc.Phase(pretension=form.tension), snow])
 jc.raise_if_failed(solution)

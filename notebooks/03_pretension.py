@@ -53,7 +53,7 @@ def prestress(T):  # T: {"x": [4], "y": [4]}, N
 # prestressed state. Snow is per area of the plan, on the meshes that `net_faces` finds.
 
 # %%
-faces = jc.net_faces(structure.nodes, links)
+faces = jc.net_faces(structure.nodes, links, border="ends")
 left = structure.nodes[faces, 0].mean(axis=1) < (n + 1) * spacing / 2
 snow = jc.AreaLoads(faces, (0.0, 0.0, -750.0))  # N/m2
 drift = jc.AreaLoads(faces[left], (0.0, 0.0, -750.0))

@@ -202,10 +202,11 @@ jc.plots.section(tube, stress[-1, element, point])
 #
 # Numbers can change without a new compilation. The mast yields where a stress passes 355 MPa, and
 # that is not its end: the steel hardens, and the guys take more. (Four beam elements are enough to
-# see this; for a design take more, `per_level=8`, and look whether the numbers stay.)
+# see this; for a design take more, `per_level=8`, and look whether the numbers stay. At 12.5 kN/m
+# the analysis warns that the equilibrium it finds is unstable.)
 
 # %%
-for wind in (2500.0, 5000.0, 10000.0, 12500.0):
+for wind in (2500.0, 5000.0, 10000.0):
     stronger = jc.solve(*mast(wind))
     jc.raise_if_failed(stronger)
     largest = np.abs(jc.fibre_stress(structure, stronger.phases[1])["mast"][-1]).max()

@@ -61,6 +61,7 @@ class _Group:
     elongation: object  # initial chord minus L0, [n]
     blurred: object  # whether the elongation has the digits of a length only, [n]
     chord: object  # [n]
+    warm: object = 1.0  # length over that at the temperature before the first phase
 
 
 def verdict(structure, phases, solution, tol=None):
@@ -112,10 +113,11 @@ def verdict(structure, phases, solution, tol=None):
         line = None
         if part.group.weight is not None and np.any(factor_of_weight != 0):
             weight = _as_seen(part.group.weight, dtype)[:, None] * factor_of_weight
-            share = weight * part.rest[:, None] / 2
+            share = weight * (part.rest / part.warm)[:, None] / 2  # heat makes no mass
             for end in (0, -1):
                 np.add.at(load, links[:, end], share)
-            line = weight if isinstance(part.group, jc.Catenaries) else None
+            hangs = isinstance(part.group, jc.Catenaries)
+            line = weight / (part.warm * np.ones_like(part.rest))[:, None] if hangs else None
         ends, tension, stiffness, inner = _end_forces(part, nodes, moved, line)
         np.add.at(force, links, ends)
         np.add.at(size, links, np.sqrt((ends**2).sum(-1)) + inner[:, None])
@@ -263,6 +265,7 @@ def _state(part, stated, dtype):
             * _as_seen(part.group.expansion, dtype)
             * _as_seen(stated["temperature"], dtype)
         )
+        part.warm = part.warm * (part.rest + change) / part.rest
         part.rest, part.elongation = part.rest + change, part.elongation - change
 
 

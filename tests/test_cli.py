@@ -16,6 +16,7 @@ import jaxcable as jc
 from jaxcable.cli import main
 
 ROOT = Path(__file__).parent.parent
+LAW = jc.Polygonal([0.0, 0.003], [0.0, 300e6])  # of 1 mm2: 100 kN a unit of strain, to 300 N
 COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert")
 
 
@@ -161,6 +162,30 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys):
     jc.save_scene("none.json", (structure, [jc.Phase(rest_length=0.3)]))
     assert main(["optimize", "none.json", "--target", "1"]) == 2
     assert "no phase has a pretension" in one_line(capsys.readouterr().err)
+
+
+def test_optimize_leaves_its_last_good_design(scene, capsys):
+    """Written, and said so, if the search does not end; not written if the start fails."""
+    structure, (prestress, loading) = jc.scenes.flat_net(increments=(1, 1))
+    weak = jc.replace(structure.elements, axial_stiffness=None, area=1e-6, law=LAW)
+    jc.save_scene("bare.json", (structure, [prestress]))
+    jc.save_scene("weak.json", (jc.replace(structure, elements=weak), [prestress, loading]))
+    words = ["optimize", "bare.json", "--target", "321", "--steps", "1", "--save", "t.json"]
+    assert main(words) == 1
+    told = capsys.readouterr()
+    assert "wrote t.json: the scene with this pretension, the last good one" in told.out
+    assert "allowed steps are used up" in one_line(told.err)
+    found = np.asarray(jc.load_scene("t.json").phases[0].pretension)
+    assert (found > 200.0).all() and not np.allclose(found, 321.0, rtol=1e-6)
+    assert main(["optimize", "weak.json", "--target", "100", "--save", "n.json", "--quiet"]) == 1
+    first, second = capsys.readouterr().err.strip().splitlines()
+    assert first == (
+        "jaxcable: n.json: not written: the analysis fails with the pretension of the start"
+    )
+    assert "phase 2, increment 1 of 1" in second and not Path("n.json").exists()
+    with pytest.raises(SystemExit):
+        main(["optimize", "bare.json", "--target", "3_21"])
+    assert "--target: invalid number value: '3_21'" in capsys.readouterr().err
 
 
 @pytest.mark.slow

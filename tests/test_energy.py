@@ -91,6 +91,8 @@ def system(name, held=False, seed=0, supports=None, rigid=None):
         load_along = rng.normal(size=(len(chord), 3))
         load_along[::4] = 0.0  # there it is a straight cable, or a slack one without force
         state = copy(state, line_load=jnp.asarray(load_along))
+    if name == "sliding cable":
+        state = copy(state, line_load=jnp.asarray(rng.normal(size=(len(chord), 3))))
     if not frame:
         load, held_at = jnp.asarray(load), jnp.asarray(0.01 * held_at.ravel())
         made = System(nodes, [group], [state], load, held_at, freedoms)

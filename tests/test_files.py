@@ -292,6 +292,38 @@ def test_files_written_by_hand_may_be_short(tmp_path):
     assert phases[0].pretension == 200 and phases[2].loads == []
 
 
+BEAM = """{"format": "jaxcable scene", "version": 1, "structure": {
+    "nodes": [[0, 0, 0], [1, 0, 0], [2, 0, 0]],
+    "elements": {"type": "Beams", "links": [[0, 1], [1, 2]], "points": 3, "torsional_stiffness": 1,
+        "section": {"y": [0, 1], "z": [0, 1], "area": [1, 1],
+            "laws": [{"type": "Elastic", "E": 1}]}},
+    "supports": {"clamps": [0]}}, "phases": [{"loads": {"type": "NodalLoads", "nodes": [2, 1],
+    "forces": [0, 0, -1]}}]}"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"points": 3', '"points": 1000000000', "points = 1000000000: .* integer from 3 to 1000"),
+        ('"points": 3', '"points": 1e9', "points = 1000000000.0: expected an integer from 3"),
+        ('"points": 3', '"points": true', "points = True: expected an integer from 3"),
+        ('"nodes": [2, 1]', '"nodes": [2, true]', "nodes: expected numbers, got true or false"),
+        ('"nodes": [2, 1]', '"nodes": true', "load nodes: expected integers, got bool"),
+        ("[[0, 1], [1, 2]]", "[[0, 1], [true, 2]]", "links: expected numbers, got true or false"),
+        ("[[0, 0, 0], ", "[[0, false, 0], ", "nodes: expected numbers, got true or false"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")
+def test_what_python_would_take_for_a_number_is_refused(old, new, message, tmp_path):
+    (tmp_path / "good.json").write_text(BEAM)
+    assert jc.load_scene(tmp_path / "good.json").structure.n_node == 3
+    assert old in BEAM
+    (tmp_path / "bad.json").write_text(BEAM.replace(old, new, 1))
+    with pytest.raises(FileError, match=message) as caught:
+        jc.load_scene(tmp_path / "bad.json")
+    assert len(str(caught.value).splitlines()) == 1
+
+
 # --- results
 
 

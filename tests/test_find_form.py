@@ -457,7 +457,7 @@ def test_refused():
         find_form(structure, stress=1.0)
     with pytest.raises(ValueError, match="method: expected Newton, got Incremental"):
         find_form(structure, 1.0, method=jc.Incremental())
-    with pytest.raises(ValueError, match=r"loads\[0\]: SelfWeight is not known"):
-        find_form(structure, 1.0, jc.SelfWeight())
+    with pytest.raises(ValueError, match=r"loads\[0\]: CablePressure is not known"):
+        find_form(structure, 1.0, jc.CablePressure(1.0, (0.0, 1.0, 0.0)))
     with pytest.raises(ValueError, match=r"elements\[0\] = 7: the group has elements 0 to 2"):
         find_form(structure, only([7], 1.0))

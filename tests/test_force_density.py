@@ -296,8 +296,8 @@ def test_refused():
     )
     with pytest.raises(ValueError, match=r"elements: group 0 \(Beams\) is not made of straight"):
         force_density(beam, 1.0)
-    with pytest.raises(ValueError, match=r"loads\[0\]: SelfWeight is not known before"):
-        force_density(structure, 1.0, jc.SelfWeight())
+    with pytest.raises(ValueError, match=r"loads\[0\]: CablePressure is not known before"):
+        force_density(structure, 1.0, jc.CablePressure(1.0, (0, 1, 0)))
     with pytest.raises(ValueError, match=r"q\[1\] = -1.0: a cable carries tension only"):
         force_density(structure, np.array([1.0, -1.0, 1.0]))
     with pytest.raises(ValueError, match="q: element 1 of group 0 has no force density"):

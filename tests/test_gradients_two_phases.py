@@ -298,3 +298,60 @@ def test_hessian_vector_products_of_nets(name):
     assert jnp.abs(of_v - expected).max() < 1e-8 * jnp.abs(of_v).max()
     size = jnp.linalg.norm(u) * jnp.linalg.norm(of_v)
     assert abs(u @ of_v - v @ of_u) < 1e-10 * size  # no differences: rounding alone
+
+
+PLUS = np.array([[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, 1.0, 0]])
+
+
+def plus(p, statements):
+    """A node between four cables in a plane, after an unstressed phase, loaded across it."""
+    stiffness = 1e4 * p[0] * jnp.ones(4)
+    cables = jc.Cables([[0, 1], [1, 2], [1, 3], [1, 4]], axial_stiffness=stiffness)
+    structure = jc.Structure(PLUS, cables, jc.pinned([0, 2, 3, 4]))
+    load = jc.NodalLoads([1], 10.0 * p[1] * jnp.array([0.1, 0.2, -1.0]))
+    return jc.solve(structure, [statements, jc.Phase(loads=load)])
+
+
+def test_second_derivatives_after_an_unstressed_phase():
+    """Phase 1 ends without stiffness across: it has no derivative there, the end has all of them.
+
+    The oracle is differences of first derivatives, which Taylor tests hold.
+    """
+    at = jnp.array([1.0, 1.0])
+
+    def sag(p):
+        return plus(p, jc.Phase(prestrain=0.0 * p[0])).displacement[1, 2]
+
+    assert plus(at, jc.Phase()).status == 0
+    hessian = jax.jit(jax.hessian(sag))(at)
+    gradient, h = jax.jit(jax.grad(sag)), 1e-4
+    steps = h * np.eye(2)
+    differences = np.array([(gradient(at + s) - gradient(at - s)) / (2 * h) for s in steps])
+    np.testing.assert_allclose(hessian, differences, rtol=1e-6)  # h^2 and rounding / h
+
+
+def test_no_derivative_between_taut_and_slack():
+    """Two unstressed cables in line: moving either way only one holds, so that EA / l is right.
+
+    The mean of both tangents is twice that: half the displacement, wrong on both sides. NaN.
+    """
+    nodes = [[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, 1.0, 0]]
+
+    def pushed(load, strain):
+        along = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4)
+        across = jc.Cables([[1, 3], [1, 4]], axial_stiffness=1e4)
+        structure = jc.Structure(nodes, [along, across], jc.pinned([0, 2, 3, 4]))
+        loads = jc.NodalLoads([1], load * jnp.array([1.0, 0.0, 0.0]))
+        phase = jc.Phase(prestrain=[strain * jnp.ones(2), jnp.full(2, 1e-2)], loads=loads)
+        return jc.solve(structure, phase)
+
+    rate = jax.jit(jax.grad(lambda *p: pushed(*p).displacement[1, 0]))
+    N = 100.0  # of the cables across, which have N / l each
+    for strain in (1e-4, -1e-4):
+        solution = pushed(0.0, strain)
+        assert solution.status == 0
+        taut = 2e4 * (1 + strain) if strain > 0 else 0.0  # EA / L0 each
+        np.testing.assert_allclose(rate(0.0, strain), 1 / (taut + 2 * N), rtol=1e-9)
+    kink = pushed(0.0, 0.0)
+    assert kink.status == 0 and np.isfinite(kink.displacement).all()
+    assert np.isnan(rate(0.0, 0.0))

@@ -74,7 +74,7 @@ def test_area_loads(per):
 def test_snow_on_a_saddle_net():
     """All plan area is loaded once; an inner node has a square of the spacing."""
     structure, phases = jc.scenes.saddle(4, 3, spacing=2.0, rise=0.2)
-    faces = jc.net_faces(structure.nodes, structure.elements.links)
+    faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
     snow = jc.AreaLoads(faces, (0, 0, -700.0))
     solution = jc.solve(structure, [phases[0], jc.Phase(loads=snow)])
     assert int(solution.status) == 0
@@ -89,7 +89,7 @@ def test_faces_of_a_net():
     angle = np.arange(6) * np.pi / 3
     rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
     nodes = np.concatenate([rim, [[0.0, 0.0, 0.5]]])
-    faces = jc.net_faces(nodes, [[k, 6] for k in range(6)])
+    faces = jc.net_faces(nodes, [[k, 6] for k in range(6)], border="ends")
     assert faces.shape == (6, 4) and (faces[:, 2] == faces[:, 3]).all()
     assert {frozenset(face) for face in faces.tolist()} == {
         frozenset({k, (k + 1) % 6, 6}) for k in range(6)
@@ -210,7 +210,9 @@ def test_refused(name):
 
 
 FACES = jc.net_faces(
-    jc.scenes.saddle(2, 2).structure.nodes, jc.scenes.saddle(2, 2)[0].elements.links
+    jc.scenes.saddle(2, 2).structure.nodes,
+    jc.scenes.saddle(2, 2)[0].elements.links,
+    border="ends",
 )
 NODES = jnp.asarray(jc.scenes.saddle(2, 2, rise=0.3).structure.nodes)
 

@@ -179,7 +179,7 @@ def test_face_pressure_is_the_derivative_of_the_volume():
     """Inside a net of triangles and quadrilaterals: p dV/dx, V integrated by Gauss's rule."""
     rng = np.random.default_rng(3)
     structure, _ = jc.scenes.saddle(3, 3, spacing=1.0, rise=0.3)
-    faces = jc.net_faces(structure.nodes, structure.elements.links)
+    faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
     places = np.asarray(structure.nodes) + 0.1 * rng.normal(size=structure.nodes.shape)
     load = jc.FacePressure(faces, 2.0)
     load = copy(load, faces=load.faces.array)
@@ -199,7 +199,7 @@ def test_face_pressure_is_the_derivative_of_the_volume():
 @pytest.mark.slow
 def test_faces_of_an_even_pressure_have_a_symmetric_tangent():
     structure, _ = jc.scenes.saddle(3, 3, spacing=1.0, rise=0.3)
-    faces = jc.net_faces(structure.nodes, structure.elements.links)
+    faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
     even = jc.Phase(loads=jc.FacePressure(faces, 100.0), pretension=1e3)
     assert asymmetry(structure, even) < 1e-9  # eps EA/l over p l
     uneven = jc.FacePressure(faces, np.linspace(50, 150, len(faces)))
@@ -234,7 +234,7 @@ def test_pressure_goes_on_following_in_later_phases():
 def test_large_nets_solve_sparse_unsymmetric_systems():
     """The same through SuperLU, with a pattern that the faces have their share in."""
     structure, _ = jc.scenes.saddle(4, 4, spacing=1.0, rise=0.1)
-    faces = jc.net_faces(structure.nodes, structure.elements.links)
+    faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
     phases = [
         jc.Phase(pretension=2e4),
         jc.Phase(loads=jc.FacePressure(faces, np.linspace(1e3, 5e3, len(faces))), increments=2),

@@ -63,7 +63,8 @@ CASES = {
         lambda: jc.Bars([[0, 1]], section=jc.Elastic(1.0)),
         "section: Elastic is not a Section",
     ),
-    "points": (lambda: beams(points=2), "points = 2: expected an integer >= 3"),
+    "points": (lambda: beams(points=2), "points = 2: expected an integer from 3 to 1000"),
+    "many points": (lambda: beams(points=10**9), "points = 1000000000: expected an integer from 3"),
     "hinges": (lambda: beams(hinges=[True, False]), r"hinges: expected booleans \[2, 2\]"),
     "two hinges": (
         lambda: beams(hinges=[[False, False], [True, True]]),
@@ -87,7 +88,7 @@ CASES = {
     ),
     "springs sign": (
         lambda: beams(hinges=[[True, False]] * 2, springs=-1.0),
-        r"springs = -1.0: must not be negative",
+        r"springs\[0, 0, 0\] = -1.0: must not be negative",
     ),
     "axes near the vertical": (
         lambda: jc.Structure(

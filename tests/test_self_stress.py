@@ -122,7 +122,7 @@ def test_simplex(radius, height):
     nodes, links = np.asarray(structure.nodes), all_links(structure)
     found = forms.self_stress(structure)
     assert (found.s, found.m, len(found.rigid), found.kind) == (1, 1, 0, "IV")
-    density = structure.arrange(np.split(found.force_densities[0], [3, 9]))
+    density = {kind: own[0] for kind, own in found.force_densities.items()}
     unit = density["verticals"][0]
     # an SVD of a matrix of condition 10 gives 1e-15; 1e-12 leaves room for other LAPACKs
     for name, expected in (("triangles", 1 / np.sqrt(3)), ("verticals", 1.0), ("struts", -1.0)):
@@ -153,10 +153,12 @@ def test_lengths_change_by_the_square_of_a_mechanism():
     found = forms.self_stress(structure)
     nodes, links = np.asarray(structure.nodes), all_links(structure)
 
+    before = np.concatenate(jax.tree.leaves(found.length))
+
     def change(h):
         moved = nodes + h * found.mechanisms[0]
         length = np.linalg.norm(moved[links[:, 1]] - moved[links[:, 0]], axis=1)
-        return np.abs(length - found.length).max()
+        return np.abs(length - before).max()
 
     steps = 1e-2 * 0.5 ** np.arange(4)
     fitted = np.polyfit(np.log(steps), np.log([change(h) for h in steps]), 1)[0]
@@ -360,3 +362,38 @@ def test_symmetric_groups():
 def test_refused(ask, message):
     with pytest.raises(ValueError, match=message):
         ask()
+
+
+def test_results_are_in_the_shape_of_the_elements():
+    """A list of three groups, not in the order of the kinds: node by node from each group's own."""
+    named, _ = simplex()
+    kinds = ("verticals", "struts", "triangles")
+    structure = jc.Structure(
+        named.nodes,
+        [[named.elements[k] for k in kinds[:2]], named.elements[kinds[2]]],
+        named.supports,
+    )
+    found = forms.self_stress(structure)
+    shape = jax.tree.structure([[0, 0], 0])
+    fields = (found.tensions, found.force_densities, found.length, found.tension_only, found.links)
+    assert all(jax.tree.structure(own) == shape for own in fields)
+    nodes, left = np.asarray(named.nodes), np.zeros((6, 3))
+    (first, second), third = found.force_densities
+    unit = first[0, 0]
+    for kind, own in zip(kinds, (first, second, third), strict=True):
+        links = named.elements[kind].links.array
+        assert own.shape == (1, len(links))
+        left += force_at_nodes(nodes, links, own[0] / unit)
+        # the closed form, as in `test_simplex`
+        expected = {"verticals": 1.0, "struts": -1.0, "triangles": 1 / np.sqrt(3)}[kind]
+        assert np.abs(own[0] / unit - expected).max() < 1e-12
+    assert np.abs(left).max() < 1e-12
+    assert [own.all() for own in jax.tree.leaves(found.tension_only)] == [True, False, True]
+    row = np.concatenate([own[0] for own in jax.tree.leaves(found.tensions)])
+    assert np.linalg.norm(row) == pytest.approx(1.0, rel=1e-14)
+    assert np.abs(found.matrix @ row).max() < 1e-14  # the columns of the matrix, group after group
+    one = jax.tree.map(lambda own: own[0] / unit, found.tensions)
+    assert found.stiffens(one) and found.unbalanced(one) < 1e-14
+    prestress = forms.feasible_prestress(structure, forms.symmetric_groups(structure, 3))
+    ratio = prestress.tension[1] / one[1]
+    assert np.abs(ratio / ratio[0] - 1).max() < 1e-12

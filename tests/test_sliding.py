@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from test_gradients import TIGHT, slope
 
 import jaxcable as jc
@@ -126,14 +127,54 @@ def test_jack_pulls_a_running_rope():
     assert float(jacked.rest_length[0]) == pytest.approx(exact / (1 + 8e-4), rel=1e-12)
 
 
-def test_weight_goes_to_the_nodes_by_initial_pieces():
+def test_weight_slides_with_the_rope():
+    """A mass M on a rope over a fixed pulley, down to a support: what hangs where is statics.
+
+    A rope of weight w per length as it hangs pulls with ``M + w (a - b)`` at the support, with the
+    legs a of the mass and b of the support, and with the mean of what it pulls with along its
+    length, ``M + w (a^2 + 2 a b - b^2) / 2 l``, it lengthens: one equation for a. The nodes stand
+    far from there at first.
+    """
+    mass, weight, rest, b, stiffness = 300.0, 40.0, 10.0, 3.0, 2e4
+    nodes = [[0.0, 0, -6.2], [0.0, 0, 0], [0.0, 0, -b]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=stiffness, rest_length=rest, weight=weight)
+    mask = np.ones((3, 3), bool)
+    mask[0, 2] = False
+    structure = jc.Structure(nodes, rope, jc.Supports(mask))
+    loads = [jc.NodalLoads([0], (0, 0, -mass)), jc.SelfWeight()]
+    solution = jc.solve(structure, [jc.Phase(loads=loads)], TIGHT)
+    assert int(solution.status) == 0
+
+    def mean(a):
+        line = weight * rest / (a + b)
+        return mass + line * (a**2 + 2 * a * b - b**2) / (2 * (a + b))
+
+    a = brentq(lambda a: stiffness * ((a + b) / rest - 1) - mean(a), 6.0, 9.0, xtol=1e-14)
+    line = weight * rest / (a + b)
+    assert -float(solution.positions[0, 2]) == pytest.approx(a, rel=1e-12)
+    assert float(solution.tension[0]) == pytest.approx(mean(a), rel=1e-10)  # EA/N of the rounding
+    assert -float(solution.reactions[2, 2]) == pytest.approx(mass + line * (a - b), rel=1e-10)
+    # loads, with the sum of all weight, and balance
+    load = np.asarray(solution.load)
+    assert load[:, 2].sum() == pytest.approx(-mass - weight * rest, rel=1e-13)
+    assert np.asarray(solution.reactions + solution.load)[:, 2].sum() == pytest.approx(0, abs=1e-9)
+    assert -load[0, 2] == pytest.approx(mean(a), rel=1e-10)  # the mass hangs still
+
+
+def test_line_loads_per_initial_length_stay():
     structure, _ = pulley()
-    heavy = jc.replace(structure, elements=jc.replace(structure.elements, weight=20.0))
-    solution = jc.solve(heavy, [jc.Phase(loads=jc.SelfWeight())], TIGHT)
+    load = jc.LineLoads((0, 0, -20.0), per="initial")
+    solution = jc.solve(structure, [jc.Phase(loads=load)], TIGHT)
     assert int(solution.status) == 0
     pieces = np.linalg.norm(np.diff(np.asarray(structure.nodes), axis=0), axis=1)
-    share = np.array([pieces[0], pieces.sum(), pieces[1]]) / (2 * pieces.sum())
-    assert np.asarray(-solution.load[:, 2]) == pytest.approx(200.0 * share, rel=1e-14)
+    share = 0.5 * np.array([pieces[0], pieces.sum(), pieces[1]])
+    assert np.asarray(-solution.load[:, 2]) == pytest.approx(20.0 * share, rel=1e-14)
+
+
+def sliding_weight(weight):
+    structure, phase = pulley()
+    heavy = jc.replace(structure, elements=jc.replace(structure.elements, weight=weight))
+    return jc.solve(heavy, [jc.replace(phase, loads=[phase.loads, jc.SelfWeight()])], TIGHT)
 
 
 PARAMETERS = {
@@ -149,6 +190,7 @@ PARAMETERS = {
         jnp.asarray(pulley()[0].nodes),
         lambda p: jc.solve(jc.replace(pulley()[0], nodes=p), [pulley()[1]], TIGHT),
     ),
+    "weight that slides": (jnp.array([60.0]), lambda p: sliding_weight(p[0])),
 }
 
 

@@ -6,7 +6,7 @@ import threading
 import warnings
 from pathlib import Path
 
-from .._check import InputWarning
+from .._check import InputWarning, UnstableWarning
 from .._interrupt import leave
 from ..files import FileError
 from ..files.reading import written
@@ -30,7 +30,8 @@ def guarded(command, options):
     def work():
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("always", InputWarning)
+                for kind in (InputWarning, UnstableWarning):
+                    warnings.simplefilter("always", kind)
                 warnings.showwarning = _warn
                 outcome.append(command(options) or OK)
         except BaseException as error:
@@ -70,7 +71,8 @@ def _told(error):
 
 def _warn(message, category, *_, **__):
     """What is suspicious, as one line and not with a place in this program."""
-    say(f"warning: {message}" if issubclass(category, InputWarning) else f"{message}")
+    ours = issubclass(category, InputWarning | UnstableWarning)
+    say(f"warning: {message}" if ours else f"{message}")
 
 
 def say(line):

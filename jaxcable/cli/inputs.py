@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from ..files import load_scene, read_csv, read_network, read_obj
-from ..files.reading import read_json
+from ..files.reading import number, read_json, whole
 from ..files.scene import FORMAT
 from ..parts import groups_by_name
 from .guard import Refused
@@ -52,9 +52,9 @@ def values(words, structure, name):
     """
     try:
         if len(words) == 1 and "=" not in words[0]:
-            return float(words[0])
+            return number(words[0])
         pairs = dict(word.split("=", 1) for word in words)
-        numbers = {key: float(word) for key, word in pairs.items()}
+        numbers = {key: number(word) for key, word in pairs.items()}
     except ValueError:
         raise Refused(f"{name}: expected a number, or group=number: {' '.join(words)}") from None
     names = [label for label, _ in groups_by_name(structure)]
@@ -72,7 +72,7 @@ def anchors(words):
     for word in words:
         first, _, last = word.partition("-")
         try:
-            found += range(int(first), int(last or first) + 1)
+            found += range(whole(first), whole(last or first) + 1)
         except ValueError:
             raise Refused(f"anchors: {word!r} is no node number or range such as 5-8") from None
     return found

@@ -18,7 +18,11 @@ _WIDTH = 0.02  # of the smooth maximum of deflections, as a part of the limit
 
 
 def run(options):
-    """Optimize the pretension of the first phase that states one."""
+    """Optimize the pretension of the first phase that states one.
+
+    A search that does not come to its end leaves its last good design: it is told and written, with
+    exit status 1. Where the analysis fails at the start there is none, and nothing is written.
+    """
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
     structure, phases = inputs.scene(options)
@@ -43,10 +47,14 @@ def run(options):
             found, told = _to_target(analysed, start, (low, high), options)
         else:
             found, told = _least(analysed, start, (low, high), options)
+        solution = analysed(found.params)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
-    solution = analysed(found.params)
     code = int(found.status)
+    if int(solution.status) != status.OK:  # then there is no design: it fails where it starts
+        if options.save is not None:
+            say(f"{options.save}: not written: the analysis fails with the pretension of the start")
+        status.raise_if_failed(solution)
     moved = np.linalg.norm(np.asarray(solution.last.displacement), axis=1).max()
     lines = [
         f"status {code}: {status.describe(code)}",
@@ -59,7 +67,10 @@ def run(options):
         best = jax.tree.map(np.asarray, spread_out(found.params))
         own = replace(phases[number], pretension=best)
         save_scene(options.save, Scene(structure, [*phases[:number], own, *phases[number + 1 :]]))
-        lines.append(f"wrote {options.save}: the scene with this pretension")
+        ended = "the scene with this pretension"
+        if code != status.OK:
+            ended += ", the last good one: the search has not come to its end"
+        lines.append(f"wrote {options.save}: {ended}")
     if not options.quiet:
         print("\n".join(lines))
     status.raise_if_failed(found)

@@ -4,6 +4,7 @@ import argparse
 
 import jax
 
+from ..files.reading import number, whole
 from . import convert, demo, form, info, optimize, solve
 from .guard import guarded
 
@@ -105,7 +106,7 @@ def _optimize(commands):
     own = _command(commands, "optimize", optimize, text, example)
     _reads(own)
     text = "tension that all elements shall have at the end, N (least squares)"
-    own.add_argument("--target", type=float, metavar="T", help=text)
+    own.add_argument("--target", type=number, metavar="T", help=text)
     text = "least pretension with which no node of the last phase moves more than this, m"
     own.add_argument("--deflection", type=_positive, metavar="D", help=text)
     text = "least pretension with which no tension at the end is lower than this, N"
@@ -113,7 +114,7 @@ def _optimize(commands):
     text = "least and greatest pretension, N (default 0 and no limit)"
     own.add_argument(
         "--bounds",
-        type=float,
+        type=number,
         nargs=2,
         metavar=("LOW", "HIGH"),
         default=(0.0, float("inf")),
@@ -144,26 +145,26 @@ def _convert(commands):
         ("force-density", "N/m"),
     ):
         text = f"{unit}, where the file gives none"
-        own.add_argument(f"--{name}", type=float, metavar="X", help=text)
+        own.add_argument(f"--{name}", type=number, metavar="X", help=text)
     own.add_argument("--save", metavar="FILE", required=True, help="scene to write (.json)")
 
 
 def _positive(word):
-    value = float(word)
+    value = number(word)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{word}: expected a positive number")
     return value
 
 
 def _count(word):
-    value = int(word)
+    value = whole(word)
     if not 0 <= value <= 100_000:
         raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 100000")
     return value
 
 
 def _few(word):
-    value = int(word)
+    value = whole(word)
     if not 0 <= value <= 20:
         raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 20")
     return value

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from .. import _check, _rules
 from .._tree import pytree
 
 
@@ -84,7 +84,7 @@ def spread(value, params, name, absent=None, positive=False):
         if v.shape not in ((), x.shape):
             raise ValueError(f"{where}: expected a scalar or shape {x.shape}, got {v.shape}")
         if positive:
-            _check.require(v, lambda v: v > 0, where, "must be positive")
+            v = _rules.or_nan(_rules.positive(where, v))
         return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
 
     return jax.tree_util.tree_map_with_path(fill, tree, params)

@@ -61,7 +61,9 @@ def influence(
         raise ValueError("phases: none, and no start; there is no state to change")
     if phase is not None and not 0 <= phase < len(phases):
         raise ValueError(f"phase = {phase}: there are phases 0 to {len(phases) - 1}")
-    if phase is None and wrt in INCREMENTS:  # a phase of its own, which changes nothing yet
+    if (
+        phase is None and isinstance(wrt, str) and wrt in INCREMENTS
+    ):  # a phase of its own, which changes nothing yet
         start = solve(structure, phases, method, start) if phases else start
         phases, phase = [Phase()], 0
     value, put = _changing(structure, phases or [Phase()], wrt, phase)
@@ -81,6 +83,8 @@ def _count(tree):
 
 def _changing(structure, phases, wrt, phase):
     """The numbers that `wrt` names, and a function that puts others in their place."""
+    if not isinstance(wrt, str):
+        raise ValueError(f"wrt: expected a name such as 'shortening', got {type(wrt).__name__}")
     if wrt == "nodes":
         return jnp.asarray(structure.nodes), lambda v: (replace(structure, nodes=v), phases)
     if wrt == "load":

@@ -9,10 +9,13 @@ these members. Of the whole group:
   the columns that no number stands in, and whose ``balls()`` the ends with a rotation of their own;
 - ``properties()``: dict of the arrays with a leading [n_elem] axis, vmapped together with the
   state; everything else in the group (its material law, its section) is shared by the elements;
+- ``rules()``: what its numbers keep (`_rules`); ``rules_at(nodes)``: what they and the initial
+  positions [n_node, 3] keep together;
 - ``start(ends)``: the state before the first phase, from initial end positions [n_elem, n_end, 3];
 - ``weight``: per unstressed length, or None; ``chord(ends)``: initial lengths, [n_elem], m;
   ``at_ends(amount, ends)``: the share of each end in what acts along it, [n_elem, n_end];
 - ``shaped_by_load``: whether its state has the load along it (`AxialState.line_load`);
+  ``slides``: whether that load goes from node to node with it (then ``slid`` says how much does);
 - ``restate(state, ends, inputs)``, if it can be prestressed, ``lock(state, ends, motion)``, if by
   a jack; ``capacity()``: the forces between which it can be (`prestress` has the common part);
 - ``tension_only``, ``rising``: whether it holds only in tension, and whether its force is known not

@@ -11,9 +11,9 @@ so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .. import _check
+from .._rules import Rule, not_negative, positive, refuse
 from .._tree import copy, pytree
 from ..materials import Parallel
 from .prestress import Prestressed, checked_links, held_or, stretch
@@ -106,28 +106,32 @@ class Bars(Prestressed):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")
         if self.compliance is not None:
             self._check_compliance()
-        for name in ("axial_stiffness", "area", "rest_length", "strength"):
-            if getattr(self, name) is not None:
-                _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")
-        for name in ("weight", "compliance"):
-            if getattr(self, name) is not None:
-                _check.require(getattr(self, name), lambda v: v >= 0, name, "must not be negative")
+        refuse(self.rules())
+
+    def rules(self):
+        """What its numbers keep, see `_rules`."""
+        above = ("axial_stiffness", "area", "rest_length", "strength")
+        rules = [positive(name, getattr(self, name)) for name in above]
+        rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
+        laws = () if self.compliance is None or self.section is None else self.section.laws
+        for k, law in enumerate(laws if len(laws) > 1 else ()):
+            stress = None if law.rising else getattr(law, "stress", None)
+            if stress is not None:
+                text = (
+                    f"section.laws[{k}] falls; a spring in series with it and others would snap "
+                    "back, which has no one force for a strain"
+                )
+                rules.append(Rule("compliance", stress, lambda s: (s[1:] < s[:-1]).any(), text))
+        return rules
 
     def _check_compliance(self):
-        """Raise ValueError where a spring in series has no one answer, or its law none for all."""
+        """Raise ValueError where a spring in series has no one answer."""
         laws = self.section.laws if self.section is not None else (self.law,)
         if len(laws) == 1 and len(self.links) > 1 and laws[0] is not None and laws[0].breaks:
             raise ValueError(
                 "compliance: beside a law of points only in groups of one element; give the law "
                 "itself the softness: strain + compliance area stress"
             )
-        for k, law in enumerate(laws if len(laws) > 1 else ()):
-            stress = None if law.rising else _check.concrete(getattr(law, "stress", None))
-            if stress is not None and stress.ndim and (np.diff(stress) < 0).any():
-                raise ValueError(
-                    f"compliance: section.laws[{k}] falls; a spring in series with it and others "
-                    "would snap back, which has no one force for a strain"
-                )
 
     def properties(self):
         """The arrays with one value per element, by name."""

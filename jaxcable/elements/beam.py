@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import Rule, not_negative, or_nan, positive, refuse
 from .._tree import Indices, copy, pytree
 from ..rotations import cross
 from ..sections import Section
@@ -32,6 +33,7 @@ _PROPERTIES = (
     "springs",
 )
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
+_MOST_POINTS = 1000  # along an element; each has a section of fibres to evaluate
 _LEANING = 0.1  # sine below which the default axes of an element that leans are not to be trusted
 
 
@@ -105,11 +107,6 @@ class Beams(Member, Prestressed):
             raise ValueError("section: missing; a group of beams needs a Section")
         for name in ("torsional_stiffness", "rest_length", "weight", "expansion", "strength"):
             put(self, name, _check.per_element(getattr(self, name), n_elem, name))
-        for name in ("torsional_stiffness", "rest_length", "strength"):
-            if getattr(self, name) is not None:
-                _check.require(getattr(self, name), lambda v: v > 0, name, "must be positive")
-        if self.weight is not None:
-            _check.require(self.weight, lambda v: v >= 0, "weight", "must not be negative")
         if self.torsional_stiffness is None and self.section.torsion is None:
             raise ValueError(
                 "torsional_stiffness: missing; this section has no known torsion constant"
@@ -122,9 +119,37 @@ class Beams(Member, Prestressed):
             put(self, "up", pack.broadcast_to(up, (n_elem, 3)))
         if self.points is None:
             put(self, "points", 3 if self.section.is_elastic else 5)
-        if not isinstance(self.points, int | np.integer) or self.points < 3:
-            raise ValueError(f"points = {self.points!r}: expected an integer >= 3")
+        whole = isinstance(self.points, int | np.integer) and not isinstance(self.points, bool)
+        if not whole or not 3 <= self.points <= _MOST_POINTS:
+            raise ValueError(
+                f"points = {self.points!r}: expected an integer from 3 to {_MOST_POINTS}"
+            )
         self._check_hinges()
+        refuse(self.rules())
+
+    def rules(self):
+        """What its numbers keep, see `_rules`."""
+        above = ("torsional_stiffness", "rest_length", "strength")
+        rules = [positive(name, getattr(self, name)) for name in above]
+        return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
+
+    def rules_at(self, nodes):
+        """What its numbers keep beside the positions of the nodes, [n_node, 3]."""
+        if self.up is None:
+            return []
+        links = getattr(self.links, "array", self.links)
+        chord = nodes[links[:, 1]] - nodes[links[:, 0]]
+
+        def along(up, chord):
+            across = [up[:, k] * chord[:, k - 1] - up[:, k - 1] * chord[:, k] for k in range(3)]
+            off = sum(part**2 for part in across)
+            near = max(1e-9, 4 * np.finfo(chord.dtype).eps) ** 2
+            return off <= near * (up**2).sum(axis=1) * (chord**2).sum(axis=1)
+
+        def text(index, up, _):
+            return f"up[{index[0]}] = {up[index].tolist()}: must not be along the element"
+
+        return [Rule("up", (self.up, chord), along, text)]
 
     def _check_hinges(self):
         """Make `hinges` [n_elem, 2, 3], and `springs` likewise unless all hinges are balls."""
@@ -153,22 +178,11 @@ class Beams(Member, Prestressed):
                     f"springs: expected a scalar or shape (2, 3) or ({count}, 2, 3), "
                     f"got {springs.shape}"
                 )
-            _check.require(springs, lambda v: v >= 0, "springs", "must not be negative")
             pack = jnp if isinstance(springs, jax.Array) else np
             springs = pack.broadcast_to(springs, (count, 2, 3))
-        known = _check.concrete(springs)
-        if known is not None:
-            self._require_torsion(hinges & ~(known > 0))
-        put(self, "springs", springs if partly else None)
-
-    def _require_torsion(self, free):
-        """Raise ValueError if nothing keeps an element from spinning; `free`, [n_elem, 2, 3]."""
-        spinning = free[:, :, 0].all(axis=1)
-        if spinning.any():
-            raise ValueError(
-                f"hinges[{int(spinning.argmax())}]: both ends are released, the element could spin "
-                "about its axis; make it a bar, or keep the torsion of one end"
-            )
+        put(self, "springs", or_nan(_twisted(springs, hinges)) if partly else None)
+        if not partly:
+            refuse([_twisted(springs, hinges)])
 
     def check(self, nodes):
         """Raise ValueError if the axes of an element are not known, for [n_node, 3] positions."""
@@ -184,15 +198,6 @@ class Beams(Member, Prestressed):
                     "degrees, and its section does not bend alike in all directions: say where "
                     "its z axis points, such as up=(1.0, 0.0, 0.0)"
                 )
-            return
-        up = _check.concrete(self.up)
-        if up is None:
-            return
-        off = np.linalg.norm(np.cross(chord, up), axis=1)
-        along = off <= 1e-9 * length * np.linalg.norm(up, axis=1)
-        if along.any():
-            k = int(along.argmax())
-            raise ValueError(f"up[{k}] = {up[k].tolist()}: must not be along the element")
 
     def start(self, ends):
         """As `Prestressed.start`; NaN where nobody can say which way the section stands."""
@@ -302,6 +307,25 @@ class Beams(Member, Prestressed):
         z = up - (up @ along) * along
         z = z / jnp.sqrt(z @ z)
         return jnp.stack([along, cross(z, along), z])
+
+
+def _twisted(springs, hinges):
+    """The rule that something keeps each element from spinning about its axis.
+
+    Which ends turn is known to the constructor alone: the core has rows of motion instead.
+    """
+
+    def broken(springs, hinges):
+        free = (hinges & ~(springs > 0))[:, :, 0].all(axis=1)
+        return free[:, None, None] & hinges & ~(springs != springs)
+
+    def text(index, *_):
+        return (
+            f"hinges[{index[0]}]: both ends are released, the element could spin about its axis; "
+            "make it a bar, or keep the torsion of one end"
+        )
+
+    return Rule("springs", (springs, hinges), broken, text)
 
 
 def _differs(section):

@@ -116,13 +116,14 @@ def displaced(field, rotations, length):
     return jnp.stack([-field.strain[1, 0] * length / 6, bow[1], -bow[0]])
 
 
-def generalized(field, rotations, length, sums, torsion, load):
+def generalized(field, rotations, length, sums, torsion, load, following=None):
     """Forces of an element from the sums of its section's forces over the axis.
 
     Args:
         field, rotations, length, load: as of `field`.
         sums: integrals over s of N, My, Mz times 1, P1, P2, [3, 3], N and N m.
         torsion: torsional stiffness, N m2.
+        following: of a load that follows, how it does, as `corotation.pressed` says.
 
     Returns:
         Axial force, N; moments on the ends [2, 3], N m; torque on the frame [3], N m; and residuals
@@ -147,6 +148,9 @@ def generalized(field, rotations, length, sums, torsion, load):
             turned = length**2 / 12 * (field.yielding @ bend[2])
             pull = pull + jnp.stack([jnp.zeros_like(force), turned[1], -turned[0]])
         torque = cross(load, pull)
+        if following is not None:
+            by_length, by_frame = following
+            force, torque = force + by_length @ pull, torque + by_frame @ pull
     twisting = torsion * field.twist / length
     moments = jnp.stack([jnp.append(-twisting[None], first), jnp.append(twisting[None], second)])
     return force, moments, torque, jnp.stack([by_axial, by_sag])

@@ -65,6 +65,16 @@ class Cables(Bars):
             lambda: self._slack(self.strain(state, ends, motion), state.plastic),
         )
 
+    def at_kink(self, state, ends, motion):
+        """Whether it is exactly unstressed, to rounding: between taut and slack."""
+
+        def unstressed():
+            strain = self.strain(state, ends, motion)
+            rounding = 4 * jnp.finfo(strain.dtype).eps * jnp.abs(state.elongation)
+            return jnp.abs(strain) <= rounding / state.rest_length
+
+        return held_or(state, jnp.zeros((), bool), unstressed)
+
     def _cut(self, value, strain, plastic):
         """`value`, zero in a slack cable; several laws have cut it themselves, as a whole."""
         if isinstance(self._section()[1], Parallel):

@@ -102,6 +102,11 @@ class Catenaries(Cables):
             return slack
         return slack & jnp.all(state.line_load == 0)
 
+    def at_kink(self, state, ends, motion):
+        """Unstressed and without load; a load along it makes its force smooth."""
+        kink = super().at_kink(state, ends, motion)
+        return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
+
     def end_tensions(self, state, ends, motion):
         """Tensions at the first and the second end, [2], N."""
         if state.line_load is None:
@@ -129,17 +134,19 @@ class Catenaries(Cables):
         load, rest_length = state.line_load, state.rest_length
         return first[None] + hanging.places(parts, force, tau, load, rest_length, self._stiffness)
 
-    def strain_at_sag(self, ends, sag):
+    def strain_at_sag(self, ends, sag, warmth=1.0):
         """Strains of the chords with which the middles hang by `sag` [n_elem], m, below theirs.
 
-        Under the whole weight of the group along -z, between the initial ends [n_elem, 2, 3].
+        Under the whole weight of the group along -z, between the initial ends [n_elem, 2, 3];
+        `warmth` as of `AxialState`: what is longer by heat weighs less per length.
         """
 
         def one(ends, weight, stiffness, sag):
             load = weight * jnp.array([0.0, 0.0, -1.0], ends.dtype)
             return hanging.strain_at_depth(ends[1] - ends[0], load, stiffness, sag)
 
-        weight, stiffness = (jnp.asarray(v, ends.dtype) for v in (self.weight, self._stiffness))
+        weight = jnp.asarray(self.weight, ends.dtype) / warmth
+        stiffness = jnp.asarray(self._stiffness, ends.dtype)
         return jax.vmap(one)(ends, weight, stiffness, sag)
 
 

@@ -82,6 +82,36 @@ def pose(axes, ends, displacements, quaternions):
     return Pose(length, change, mean, chord, turned, half, turns, rotations)
 
 
+def pressed(pose, pressures, rest_length):
+    """Load of pressures on the chord per unstressed length, along the turned axes, [3], N/m.
+
+    Args:
+        pose: of the element.
+        pressures: `AxialState.pressed` of the element.
+        rest_length: m.
+
+    Returns:
+        The load; by how much it changes with the length of the chord, [3], N/m2, and [3, 3] the
+        torque on the frame that it has beside that of a dead load, by the derivative of the
+        potential by the load. Zero where a pressure has no potential.
+    """
+    load, longer = jnp.zeros_like(pose.chord), jnp.zeros_like(pose.chord)
+    torque = jnp.zeros_like(pose.axes)
+    for pressure, axis in pressures.get("current", ()):
+        x, y, z = pose.axes @ axis
+        none = jnp.zeros_like(x)
+        change = pressure / rest_length * jnp.stack([none, z, -y])  # axis x chord
+        load, longer = load + change * pose.length, longer + change
+        own = jnp.stack([none, none, none, y, -x, none, z, none, -x]).reshape(3, 3)
+        torque = torque + pressure * pose.length / rest_length * own
+    for pressure, axis in pressures.get("unstressed", ()):
+        _, y, z = pose.axes @ axis
+        seen = y**2 + z**2  # none of a chord along the axis
+        across = jnp.stack([jnp.zeros_like(y), z, -y]) / jnp.sqrt(jnp.where(seen > 0, seen, 1.0))
+        load = load + pressure * across
+    return load, longer, torque
+
+
 def end_forces(pose, force, moments, torque):
     """Pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
 

@@ -85,6 +85,9 @@ class Member:
         load = None
         if state.line_load is not None:
             load = pose.axes @ state.line_load
+        if state.pressed is not None:
+            pressed = corotation.pressed(pose, state.pressed, state.rest_length)[0]
+            load = pressed if load is None else load + pressed
         length, inner = state.rest_length, None
         if not self.section.is_elastic:
             inner = jnp.zeros((2, 2), length.dtype)
@@ -133,8 +136,12 @@ class Member:
     def _balance(self, state, ends, motion, forces=None):
         axes, pose, field, load = self._bent(state, ends, motion)
         length, rotations = state.rest_length, pose.rotations
+        following = None
+        if state.pressed is not None:
+            following = corotation.pressed(pose, state.pressed, length)[1:]
+        sums = self._sums(state, field, forces)
         force, moments, torque, unbalanced = bending.generalized(
-            field, rotations, length, self._sums(state, field, forces), self._twisting(), load
+            field, rotations, length, sums, self._twisting(), load, following
         )
         pull, moments = corotation.end_forces(pose, force, moments, torque)
         inner = []

@@ -16,11 +16,16 @@ class AxialState:
         elongation: initial chord minus unstressed length, carried by itself, [n_elem], m.
         held: force held by a jack during a phase, [n_elem], N, or None.
         jacked: which elements have a jack, [n_elem] bool; None for all, where forces are held.
-        weighing: unstressed length that has weight, [n_elem], m, or None if the group has none;
-            it is `rest_length` but for what a jack has taken in.
+        loaded_length: unstressed length that has weight and takes loads per unstressed length,
+            [n_elem], m: at the temperature before the first phase, since heat makes no mass, and
+            with what a jack has taken in. None: `rest_length`.
+        warmth: length now over that at the temperature before the first phase, [n_elem], or None
+            in a group that does not expand.
         plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
-            makes, or None.
+            makes, or along which it slides, or None.
+        pressed: pressures that follow beams, a list of (pressure [n_elem], unit axis [n_elem, 3])
+            for each of the names of lengths that they are per, N/m, or None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -35,9 +40,16 @@ class AxialState:
     elongation: object
     held: object = None
     jacked: object = None
-    weighing: object = None
+    loaded_length: object = None
+    warmth: object = None
     plastic: object = None
     line_load: object = None
+    pressed: object = None
+
+    @property
+    def loaded(self):
+        """`loaded_length`, or the unstressed length itself."""
+        return self.rest_length if self.loaded_length is None else self.loaded_length
 
 
 @pytree(indices=("chosen",))
@@ -65,8 +77,17 @@ class Prestressed:
     """
 
     shaped_by_load = False
+    slides = False
     inner = ()
     n_inner_row = 0
+
+    def rules_at(self, nodes):
+        """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
+        return []
+
+    def convex(self, state):
+        """Whether its energy is known to be convex in the positions."""
+        return self.tension_only and self.rising
 
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
@@ -79,8 +100,10 @@ class Prestressed:
             rest_length, elongation = chord, jnp.zeros_like(chord)
         else:
             rest_length, elongation = self.rest_length, chord - self.rest_length
-        weighing = None if self.weight is None else rest_length
-        return AxialState(rest_length, elongation, weighing=weighing, plastic=self.virgin())
+        warmth = None if self.expansion is None else jnp.ones_like(rest_length)
+        return AxialState(
+            rest_length, elongation, loaded_length=rest_length, warmth=warmth, plastic=self.virgin()
+        )
 
     def at_ends(self, amount, ends):
         """`amount` [n_elem] in halves to the ends, [n_elem, 2]; `ends` [n_elem, 2, 3]."""
@@ -90,10 +113,14 @@ class Prestressed:
         """State after the prestress statements of a phase, for a whole group.
 
         `ends` are the initial ends [n_elem, n_end, 3]; `inputs` maps names of `Phase` to `Stated`.
-        Absolute statements come first, then the increments (shortening, temperature).
+        Absolute statements come first, then shortening, then temperature. An absolute statement
+        says what the element is at the temperature that it has then: it takes the place of earlier
+        statements and shortenings, but the element stays as warm as it was. A shortening is
+        measured at that temperature, too.
         """
         chord = self.chord(ends)
-        rest_length, elongation, weighing = state.rest_length, state.elongation, state.weighing
+        rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
+        warmth = 1.0 if state.warmth is None else state.warmth
         for name, stated in inputs.items():
             if name in ("shortening", "temperature"):
                 continue
@@ -104,18 +131,25 @@ class Prestressed:
                 strain = self.stated_strain(name, stated, state, ends, chord)
                 own = chord / (1 + strain), chord * (strain / (1 + strain))
             rest_length, elongation = map(stated.over, own, (rest_length, elongation))
-            if weighing is not None:
-                weighing = stated.over(rest_length, weighing)
-        before = rest_length
+            loaded = stated.over(rest_length / warmth, loaded)
         if "shortening" in inputs:
             change = inputs["shortening"].values
             rest_length, elongation = rest_length - change, elongation + change
+            loaded = loaded - change / warmth
         if "temperature" in inputs:
-            change = rest_length * self.expansion * inputs["temperature"].values
+            strain = self.expansion * inputs["temperature"].values
+            change = rest_length * strain
             rest_length, elongation = rest_length + change, elongation - change
-        if weighing is not None:
-            weighing = weighing + (rest_length - before)
-        return copy(state, rest_length=rest_length, elongation=elongation, weighing=weighing)
+            warmth = warmth * (1 + strain)
+        if state.warmth is None:
+            warmth = None
+        return copy(
+            state,
+            rest_length=rest_length,
+            elongation=elongation,
+            loaded_length=loaded,
+            warmth=warmth,
+        )
 
     def stated_strain(self, name, stated, state, ends, chord):
         """Strain of the initial chord, [n_elem], that an absolute statement means."""
@@ -124,7 +158,8 @@ class Prestressed:
         if name == "force_density":
             return self.strain_at(stated.values * chord, state.plastic)
         if name == "sag":
-            return self.strain_at_sag(ends, stated.over(stated.values, 0.1 * chord))
+            sag = stated.over(stated.values, 0.1 * chord)
+            return self.strain_at_sag(ends, sag, 1.0 if state.warmth is None else state.warmth)
         return stated.values
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import Rule
 from .._tree import Indices, pytree
 from .cable import Cables
 from .prestress import held_or
@@ -20,10 +21,13 @@ class SlidingCables(Cables):
     """A group of cables that slide without friction over their nodes; tension only.
 
     Everything per element is per cable: one tension, one unstressed length, one weight. `tension`
-    and `rest_length` of results have one value for a cable. Weight and line loads go to its nodes
-    by the initial (or projected) lengths of its pieces, and do not slide along. Two free nodes that
-    the cable draws onto each other leave a piece without length and an equilibrium without a
-    tangent: the status then is NOT_CONVERGED (join the nodes).
+    and `rest_length` of results have one value for a cable. Its weight, and line loads per
+    unstressed length, slide along with it: each piece has a part of them that is as its part of the
+    whole length, half for each of its ends. They have the potential ``-W sum (l_i / l) z_i`` with z
+    of the middles of the pieces, which also pulls rope over to where it hangs lower, and is not
+    convex. Line loads per initial or projected length stay with the pieces that they are stated
+    for. Two free nodes that the cable draws onto each other leave a piece without length and an
+    equilibrium without a tangent: the status then is NOT_CONVERGED (join the nodes).
 
     Args:
         links: the nodes of each cable in turn, a list of lists, or [n_elem, n_end]. A closed loop
@@ -53,21 +57,30 @@ class SlidingCables(Cables):
     """
 
     secant = None  # a piece that shortens while another one lengthens has none of its own
+    shaped_by_load = slides = True
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
             object.__setattr__(self, "links", _checked_chains(self.links))
         super().__post_init__()
 
-    def check(self, positions):
-        """Raise ValueError where two successive nodes of a cable have the same place."""
-        links = self.links.array
-        ends = positions[links]
-        same = (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])
-        if same.any():
-            k, piece = np.argwhere(same)[0]
+    def rules_at(self, nodes):
+        """No two successive nodes of a cable have the same place, of nodes [n_node, 3]."""
+        links = getattr(self.links, "array", self.links)
+
+        def same(ends, links):
+            return (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])
+
+        def text(index, _, links):
+            k, piece = index
             pair = links[k, piece : piece + 2].tolist()
-            raise ValueError(f"links[{k}]: its nodes {pair} coincide; a piece has no length")
+            return f"links[{k}]: its nodes {pair} coincide; a piece has no length"
+
+        return [Rule("nodes", (nodes[links], links), same, text)]
+
+    def convex(self, state):
+        """As a cable; the potential of a load that slides is not."""
+        return state.line_load is None and super().convex(state)
 
     def chord(self, ends):
         """Length over all nodes [n_elem, n_end, 3], [n_elem], m."""
@@ -88,21 +101,38 @@ class SlidingCables(Cables):
         piece, length = _moved(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
         pull = self.tension(state, ends, motion) * unit
-        return jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
+        force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
+        return force if state.line_load is None else force - self.slid(state, ends, motion)
+
+    def slid(self, state, ends, motion):
+        """What the load along it does to the nodes beside its initial shares, [n_end, 3], N."""
+        return -jax.grad(self._lost, argnums=2)(state, ends, motion)
+
+    def _lost(self, state, ends, motion):
+        """Potential of the load along it as the rope lies now, less that of its initial shares, J.
+
+        But for a constant, and reckoned from the first node: the shares add up to one.
+        """
+        piece, length = _moved(ends, motion)
+        middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
+        now = motion[0] + length @ middle / jnp.sum(length)
+        share = self.at_ends(jnp.ones((1,), length.dtype), ends[None])[0]
+        return state.rest_length * state.line_load @ (share @ motion - now)
 
     def tangent(self, state, ends, motion):
         """Tangent stiffness, [n_end, 3, n_end, 3], N/m: autodiff of the end forces."""
         return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
 
     def energy(self, state, ends, motion):
-        """Stored energy, J; of a held force its work on the change of length."""
+        """Stored energy and potential of what slides, J; of a held force its work."""
 
         def stored():
             strain = self.strain(state, ends, motion)
             return state.rest_length * self.energy_per_length(strain, state.plastic)
 
         work = None if state.held is None else state.held * _change(ends, motion)
-        return held_or(state, work, stored)
+        energy = held_or(state, work, stored)
+        return energy if state.line_load is None else energy + self._lost(state, ends, motion)
 
     def lock(self, state, ends, motion):
         """State of an anchored jack: the unstressed length that gives the held force here."""

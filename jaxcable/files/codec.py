@@ -14,6 +14,7 @@ import difflib
 import jax
 import numpy as np
 
+from .._check import holds_boolean
 from .._tree import Indices
 from ..elements import Bars, Beams, Cables, Catenaries, SlidingCables
 from ..loads import (
@@ -28,7 +29,7 @@ from ..loads import (
 from ..materials import Elastic, Parallel, Polygonal
 from ..phases import Phase
 from ..sections import Section
-from ..selection import Only
+from ..selection import Only, Selection
 from ..structure import Structure, is_group
 from ..supports import Supports
 from .reading import FileError
@@ -36,7 +37,7 @@ from .reading import FileError
 TYPES = {
     cls.__name__: cls
     for cls in (
-        *(Structure, Supports, Phase, Only),
+        *(Structure, Supports, Phase, Only, Selection),
         *(Bars, Beams, Cables, Catenaries, SlidingCables),
         *(AreaLoads, CablePressure, FacePressure, LineLoads, NodalLoads, SelfWeight),
         *(SupportMovement, Elastic, Parallel, Polygonal, Section),
@@ -45,7 +46,11 @@ TYPES = {
 """What a file can hold, by the name of its type."""
 
 _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
-_WORKED_OUT = {Polygonal: ("rising", "n_plastic")}  # by the constructor, from the points
+_WORKED_OUT = {
+    Polygonal: ("rising", "n_plastic"),  # by the constructor, from the points
+    LineLoads: ("begun",),  # by the analysis
+    AreaLoads: ("begun",),
+}
 _DEEPEST = 32  # nested objects; no structure comes near
 
 
@@ -223,6 +228,8 @@ def _decode_numbers(data, where):
         array = None
     if array is None or (array.size and array.dtype.kind not in "bif"):
         raise FileError(f"{where}: expected numbers in lists of equal lengths")
+    if array.dtype != bool and holds_boolean(data):  # NumPy would count it as 0 or 1
+        raise FileError(f"{where}: expected numbers, got true or false among them")
     if not np.isfinite(array).all():
         index = np.argwhere(~np.isfinite(array))[0].tolist()
         raise FileError(f"{where}{index or ''}: a number too large to be one")

@@ -7,6 +7,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from . import reading
 from .nets import Net
 from .reading import LARGEST, FileError, read_text
 
@@ -49,7 +50,7 @@ def read_obj(path, scale=1.0, tolerance=1e-6, largest=LARGEST):
         kind, words = (words[0], words[1:]) if words else ("", [])
         try:
             if kind == "v":
-                points.append([float(word) for word in words[:3]])
+                points.append([reading.number(word) for word in words[:3]])
                 if len(points[-1]) != 3 or not np.isfinite(points[-1]).all():
                     raise ValueError("a point has three finite coordinates")
             elif kind in ("l", "f"):
@@ -95,7 +96,7 @@ def read_obj(path, scale=1.0, tolerance=1e-6, largest=LARGEST):
 def _point(word, count):
     """Index of a point from "7", "7/1" or "-1"."""
     try:
-        number = int(word.split("/")[0])
+        number = reading.whole(word.split("/")[0])
     except ValueError:
         raise ValueError(f"{word!r} is no point; points are numbered from 1") from None
     index = number - 1 if number > 0 else count + number

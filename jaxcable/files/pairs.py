@@ -5,6 +5,7 @@ import io
 
 import numpy as np
 
+from . import reading
 from .nets import KINDS, PROPERTIES, STATEMENTS, Net
 from .reading import LARGEST, FileError, read_text
 
@@ -124,9 +125,9 @@ def _number(path, line, row, column, absent=None):
     if not word and absent is not None:
         return absent
     try:
-        value = float(word)
-    except ValueError:
-        raise FileError(f"{path}: line {line}: {column}: {word!r} is no number") from None
+        value = reading.number(word)
+    except ValueError as error:
+        raise FileError(f"{path}: line {line}: {column}: {error}") from None
     if not np.isfinite(value):
         raise FileError(f"{path}: line {line}: {column}: {word!r} is not finite")
     return value

@@ -32,6 +32,27 @@ class FileError(ValueError):
     """
 
 
+def number(word):
+    """The number that a word is, as `float`, but of ASCII digits alone and without underscores.
+
+    Raises:
+        ValueError: it is none.
+    """
+    if not word.isascii() or "_" in word:  # Python takes 1_0 for 10
+        raise ValueError(f"{word!r} is no number")
+    try:
+        return float(word)
+    except ValueError:
+        raise ValueError(f"{word!r} is no number") from None
+
+
+def whole(word):
+    """The whole number that a word is, as `int`, with the strictness of `number`."""
+    if not word.isascii() or "_" in word:
+        raise ValueError(f"{word!r} is no whole number")
+    return int(word)
+
+
 def read_text(path, largest=LARGEST):
     """The text of a UTF-8 file of at most `largest` bytes.
 

@@ -140,7 +140,7 @@ def flat(structure, solution):
     names = [name for name, _ in groups_by_name(structure)]
     if len(set(names)) < len(names):
         raise ValueError(f"elements: two groups would be called alike in a file: {names}")
-    found = {"status": np.asarray(solution.status)}
+    found = {name: np.asarray(getattr(solution, name)) for name in ("status", "stable")}
     for prefix, part in (("", solution), ("last.", solution.last)):
         for name in (*_PER_NODE, *_PER_ELEMENT):
             value = getattr(part, name)
@@ -155,6 +155,7 @@ def flat(structure, solution):
     for name, group in groups_by_name(structure):
         found[f"links.{name}".rstrip(".")] = first_and_last(group)
     for number, phase in enumerate(solution.phases, 1):
+        found[f"phase{number}.stable"] = np.asarray(phase.stable)
         for name in _PER_INCREMENT:
             found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
         for name in ("tension", "peak_tension"):
@@ -187,7 +188,7 @@ def _kind(name):
     words = name.split(".")
     last = words[1] if len(words) > 1 and words[0].startswith(("phase", "last")) else words[0]
     counts = ("status", "iterations", "factorizations", "n_slack", "n_loose", "links", "phase")
-    return int if last in counts else float
+    return bool if last == "stable" else int if last in counts else float
 
 
 def tables(structure, solution):

@@ -48,9 +48,10 @@ def in_a_row(structure, value, name):
 
 
 def arranged(structure, row):
-    """Values of all members [n_elem] in the shape of the elements."""
+    """Values of all members [..., n_elem] in the shape of the elements."""
     ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
-    return structure.arrange([row[part] for part in np.split(np.arange(len(row)), ends)])
+    parts = np.split(np.arange(row.shape[-1]), ends)
+    return structure.arrange([row[..., part] for part in parts])
 
 
 def host_nodes(structure, what):

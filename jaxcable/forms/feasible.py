@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import Rule, or_nan
 from .._tree import pytree
 from ._balance import arranged, balance, host_nodes, in_a_row, members
 
@@ -113,14 +114,17 @@ def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None
             tension = np.sign(taut[group]) * tension
         elif abs(taut[group]) <= 1e-9:
             raise ValueError(f"group = {group}: has no force in the prestress; give another group")
-        elif _check.concrete(tension) is not None and np.any(tension * taut[group] <= 0):
-            raise ValueError(
-                f"tension = {tension}: with group {group} so, cables would be in compression"
-            )
+        else:
+            text = f"with group {group} so, cables would be in compression"
+            own = tension, taut[group]
+            tension = or_nan(Rule("tension", own, lambda force, taut: force * taut <= 0, text))
         modes = np.linalg.qr(modes.T)[0].T
         if len(modes) > 1:
             return _result(structure, free, links, number, taut / taut[group] * tension, modes)
     solved = _others(structure, free, links, spread, group, tension, tol)
+    pulled = (spread * cable[:, None]).any(axis=0)
+    if isinstance(solved, jax.Array) and pulled.any():  # of traced nodes nobody knew it before
+        solved = jnp.where(jnp.any(pulled & (solved <= 0)), jnp.nan, solved)
     return _result(structure, free, links, number, solved, modes)
 
 

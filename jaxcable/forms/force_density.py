@@ -16,10 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, implicit, linear, plausibility
+from .. import equilibrium, implicit, linear, plausibility, status
+from .._rules import not_negative, or_nan
 from .._tree import copy, fill, pytree, thaw
+from ..assembly import System
+from ..equilibrium import Newton
+from ..freedoms import number_freedoms
 from ..supports import Fixed
-from .members import check_members, nodal_loads, stated, total
+from .along import OnForm, carries, split, touched
+from .members import check_members, stated, total, verdict
+from .strings import Strings, StringState
+
+_FIRST = 5  # steps with the loads of the form before, ahead of Newton's method
 
 
 def force_density(structure, q, loads=None, linear_solver=None):
@@ -32,17 +40,21 @@ def force_density(structure, q, loads=None, linear_solver=None):
         structure: `Structure` of cables and bars. Of its nodes only the held coordinates count.
         q: force over length, N/m: a scalar, [n_elem], or a prefix pytree of the elements. Negative
             in struts, which must be `Bars`.
-        loads: `NodalLoads` or a list of them.
+        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them; those
+            along elements and on areas are per lengths and areas of the form found, and per
+            unstressed lengths that go with its forces, as in an analysis that begins there. With
+            them the problem is not linear, and Newton's method solves it.
         linear_solver: "dense", "superlu" or "pardiso"; None chooses by size, as `Newton` does.
 
     Returns:
         Positions of all nodes, [n_node, 3], m. Of a direction whose matrix is singular the free
         coordinates are NaN, with NaN derivatives: the net is not held, a node has no force density
-        at all, or struts and cables cancel.
+        at all, or struts and cables cancel. With loads along elements or on areas all free
+        coordinates are NaN where there is no form, or one that an element's law cannot bear.
 
     Raises:
-        ValueError: elements that are not straight members, other loads than nodal ones, a negative
-            force density in a cable, an element without one.
+        ValueError: elements that are not straight members, other loads, a negative force density
+            in a cable, an element without one.
 
     Source: Schek (1974), after Linkwitz.
 
@@ -60,7 +72,7 @@ def force_density(structure, q, loads=None, linear_solver=None):
     check_members(structure)
     plausibility.precision(structure.nodes)
     linear.check(linear_solver)
-    loads = nodal_loads(structure, loads)
+    loads, others = split(structure, loads)
     densities, chosen = stated(q, structure, "q")
     for k, (group, own, meant) in enumerate(zip(structure.groups, densities, chosen, strict=True)):
         if not meant.all():
@@ -69,9 +81,15 @@ def force_density(structure, q, loads=None, linear_solver=None):
                 "every element needs one"
             )
         if group.tension_only:
-            _check.require(own, lambda v: v >= 0, "q", "a cable carries tension only; use Bars")
+            densities[k] = or_nan(not_negative("q", own, "a cable carries tension only; use Bars"))
     fixed = Fixed(structure.held())
-    net = number_axes(fixed, tuple(group.links for group in structure.groups), linear_solver)
+    links = tuple(group.links for group in structure.groups)
+    net = number_axes(fixed, links, linear_solver)
+    if others:
+        coupled = (*((own, 3, ()) for own in links), *touched(structure, others))
+        freedoms = number_freedoms(fixed, None, coupled, linear_solver, False)
+        thawed, arrays = thaw((structure.nodes, densities, loads, structure.groups, others))
+        return _loaded(thawed, arrays, net, freedoms, Newton(linear_solver=linear_solver))
     thawed, arrays = thaw((structure.nodes, densities, loads))
     return _positions(thawed, arrays, net)
 
@@ -140,6 +158,52 @@ def _positions(thawed, arrays, net):
         found = implicit.nan_unless(jnp.all(jnp.isfinite(found)), found, parameters)
         positions = block.place(positions, found)
     return positions
+
+
+@jax.jit
+def _loaded(thawed, arrays, net, freedoms, method):
+    """The compiled core with loads that depend on the form: all coordinates at once.
+
+    Members are springs that pull with ``q l``; see `strings`.
+    """
+    parameters = fill(thawed, arrays)
+    dtype = parameters[0].dtype
+    nodes, densities, loads, groups, others = jax.tree.map(
+        lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
+        jax.tree.map(jnp.asarray, parameters),
+    )
+    data = (nodes, densities, total(loads, nodes.shape, dtype), OnForm(groups, others))
+
+    def system(data):
+        nodes, densities, load, others = data
+        strings = [Strings(group.links) for group in groups]
+        lengths = [own.chord(nodes[own.links]) for own in strings]
+        pairs = zip(densities, lengths, strict=True)
+        states = [StringState(jnp.zeros_like(q), q, length) for q, length in pairs]
+        followers = [(others, jnp.ones((), dtype))]
+        held = jnp.zeros(nodes.size, dtype)
+        return System(nodes, strings, states, load, held, freedoms, followers)
+
+    frozen = lax.stop_gradient(data)
+    sought = system(frozen)
+
+    def step(_, x):
+        load = frozen[2] + frozen[3].following_forces(None, sought.states, None, x)
+        new = shape(frozen[0], jnp.concatenate(frozen[1]), load, net)
+        return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
+
+    x = lax.fori_loop(0, _FIRST, step, frozen[0])
+    start = (x - frozen[0]).reshape(-1)[freedoms.free]
+    found, memory = equilibrium.newton(sought, start, method, jnp.ones((), bool))
+    forces = sought.tensions(sought.motion(found.x))
+    valid = (found.code == status.OK) & carries(frozen[3].groups, forces)
+    valid = valid & (verdict(nodes, groups, others) == status.OK)
+    attached = system(implicit.gate(valid, data))
+    tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
+    x = implicit.attach(attached, found.x, valid, memory, tol, worth)
+    moved = implicit.nan_unless(valid, attached.motion(x), parameters)
+    free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)
+    return jnp.where(free, nodes + moved, nodes)
 
 
 def shape(nodes, q, load, net):

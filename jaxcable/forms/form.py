@@ -5,6 +5,7 @@ from jax import lax
 
 from .. import implicit, status
 from .._tree import pytree
+from .along import carries
 
 
 @pytree
@@ -74,11 +75,7 @@ def make_form(
         rests: unstressed lengths per group, [n_elem], m, if they are known; else they follow from
             the tensions.
     """
-    fine = jnp.ones((), bool)
-    for group, tension in zip(*lax.stop_gradient((groups, tensions)), strict=True):
-        low, high = group.capacity()
-        strain = group.strain_at(tension, group.virgin())
-        fine = fine & jnp.all((tension >= low) & (tension <= high) & (strain > -1))
+    fine = carries(*lax.stop_gradient((groups, tensions)))
     torn = jnp.where(fine, status.OK, status.MATERIAL_FAILURE)
     code = status.first_failure(code, torn).astype(jnp.int32)
     ok = code == status.OK

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import _check
+from .._rules import or_nan, positive
 from ..assembly import motion_of
 from ..elements import hanging
 from ..elements.prestress import element
@@ -133,7 +134,7 @@ def hanging_chain(first, second, n, sag, weight, axial_stiffness):
     for name, value in numbers.items():
         if _check.floats(value, name).shape != ():
             raise ValueError(f"{name}: expected a number, got shape {jnp.shape(value)}")
-        _check.require(value, lambda v: v > 0, name, "must be positive")
+        numbers[name] = or_nan(positive(name, value))
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
     place, rest_length = _chain(chord, *(jnp.asarray(v, dtype) for v in numbers.values()), n)

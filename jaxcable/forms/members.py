@@ -1,14 +1,14 @@
-"""What form finding takes of a structure: straight members between two nodes, and nodal loads."""
+"""What form finding takes of a structure: straight members between two nodes."""
 
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from .. import _check, status
+from .._rules import kept, rules_of
 from ..elements import Bars
-from ..loads import NodalLoads, as_list
 from ..phases import spread
-from ..selection import Only
-from ..structure import Structure
+from ..selection import Only, Selection
+from ..structure import Structure, place_rules
 
 
 def check_members(structure):
@@ -23,17 +23,10 @@ def check_members(structure):
             )
 
 
-def nodal_loads(structure, loads):
-    """Loads as a checked list of `NodalLoads`; ValueError for others."""
-    loads = as_list(loads)
-    for k, load in enumerate(loads):
-        if not isinstance(load, NodalLoads):
-            raise ValueError(
-                f"loads[{k}]: {type(load).__name__} is not known before the form is: it depends on "
-                "unstressed lengths or moves supports; form finding takes NodalLoads"
-            )
-        load.check(structure)
-    return loads
+def verdict(nodes, groups, *others):
+    """INVALID_INPUT where numbers of a structure or of `others` break their rules, traced."""
+    rules = [*rules_of([groups, others]), *(r for own in groups for r in place_rules(nodes, own))]
+    return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def total(loads, shape, dtype):
@@ -52,6 +45,8 @@ def stated(value, structure, name):
     for group, own in zip(structure.groups, spread(value, structure, name), strict=True):
         n_elem = len(group.links)
         meant = np.full(n_elem, own is not None)
+        if isinstance(own, Selection):
+            raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
         if isinstance(own, Only):
             meant = own.chosen(n_elem, name)
             own = own.spread(np.zeros(n_elem))

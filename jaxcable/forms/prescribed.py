@@ -16,16 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, equilibrium, implicit, plausibility, status
+from .. import equilibrium, implicit, plausibility, status
+from .._rules import Rule, or_nan
 from .._tree import Indices, copy, fill, thaw
 from ..assembly import System
 from ..equilibrium import Newton
 from ..freedoms import number_freedoms
 from ..supports import Fixed
 from . import lengths
+from .along import OnForm, split, touched
 from .force_density import number_axes, shape
 from .form import arranged, make_form
-from .members import check_members, nodal_loads, stated, total
+from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
 
 _DRAPING = 5  # steps by force densities before Newton's method
@@ -52,7 +54,10 @@ def find_form(structure, tension=None, loads=None, length=None, stress=None, met
     Args:
         structure: `Structure` of cables and bars; its nodes are supports and start.
         tension: axial force, N; negative in struts, which must be `Bars`.
-        loads: `NodalLoads` or a list of them.
+        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them; those
+            along elements and on areas are per lengths and areas of the form found, and per
+            unstressed lengths that go with its forces, as in an analysis that begins there. (They
+            depend on where nodes are and spoil the convexity of the problem a little.)
         length: final distance of the ends, under force, m.
         stress: tension over area, Pa, of groups with an area or a section.
         method: `Newton`; as for `solve`, with the same meaning of `tol`. Lengths are met within
@@ -64,8 +69,8 @@ def find_form(structure, tension=None, loads=None, length=None, stress=None, met
 
     Raises:
         ValueError: elements that are not straight members, an element with two statements or none,
-            other loads than nodal ones, a negative tension in a cable, a length that is not
-            positive.
+            other loads, lengths beside loads that depend on the form, a negative tension in a
+            cable, a length that is not positive.
 
     Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths; Weber's problem
     for the convexity and for nodes that meet.
@@ -93,17 +98,23 @@ def find_form(structure, tension=None, loads=None, length=None, stress=None, met
     method = Newton() if method is None else method
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
-    loads = nodal_loads(structure, loads)
+    loads, others = split(structure, loads)
     tensions, sought, given = statements(structure, tension, stress, length)
     mixed = any(own.any() for own in sought)
+    if mixed and others:
+        raise ValueError(
+            f"loads: {type(others[0]).__name__} depends on unstressed lengths and places of the "
+            "form, which are not known where `length` is given; give tensions, or NodalLoads"
+        )
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
-    freedoms = number_freedoms(fixed, None, tuple((own, 3, ()) for own in links), solver)
+    coupled = (*((own, 3, ()) for own in links), *touched(structure, others))
+    freedoms = number_freedoms(fixed, None, coupled, solver, not others)
     extra = lengths.number(fixed, links, tuple(map(Indices, sought)), solver) if mixed else None
     convex = not mixed and all(group.tension_only for group in structure.groups)
     net = number_axes(fixed, links, solver) if convex else None
-    problem = (structure.nodes, structure.groups, tensions, given, loads)
+    problem = (structure.nodes, structure.groups, tensions, given, loads, others or None)
     thawed, arrays = thaw(problem)
     return arranged(_find(thawed, arrays, freedoms, extra, net, method, convex), structure)
 
@@ -135,29 +146,30 @@ def statements(structure, tension, stress, length):
             )
         forces = jnp.zeros(len(group.links))
         if said[0].any():
-            _check_force(values[0][k], said[0], group, "tension")
-            forces = jnp.where(said[0], values[0][k], 0.0)
+            own = _pulling(values[0][k], said[0], group, "tension")
+            forces = jnp.where(said[0], own, 0.0)
         if said[1].any():
             area = group._section()[2]
             if area is None:
                 raise ValueError(f"stress: group {k} has no area; give tension")
-            _check_force(values[1][k], said[1], group, "stress")
-            forces = jnp.where(said[1], values[1][k] * area, forces)
+            own = _pulling(values[1][k], said[1], group, "stress")
+            forces = jnp.where(said[1], own * area, forces)
         tensions.append(forces)
         own = values[2][k]
         if own is not None:
-            positive = ~said[2]
-            _check.require(own, lambda v, p=positive: p | (v > 0), "length", "must be positive")
+            rule = Rule("length", (own, said[2]), lambda v, own: own & (v <= 0), "must be positive")
+            own = or_nan(rule)
             own = jnp.where(said[2], own, 1.0), said[2]
         given.append(own)
     return tensions, chosen[2], given
 
 
-def _check_force(values, said, group, name):
-    if group.tension_only:
-        _check.require(
-            values, lambda v: ~said | (v >= 0), name, "a cable carries tension only; use Bars"
-        )
+def _pulling(values, said, group, name):
+    """Forces or stresses [n_elem], of cables refused if they push, NaN where that is traced."""
+    if not group.tension_only:
+        return values
+    text = "a cable carries tension only; use Bars"
+    return or_nan(Rule(name, (values, said), lambda v, said: said & (v < 0), text))
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
@@ -165,20 +177,22 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     """The compiled core; results per element are lists, one item per group."""
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, groups, tensions, given, loads = jax.tree.map(
+    nodes, groups, tensions, given, loads, others = jax.tree.map(
         lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
         jax.tree.map(jnp.asarray, parameters),
     )
     load = total(loads, nodes.shape, dtype)
-    data = (nodes, tensions, given, load)
+    data = (nodes, tensions, given, load, None if others is None else OnForm(groups, others))
+    allowed = verdict(parameters[0], parameters[1], method, others)
     system = functools.partial(_system, groups, freedoms=freedoms, convex=convex)
     frozen = lax.stop_gradient(data)
     start = jnp.zeros(freedoms.free.shape, dtype)
     if net is not None:
         start = _draped(frozen, net).reshape(-1)[freedoms.free]
     if extra is None:
-        found, memory = equilibrium.newton(system(frozen), start, method, jnp.ones((), bool))
-        code, steps, residual, scale = found.code, found.steps, found.residual, found.scale
+        found, memory = equilibrium.newton(system(frozen), start, method, allowed == status.OK)
+        code = status.first_failure(allowed, found.code)
+        steps, residual, scale = found.steps, found.residual, found.scale
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
         tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
@@ -189,6 +203,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         z, code, steps, residual, scale = _with_lengths(
             system, frozen, start, extra, method, struts
         )
+        code = status.first_failure(allowed, code)
         valid = code == status.OK
         saddle = _saddle(system, implicit.gate(valid, data), extra)
         z = lengths.attach(saddle, z, valid)
@@ -209,7 +224,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
 
 def _system(groups, data, freedoms, convex, stiffness=None):
     """The `System` of members that hold their forces; with a stiffness [N] also nearly lengths."""
-    nodes, tensions, given, load = data
+    nodes, tensions, given, load, others = data
     states, strings = [], []
     for group, force, own in zip(groups, tensions, given, strict=True):
         spring = excess = jnp.zeros_like(force)
@@ -221,7 +236,8 @@ def _system(groups, data, freedoms, convex, stiffness=None):
         states.append(StringState(force, spring, excess))
         strings.append(Strings(group.links, convex))
     held = jnp.zeros(nodes.size, nodes.dtype)
-    return System(nodes, strings, states, load, held, freedoms)
+    followers = None if others is None else [(others, jnp.ones((), nodes.dtype))]
+    return System(nodes, strings, states, load, held, freedoms, followers)
 
 
 def _draped(data, net):
@@ -230,12 +246,14 @@ def _draped(data, net):
     Each step minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937), hence
     leads down from anywhere; Newton's method takes over near the end.
     """
-    nodes, tensions, _, load = data
+    nodes, tensions, _, load, others = data
     force, links = jnp.concatenate(tensions), net[0]
+    states = [StringState(own, jnp.zeros_like(own), None) for own in tensions]
 
     def step(_, x):
         length = jnp.linalg.norm(x[links[:, 1]] - x[links[:, 0]], axis=-1)
-        new = shape(nodes, force / length, load, net)
+        whole = load if others is None else load + others.following_forces(None, states, None, x)
+        new = shape(nodes, force / length, whole, net)
         return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
 
     return lax.fori_loop(0, _DRAPING, step, nodes) - nodes
@@ -251,7 +269,7 @@ def _saddle(system, data, extra):
 
 def _force(data):
     """The size of the prescribed forces and loads, N; 1 if there are none."""
-    _, tensions, _, load = data
+    _, tensions, _, load, _ = data
     force = jnp.max(jnp.abs(jnp.concatenate([*tensions, load.reshape(-1)])))
     return jnp.where(force > 0, force, 1.0)
 

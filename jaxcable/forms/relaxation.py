@@ -20,10 +20,12 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import _check, implicit, plausibility, status
+from .._rules import Rule, not_negative, or_nan
 from .._tree import copy, fill, pytree, thaw
 from ..elements.prestress import element
+from .along import split
 from .form import arranged, make_form
-from .members import check_members, nodal_loads, stated, total
+from .members import check_members, stated, total, verdict
 
 _AWAY = 1e3  # displacement, in structure sizes, that no held structure reaches
 _SPARE = 1.05  # of the masses, over what stability asks for
@@ -81,7 +83,7 @@ def dynamic_relaxation(
     """
     check_members(structure)
     plausibility.precision(structure.nodes)
-    loads = nodal_loads(structure, loads)
+    loads, _ = split(structure, loads, takes_more=False)
     forces, held = stated(tension, structure, "tension")
     rests, cut = stated(rest_length, structure, "rest_length")
     for k, group in enumerate(structure.groups):
@@ -92,15 +94,13 @@ def dynamic_relaxation(
                 "give one"
             )
         if forces[k] is not None and group.tension_only:
-            _check.require(
-                forces[k], lambda v: v >= 0, "tension", "a cable carries tension only; use Bars"
-            )
+            text = "a cable carries tension only; use Bars"
+            forces[k] = or_nan(not_negative("tension", forces[k], text))
         if rests[k] is not None:
-            others = ~cut[k]
-            _check.require(
-                rests[k], lambda v, o=others: o | (v > 0), "rest_length", "must be positive"
-            )
-    _check.require(tol, lambda v: v > 0, "tol", "must be positive")
+            own = rests[k], cut[k]
+            text = "must be positive"
+            rests[k] = or_nan(Rule("rest_length", own, lambda v, own: own & (v <= 0), text))
+    tol = or_nan(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
     if start is not None:
         start = _check.floats(start, "start")
         if start.shape != structure.nodes.shape:
@@ -297,6 +297,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
     found = [(m, m.vectors(end.x)[1], rest) for m, rest in zip(members, rests, strict=True)]
     torn = jnp.any(jnp.stack([m.beyond(length, rest) for m, length, rest in found]))
     code = status.first_failure(code, jnp.where(torn, status.MATERIAL_FAILURE, status.OK))
+    code = status.first_failure(verdict(parameters[0], [m.group for m in parameters[1]]), code)
     forces = [m.tension(length, rest) for m, length, rest in found]
     cut = []
     for (m, length, rest), force in zip(found, forces, strict=True):

@@ -16,10 +16,11 @@ Pellegrino's product forces (1991), written with the force density matrix.
 Ranks are discrete, so all of this is NumPy on the host and has no derivatives.
 """
 
+import jax
 import numpy as np
 
 from .._tree import pytree
-from ._balance import balance, host_nodes, in_a_row, incidence, members
+from ._balance import arranged, balance, host_nodes, in_a_row, incidence, members
 
 KINDS = {
     (False, False): "I",
@@ -36,21 +37,22 @@ _WORDS = {False: "determinate", True: "indeterminate"}
 class SelfStress:
     """What `self_stress` found.
 
-    Elements of all groups are in one row, group after group; `arrange` of a structure and
-    `feasible_prestress` give the shape of its elements.
+    What belongs to elements is in the shape of the structure's elements, as in all results. Only
+    `matrix` has them in one row, group after group.
 
     Attributes:
-        tensions: states of self-stress, an orthonormal basis, [s, n_elem].
-        force_densities: the same over the lengths, [s, n_elem], 1/m.
+        tensions: states of self-stress, in the shape of the elements, each [s, n_elem]; a basis
+            that is orthonormal over the elements of all groups.
+        force_densities: the same over the lengths, likewise, 1/m.
         mechanisms: displacements without elongation and without rigid motion, an orthonormal basis,
             [m, n_node, 3].
         rigid: rigid motions that the supports allow, likewise, [., n_node, 3].
         singular_values: of the equilibrium matrix, falling, [min(n_free, n_elem)].
         rank: how many of them count.
-        matrix: equilibrium matrix of the free freedoms, [n_free, n_elem].
-        length: of the elements, [n_elem], m.
-        tension_only: which elements are cables, [n_elem] bool.
-        links: node numbers, [n_elem, 2].
+        matrix: equilibrium matrix of the free freedoms, [n_free, n_elem of all groups].
+        length: of the elements, in their shape, each [n_elem], m.
+        tension_only: which elements are cables, likewise, each [n_elem] bool.
+        links: node numbers, likewise, each [n_elem, 2].
         structure: what was asked about.
 
     Example:
@@ -58,9 +60,9 @@ class SelfStress:
         >>> found = jc.forms.self_stress(structure)
         >>> found.s, found.m, found.kind
         (1, 1, 'IV')
-        >>> q = found.force_densities[0] / found.force_densities[0, 9]
-        >>> print(np.round(q[[0, 3, 9]], 6))  # struts, triangles, verticals
-        [-1.       0.57735  1.     ]
+        >>> density = {kind: own[0, 0] for kind, own in found.force_densities.items()}
+        >>> print({kind: round(float(q / density["verticals"]), 6) for kind, q in density.items()})
+        {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
 
     tensions: object
@@ -78,7 +80,7 @@ class SelfStress:
     @property
     def s(self):
         """Number of independent states of self-stress."""
-        return len(self.tensions)
+        return self.matrix.shape[1] - self.rank
 
     @property
     def m(self):
@@ -128,7 +130,7 @@ class SelfStress:
         Example:
             >>> structure, _ = jc.scenes.simplex()
             >>> found = jc.forms.self_stress(structure)
-            >>> found.unbalanced(found.tensions[0]) < 1e-12
+            >>> found.unbalanced(jax.tree.map(lambda own: own[0], found.tensions)) < 1e-12
             True
         """
         tension = self._row(tension)
@@ -149,12 +151,14 @@ class SelfStress:
         Example:
             >>> structure, _ = jc.scenes.simplex()
             >>> found = jc.forms.self_stress(structure)
-            >>> tension = found.tensions[0] * np.sign(found.tensions[0, 9])  # verticals taut
+            >>> taut = np.sign(found.tensions["verticals"][0, 0])
+            >>> tension = jax.tree.map(lambda own: taut * own[0], found.tensions)
             >>> (found.mechanism_stiffness(tension) > 0).tolist()
             [True]
         """
-        density = self._row(tension) / self.length
-        joins = incidence(self.links, self.mechanisms.shape[1])
+        density = self._densities(tension)
+        links, _ = members(self.structure)
+        joins = incidence(links, self.mechanisms.shape[1])
         apart = np.einsum("en,mnk->mek", joins, self.mechanisms)
         return np.linalg.eigvalsh(np.einsum("mek,e,nek->mn", apart, density, apart))
 
@@ -171,12 +175,17 @@ class SelfStress:
         Example:
             >>> structure, _ = jc.scenes.simplex()
             >>> found = jc.forms.self_stress(structure)
-            >>> tension = found.tensions[0] * np.sign(found.tensions[0, 9])  # verticals taut
-            >>> found.stiffens(tension), found.stiffens(-tension)
+            >>> taut = np.sign(found.tensions["verticals"][0, 0])
+            >>> tension = jax.tree.map(lambda own: taut * own[0], found.tensions)
+            >>> found.stiffens(tension), found.stiffens(jax.tree.map(np.negative, tension))
             (True, False)
         """
-        density = np.abs(self._row(tension) / self.length).max()
+        density = np.abs(self._densities(tension)).max()
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
+
+    def _densities(self, tension):
+        length = np.concatenate([np.asarray(own) for own in jax.tree.leaves(self.length)])
+        return self._row(tension) / length
 
     def _row(self, tension):
         return np.asarray(in_a_row(self.structure, tension, "tension"), float)
@@ -225,16 +234,16 @@ def self_stress(structure, tol=None):
     if len(rigid):  # rigid motions have no elongation: what is left of the space beside them
         idle = _complement(idle, rigid)
     return SelfStress(
-        tensions=states,
-        force_densities=states / length,
+        tensions=arranged(structure, states),
+        force_densities=arranged(structure, states / length),
         mechanisms=_full(idle, free),
         rigid=_full(rigid, free),
         singular_values=values,
         rank=rank,
         matrix=matrix,
-        length=length,
-        tension_only=cable,
-        links=links,
+        length=arranged(structure, length),
+        tension_only=arranged(structure, cable),
+        links=structure.arrange([group.links.array for group in structure.groups]),
         structure=structure,
     )
 

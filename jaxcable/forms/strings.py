@@ -42,7 +42,7 @@ class Strings:
     inner = ()
     n_inner_row = 0
     rising = True
-    breaks = remembers = shaped_by_load = False
+    breaks = remembers = shaped_by_load = slides = False
     rounding = None
 
     def properties(self):
@@ -52,6 +52,10 @@ class Strings:
     def chord(self, ends):
         """Length between the ends, [n_elem], m."""
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+
+    def convex(self, state):
+        """Whether all forces are known to be tensions."""
+        return self.tension_only
 
     def softened(self, compliance):
         """Itself: a held force has no stiffness to soften."""
@@ -66,6 +70,10 @@ class Strings:
         change = stretch(ends, motion)[2]
         gap = state.excess + change
         return state.force * change + 0.5 * state.stiffness * gap**2
+
+    def at_kink(self, state, ends, motion):
+        """Its force has no kink."""
+        return jnp.zeros((), bool)
 
     def is_slack(self, state, ends, motion):
         """Whether it holds nothing at all."""

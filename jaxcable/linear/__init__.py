@@ -5,6 +5,7 @@ A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the sam
 
 import jax.numpy as jnp
 
+from .._tree import copy
 from . import dense, sparse
 from .bordered import solve_bordered
 from .choice import check, is_dense
@@ -23,17 +24,19 @@ __all__ = [
     "check",
     "diagonal",
     "factorize",
+    "is_definite",
     "is_dense",
     "is_symmetric",
     "make_pattern",
     "no_memory",
     "or_identity",
+    "or_nan",
     "plus_diagonal",
     "plus_entry",
     "solve_bordered",
-    "solve_built",
     "solve_definite",
     "solve_general",
+    "solve_marked",
     "solve_next",
     "spectrum",
 ]
@@ -65,6 +68,14 @@ def or_identity(matrix, valid):
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 
+def or_nan(matrix, defined):
+    """A matrix where `defined`, else NaN: it will count as singular."""
+    factor = jnp.where(defined, 1.0, jnp.nan)
+    if isinstance(matrix, Sparse):
+        return copy(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
+    return matrix * factor.astype(matrix.dtype)
+
+
 def factorize(matrix, loose=None):
     """A general (indefinite or unsymmetric) matrix [n, n], ready to solve with.
 
@@ -80,33 +91,47 @@ def factorize(matrix, loose=None):
     return dense.factorize(matrix, loose)
 
 
-def solve_built(build, rhs, matvec, memory=None, tol=0.0, limit=0):
+def solve_marked(build, rhs, matvec, memory=None, tol=0.0, limit=0):
     """Solve with a general matrix that is assembled by ``build() -> (matrix, loose)``.
 
-    The same as ``factorize(*build()).solve(rhs, matvec)``. But where matrices are sparse, nothing
-    is assembled in a program that in the end does not solve; and a positive semidefinite one that
-    is near to a matrix factorised before is solved by conjugate gradients. These do not see that a
-    matrix is singular in a direction that the right side does not touch: there the answer is finite
-    where a factorisation would make it NaN.
+    Like ``factorize(*build()).solve(rhs, matvec)``, but what has no value is zero in the solution
+    and NaN in a mark beside it. Where matrices are sparse, nothing is assembled in a program that
+    in the end does not solve; and a positive semidefinite one that is near to a matrix factorised
+    before is solved by conjugate gradients. These do not see that a matrix is singular in a
+    direction that the right side does not touch: there the answer is finite where a factorisation
+    would make it NaN.
 
     Args:
         build: function without arguments.
-        rhs: [n].
-        matvec: the linear function that derivatives of the solve go through.
+        rhs: [2 n], that of the mark last, which is its own solution.
+        matvec: the linear function of solution and mark, [2 n] both, that derivatives of the solve
+            go through.
         memory: of `solve_next`.
         tol: residual that conjugate gradients may leave, relative to that of the start.
         limit: conjugate gradient steps that a factorisation is worth; 0 unless the matrix is
             known to be positive semidefinite.
     """
     if memory is None:
-        return factorize(*build()).solve(rhs, matvec)
-    return sparse.solve_built(build, rhs, matvec, memory, tol, limit)
+        factor = factorize(*build())
+        if isinstance(factor, Factor):
+            return factor.solve_marked(rhs, matvec)
+    return sparse.solve_marked(build, rhs, matvec, memory, tol, limit)
 
 
 def solve_general(matrix, rhs):
     """Solve with a general matrix: solution [n], and whether the matrix is regular."""
     factor = factorize(matrix)
     return factor.solve(rhs, lambda v: matrix @ v), factor.regular
+
+
+def is_definite(matrix):
+    """Whether a matrix has no eigenvalue below zero, as far as rounding tells; not differentiable.
+
+    Of an unsymmetric one: whether its symmetric part has none.
+    """
+    if isinstance(matrix, Sparse):
+        return sparse.is_definite(matrix)
+    return solve_definite(matrix, jnp.zeros(len(matrix), matrix.dtype))[1]
 
 
 def solve_next(matrix, rhs, memory, tol, limit, wanted):

@@ -57,21 +57,39 @@ class Factor:
         An adjoint that asks about one of these (right side not zero there) is all NaN.
         """
 
-        def back_substitute(b, trans):
-            b = jnp.where(self.loose, 0.0, b) / self.size
-            return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size
-
         def forward(_, b):
-            return jnp.where(self.loose | ~self.regular, jnp.nan, back_substitute(b, 0))
+            return jnp.where(self.loose | ~self.regular, jnp.nan, self._back_substitute(b, 0))
 
         def backward(_, b):
-            # not linear, on purpose: a loose unknown, or a singular phase on the way, that nobody
-            # asks about must not spoil the rest
-            asked = jnp.any((self.loose | ~self.regular) & (b != 0))
-            answer = jnp.where(self.regular, back_substitute(b, 1), 0.0)
-            return jnp.where(asked, jnp.nan, answer)
+            return self._transposed(b)
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
+
+    def solve_marked(self, rhs, matvec):
+        """See `linear.solve_marked`."""
+
+        def forward(_, both):
+            b, mark = jnp.split(both, 2)
+            unknown = self.loose | ~self.regular
+            answer = jnp.where(unknown, 0.0, self._back_substitute(b, 0))
+            return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
+
+        def backward(_, both):
+            b, mark = jnp.split(both, 2)
+            return jnp.concatenate([self._transposed(b), mark])
+
+        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
+
+    def _back_substitute(self, b, trans):
+        b = jnp.where(self.loose, 0.0, b) / self.size
+        return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size
+
+    def _transposed(self, b):
+        # not linear, on purpose: a loose unknown, or a singular phase on the way, that nobody
+        # asks about must not spoil the rest
+        asked = jnp.any((self.loose | ~self.regular) & (b != 0))
+        answer = jnp.where(self.regular, self._back_substitute(b, 1), 0.0)
+        return jnp.where(asked, jnp.nan, answer)
 
     def or_identity(self):
         """This factor, or that of the identity if the matrix is singular."""

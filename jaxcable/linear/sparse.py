@@ -141,6 +141,13 @@ def solve_next(matrix, rhs, memory, tol, limit, wanted):
     return x, definite, after
 
 
+def is_definite(matrix):
+    """See `linear.is_definite`; of an unsymmetric matrix whether its pivots are positive."""
+    zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
+    memory = no_memory(matrix.pattern, zero.dtype)
+    return solve_next(matrix, zero, memory, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
+
+
 @solve_next.def_vmap
 def _solve_batch(axis_size, mapped, *arguments):
     """A batch of systems of small bandwidth, in jax; others one after the other on the host."""
@@ -183,7 +190,16 @@ class SparseFactor:
 
     def solve(self, rhs, matvec):
         """Solve for `rhs` [n]; as `dense.Factor.solve`."""
-        return solve_built(lambda: (self.matrix, self.loose), rhs, matvec)
+
+        def build():
+            return self.matrix, self.loose
+
+        def both(found):
+            x, mark = jnp.split(found, 2)
+            return jnp.concatenate([matvec(x), mark])
+
+        x, mark = jnp.split(solve_marked(build, jnp.append(rhs, jnp.zeros_like(rhs)), both), 2)
+        return x + mark
 
     def or_identity(self):
         """This factor, or that of the identity if the matrix is singular."""
@@ -199,23 +215,26 @@ def factorize(matrix, loose=None):
     return SparseFactor(lax.stop_gradient(matrix), loose)
 
 
-def solve_built(build, rhs, matvec, memory=None, tol=0.0, limit=0):
-    """See `linear.solve_built`; the matrix is assembled where it is needed, in the solve itself."""
+def solve_marked(build, rhs, matvec, memory=None, tol=0.0, limit=0):
+    """See `linear.solve_marked`; assembled where it is needed, in the solve itself."""
 
-    def forward(_, b):
+    def forward(_, both):
+        b, mark = jnp.split(both, 2)
         matrix, loose = build()
         x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), False, memory, tol, limit)
-        return jnp.where(loose | ~regular, jnp.nan, x)
+        unknown = loose | ~regular
+        return jnp.concatenate([jnp.where(unknown, 0.0, x), jnp.where(unknown, jnp.nan, mark)])
 
     def asked(b):
-        # not linear, on purpose: see `dense.Factor.solve`
+        # not linear, on purpose: see `dense.Factor`
         matrix, loose = build()
         x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), True, memory, tol, limit)
         wrong = jnp.any((loose | ~regular) & (b != 0))
         return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
 
-    def backward(_, b):  # nothing is assembled for a phase that nobody asks about
-        return lax.cond(jnp.any(b != 0), asked, jnp.zeros_like, b)
+    def backward(_, both):  # nothing is assembled for a phase that nobody asks about
+        b, mark = jnp.split(both, 2)
+        return jnp.concatenate([lax.cond(jnp.any(b != 0), asked, jnp.zeros_like, b), mark])
 
     return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 

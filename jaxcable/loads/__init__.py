@@ -1,23 +1,24 @@
 """What acts on a structure in a phase, one kind a file.
 
 Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`along`), on areas
-(`areas`). Following loads turn with what they press on (`pressure`). Supports may be moved
-(`movement`). Loads of elements and areas go on acting in later phases; `combine` scales and adds
-load cases.
+(`areas`; `meshes` finds the faces of a net). Following loads turn with what they press on
+(`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on acting in later
+phases; `combine` scales and adds load cases.
 
 A load is a pytree class with ``check(structure)`` and ``scaled(factor)``, and one of
 
 - ``nodal_forces(shape, dtype)``, on nodes: it leaves freedoms that become fixed;
 - ``element_forces(groups, states, nodes, shape, dtype)``, dead, evaluated at every load factor, and
-  ``per_length(number, group, state, ends)``: what of it shapes the elements of a group, or None;
+  ``per_length(number, group, state, nodes)``: what of it shapes the elements of a group, or None;
 - ``following_forces(groups, states, nodes, moved)`` and ``following_blocks``, their derivatives;
-  ``touches(groups)``, the nodes that these couple;
+  ``touches(groups)``, the nodes that these couple; ``pressing(number, group)``, if it bends beams;
 - ``steps(shape, dtype)``, of supports.
 """
 
 from .along import LineLoads, SelfWeight
-from .areas import AreaLoads, net_faces
+from .areas import AreaLoads
 from .combine import combine
+from .meshes import net_faces
 from .movement import SupportMovement
 from .nodal import NodalLoads
 from .pressure import CablePressure, FacePressure

@@ -10,14 +10,16 @@ from .._tree import copy, pytree
 from .groups import chosen
 
 PER = ("unstressed", "initial", "projected")
+GEOMETRIES = ("input", "begun")
 
 
 @pytree
 class SelfWeight:
     """Self-weight of every group that has `weight`, half of each element to each end.
 
-    The weight is that of the current unstressed length; a jack leaves it as it was when it began to
-    pull, so that anchoring it moves nothing. Beams bend and catenaries hang under it.
+    The weight is that of the current unstressed length at the temperature before the first phase:
+    heat makes no mass. A jack leaves it as it was when it began to pull, so that anchoring it moves
+    nothing. Beams bend and catenaries hang under it.
 
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
@@ -64,19 +66,19 @@ class SelfWeight:
         total = jnp.zeros(shape[0], dtype)
         for group, state in zip(groups, states, strict=True):
             if group.weight is not None:
-                weight = group.weight * state.weighing
+                weight = group.weight * state.loaded
                 total = total.at[group.links].add(group.at_ends(weight, nodes[group.links]))
         return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
 
-    def per_length(self, number, group, state, ends):
+    def per_length(self, number, group, state, nodes):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
         if group.weight is None:
             return None
-        share = group.weight * state.weighing / state.rest_length
+        share = group.weight * state.loaded / state.rest_length
         return jnp.outer(share, self.direction)
 
 
-@pytree(static=("on", "per"))
+@pytree(static=("on", "per", "geometry"))
 class LineLoads:
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
@@ -87,16 +89,17 @@ class LineLoads:
         forces: force per length, [3], N/m.
         on: key of the loaded group in the structure's elements (a dict's key, a list's number);
             None loads all groups.
-        per: which length: "unstressed" (of the moment; of a jacked element that with which the jack
-            began, until it is anchored), "initial" (chord of the initial nodes), or "projected"
-            (the same as seen along the force: snow on a sloping cable, wind on a mast). A zero
-            force has no direction to look along, and no sensible derivative by itself: scale a
-            load with `factor`.
+        per: which length: "unstressed" (that which `SelfWeight` weighs, without heat and with what
+            a jack has taken in), "initial" (the chord), or "projected" (the chord as seen along the
+            force: snow on a sloping cable, wind on a mast). A zero force has no direction to look
+            along, and no sensible derivative by itself: scale a load with `factor`.
         factor: of the forces.
+        geometry: whose chords, "input", those of the structure's nodes, or "begun", those where the
+            phase that adds the load begins: the form after prestress. The load is dead in both.
 
     Raises:
-        ValueError: `forces` of the wrong shape, an unknown `per`; where a phase is analysed, a
-            group that the structure does not have.
+        ValueError: `forces` of the wrong shape, an unknown `per` or `geometry`, or "begun" for
+            unstressed lengths; where a phase is analysed, a group that the structure does not have.
 
     Example:
         Snow of 100 N per metre of plan on two cables that go 4 m each in plan:
@@ -114,6 +117,8 @@ class LineLoads:
     on: object = None
     per: str = "unstressed"
     factor: object = 1.0
+    geometry: str = "input"
+    begun: object = None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
 
     def __post_init__(self):
         forces = _check.floats(self.forces, "forces")
@@ -123,6 +128,7 @@ class LineLoads:
         object.__setattr__(self, "factor", _check.floats(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+        check_geometry(self.geometry, self.per)
 
     def check(self, structure):
         """Raise ValueError if the structure has no such group."""
@@ -130,7 +136,7 @@ class LineLoads:
 
     def among(self, structure):
         """The load with `on` turned into the numbers of its groups."""
-        return copy(self, on=chosen(self.on, structure))
+        return copy(self, on=chosen(self.on, structure), begun=room(self.geometry, structure))
 
     def scaled(self, factor):
         """The load times `factor`."""
@@ -141,9 +147,9 @@ class LineLoads:
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
             if number in self.on:
-                ends = nodes[group.links]
+                ends = self._ends(group, nodes)
                 if self.per == "unstressed":
-                    share = group.at_ends(state.rest_length, ends)
+                    share = group.at_ends(state.loaded, ends)
                 else:  # half of each piece to each of its ends
                     n_inner = group.n_inner_row
                     half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
@@ -152,15 +158,20 @@ class LineLoads:
                 total = total.at[group.links].add(share)
         return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
-    def per_length(self, number, group, state, ends):
+    def per_length(self, number, group, state, nodes):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
-        if number not in self.on:
+        if number not in self.on or (group.slides and self.per != "unstressed"):
             return None
-        share = jnp.ones_like(state.rest_length)
+        length = state.loaded
         if self.per != "unstressed":
+            ends = self._ends(group, nodes)
             own = ends[:, : ends.shape[1] - group.n_inner_row]
-            share = jnp.sum(self._pieces(own), axis=-1) / state.rest_length
-        return jnp.outer(share, self.factor * self.forces)
+            length = jnp.sum(self._pieces(own), axis=-1)
+        return jnp.outer(length / state.rest_length, self.factor * self.forces)
+
+    def _ends(self, group, nodes):
+        """Ends of a group's elements in the geometry that lengths are taken from."""
+        return (nodes if self.begun is None else self.begun)[group.links]
 
     def _pieces(self, ends):
         """Initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""
@@ -172,6 +183,25 @@ class LineLoads:
         square = jnp.sum(pieces**2, axis=-1)
         # a piece along the force has no projected length, and no derivative of it
         return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def check_geometry(geometry, per):
+    """Raise ValueError for an unknown geometry, and for one that lengths do not depend on."""
+    if geometry not in GEOMETRIES:
+        raise ValueError(f"geometry = {geometry!r}: expected one of {', '.join(GEOMETRIES)}")
+    if geometry == "begun" and per == "unstressed":
+        raise ValueError(
+            'geometry = "begun": unstressed lengths have no geometry; give per="initial" or '
+            '"projected"'
+        )
+
+
+def room(geometry, structure):
+    """Room for the nodes where a phase begins, [n_row, 3], or None where the input counts."""
+    if geometry == "input":
+        return None
+    rows = structure.rows()[0]
+    return jnp.zeros((structure.n_node if rows is None else len(rows), 3))
 
 
 def padded(forces, shape):

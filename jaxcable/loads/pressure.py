@@ -1,4 +1,4 @@
-"""Pressure that follows what it presses on: cables, and faces of a net.
+"""Pressure that follows what it presses on: cables, beams, and faces of a net.
 
 Their forces depend on where the nodes are, so that their derivative belongs to the tangent; it is
 taken by automatic differentiation. The assembled derivative is symmetric where the loads derive
@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from .. import _check
-from .._tree import copy, pytree
+from .._rules import Rule, refuse
+from .._tree import Indices, copy, pytree
 from . import faces as _faces
 from .groups import chosen
 
@@ -18,19 +19,23 @@ PER = ("current", "unstressed")
 
 @pytree(static=("on", "per"))
 class CablePressure:
-    """Follower pressure on cables, across them and across an axis.
+    """Follower pressure on cables, bars and beams, across them and across an axis.
 
     ``axis x d`` of a cable with chord ``d`` is the area vector of a strip of width 1 that the axis
     spans along the cable: a cable in a plane with the axis as its normal is pressed along its
     normal, and its equilibrium under pressure alone is a circle. Half of an element's force goes to
-    each end. Like all loads of elements it goes on acting, and following, in later phases.
+    each end. Beams get its work on their deflection as well, as with `LineLoads`: it bends them
+    between their nodes. The force on a chord is that on any arc between the same ends, and so is
+    its moment, per current length, so that the places of the nodes of a bent beam converge at the
+    fourth order in its pieces. Like all loads of elements it goes on acting, and following, in
+    later phases.
 
     Args:
         pressure: force per length, N/m, scalar, or [n_elem] of the one group that `on` names.
             Positive along ``axis x d``.
         axis: direction, [3], of any length.
         on: key of the loaded group in the structure's elements (a dict's key, a list's number);
-            None loads all groups. They must be groups of cables or bars.
+            None loads all groups. They must be groups of cables, bars or beams.
         per: "current" length (as seen along the axis), or "unstressed": then it keeps its
             magnitude and only turns, which has no potential.
 
@@ -59,10 +64,8 @@ class CablePressure:
         axis = _check.floats(self.axis, "axis")
         if axis.shape != (3,):
             raise ValueError(f"axis: expected shape (3,), got {axis.shape}")
-        value = _check.concrete(axis)
-        if value is not None and (value == 0).all():
-            raise ValueError("axis: is zero; give the normal of the plane in which the cable bends")
         object.__setattr__(self, "axis", axis)
+        refuse(self.rules())
         pressure = _check.floats(self.pressure, "pressure")
         if pressure.ndim > 1:
             raise ValueError(f"pressure: expected a scalar or [n_elem], got {pressure.shape}")
@@ -70,15 +73,20 @@ class CablePressure:
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
 
+    def rules(self):
+        """What its numbers keep, see `_rules`."""
+        text = "is zero; give the normal of the plane in which the cable bends"
+        return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
+
     def check(self, structure):
         """Raise ValueError if a loaded group cannot be pressed."""
         numbers = chosen(self.on, structure)
         for number in numbers:
             group = structure.groups[number]
-            if group.links.shape[1] != 2 or group.shaped_by_load:
+            if group.links.shape[1] != 2 or (group.shaped_by_load and group.n_freedom == 3):
                 raise ValueError(
                     f"on = {self.on!r}: a group of {type(group).__name__} cannot be pressed; "
-                    "only cables and bars of two nodes"
+                    "only cables and bars of two nodes, and beams"
                 )
             if self.pressure.shape not in ((), (len(group.links),)):
                 raise ValueError(
@@ -96,14 +104,27 @@ class CablePressure:
 
     def touches(self, groups):
         """Nodes whose forces depend on each other, a list of [n, 2]."""
-        return [groups[number].links for number in self.on]
+        return [Indices(groups[number].links.array[:, :2]) for number in self.on]
+
+    def pressing(self, number, group):
+        """What of it bends the elements of a group: per, pressure [n_elem], axes [n_elem, 3].
+
+        None if it does not act on the group, or on one that has no deflection.
+        """
+        if number not in self.on or group.n_freedom == 3:
+            return None
+        count = len(group.links)
+        axis = self.axis / _length(self.axis)
+        pressure = jnp.broadcast_to(self.pressure, (count,))
+        return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _parts(self, groups, states, moved):
         """Per group: ends [n, 2, 3] of moved nodes, and their force as a function of them."""
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
-            yield moved[group.links], (pressure, state.rest_length), group.links
+            links = group.links[:, :2]  # not the inner numbers of beams
+            yield moved[links], (pressure, state.rest_length), links
 
     def _force(self, ends, numbers):
         """Force at the two ends, [2, 3], N, of one element."""
@@ -144,7 +165,7 @@ class FacePressure:
         Snow, and wind that lifts, on a net with a level border that spans 1.12 m2 in plan:
 
         >>> structure, _ = jc.scenes.flat_net()
-        >>> faces = jc.net_faces(structure.nodes, structure.elements.links)
+        >>> faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
         >>> snow, wind = jc.AreaLoads(faces, (0.0, 0.0, -1000.0)), jc.FacePressure(faces, 400.0)
         >>> solution = jc.solve(structure, jc.Phase(pretension=200.0, loads=[snow, wind]))
         >>> print(f"{jc.describe(solution.status)}: {solution.load[:, 2].sum():.3f} N")

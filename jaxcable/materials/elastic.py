@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from .. import _check
+from .._rules import positive, refuse
 from .._tree import copy, pytree
 
 
@@ -34,8 +35,12 @@ class Elastic:
         E = _check.floats(self.E, "E")
         if E.shape != ():
             raise ValueError(f"E: expected a scalar (a group shares its law), got shape {E.shape}")
-        _check.require(E, lambda v: v > 0, "E", "Young's modulus must be positive")
         object.__setattr__(self, "E", E)
+        refuse(self.rules())
+
+    def rules(self):
+        """What its number keeps, see `_rules`."""
+        return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property
     def modulus(self):

@@ -18,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import refuse
 from .._tree import copy, pytree
+from . import points
 from .inverse import inverse
-
-_SAME = 1e-9  # relative difference up to which two stated numbers count as one
 
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_plastic"))
@@ -79,14 +79,12 @@ class Polygonal:
             raise ValueError(f"stress: expected shape {strain.shape} as strain, got {stress.shape}")
         if self.unloading not in ("reversible", "elastic"):
             raise ValueError(f'unloading = {self.unloading!r}: expected "reversible" or "elastic"')
+        refuse(points.rules(strain, stress, self.unloading))
         e, s = _check.concrete(strain), _check.concrete(stress)
         if e is not None:
-            _check_strain(e)
+            points.suspect(e)
             if s is not None:
-                e, s, inserted = _through_origin(e, s)
-                _check_stress(e, s, self.unloading)
-                if inserted:
-                    strain, stress = e, s
+                strain, stress = e, s = points.with_origin(e, s)
         put = object.__setattr__
         put(self, "strain", strain)
         put(self, "stress", stress)
@@ -101,6 +99,10 @@ class Polygonal:
             n_corner = 0
         if self.n_plastic is None:
             put(self, "n_plastic", int(n_corner))
+
+    def rules(self):
+        """What its points keep, see `_rules`."""
+        return points.rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve
 
@@ -285,67 +287,3 @@ class Polygonal:
 def _row(values, like):
     """`values` [n] on the last axis of something like `like`."""
     return values.reshape((1,) * (like.ndim - 1) + (-1,))
-
-
-def _check_strain(e):
-    if np.isinf(e).any():
-        k = int(np.isinf(e).argmax())
-        raise ValueError(f"strain[{k}] = {e[k]}: must be finite")
-    if not (np.isnan(e).any() or (np.diff(e) > 0).all()):
-        k = int(np.argmax(np.diff(e) <= 0)) + 1
-        raise ValueError(f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}")
-    if e[0] > 0 or e[-1] <= 0:
-        raise ValueError(f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin")
-    if np.abs(e).max() > 1:
-        k = int(np.abs(e).argmax())
-        _check.suspect(f"strain[{k}] = {e[k]:.6g}: more than 1; it is a ratio, not a percentage")
-
-
-def _through_origin(e, s):
-    """The points with the origin among them (put in if a segment passes it), and whether it was."""
-    scale = np.abs(s).max()
-    zero = e == 0
-    if zero.any():
-        k = int(zero.argmax())
-        if abs(s[k]) > 0:
-            raise ValueError(f"stress[{k}] = {s[k]}: at zero strain the stress must be zero")
-        return e, s, False
-    if not abs(np.interp(0.0, e, s)) <= _SAME * scale:
-        raise ValueError(
-            f"stress: the curve has {np.interp(0.0, e, s):.6g} Pa at zero strain; it must pass the "
-            "origin"
-        )
-    k = int(np.searchsorted(e, 0.0))
-    return np.insert(e, k, 0.0), np.insert(s, k, 0.0), True
-
-
-def _check_stress(e, s, unloading):
-    if np.isnan(e).any() or np.isnan(s).any():
-        return  # becomes a status of the analysis
-    slopes, corners = np.diff(s) / np.diff(e), e[1:-1]
-    zero = int(np.flatnonzero(e == 0)[0])
-    for k in {zero, max(zero - 1, 0)}:
-        if slopes[k] <= 0:
-            raise ValueError(
-                f"stress: the slope at the origin, {slopes[k]:.6g} Pa, must be positive"
-            )
-    for k in np.flatnonzero(s * e < 0):
-        raise ValueError(f"stress[{k}] = {s[k]}: of the other sign than its strain, {e[k]}")
-    if unloading == "reversible":
-        return
-    size = slopes.max()
-    drops = np.diff(slopes) * np.where(corners > 0, -1, 1)
-    bad = (drops < -_SAME * size) & (corners != 0)
-    if bad.any() or (slopes < -_SAME * size).any():
-        k = int(bad.argmax()) + 1 if bad.any() else int((slopes < 0).argmax())
-        raise ValueError(
-            f"stress[{k}]: elastic unloading needs a concave curve: slopes that fall away from the "
-            'origin and not below zero; use unloading="reversible"'
-        )
-    pull, push = slopes[zero:], slopes[:zero][::-1]
-    for k, (a, b) in enumerate(zip(pull, push, strict=False)):
-        if abs(a - b) > 1e-6 * size:  # slopes of stated points have rounding in them
-            raise ValueError(
-                f"stress: elastic unloading needs equal slopes in tension and compression; "
-                f"segment {k} from the origin has {a:.6g} and {b:.6g} Pa"
-            )

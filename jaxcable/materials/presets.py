@@ -3,6 +3,7 @@
 import numpy as np
 
 from .. import _check
+from .._rules import positive, refuse
 from .polygonal import Polygonal
 
 
@@ -93,4 +94,4 @@ def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible
 
 def _positive(**numbers):
     for name, value in numbers.items():
-        _check.require(_check.floats(value, name), lambda v: v > 0, name, "must be positive")
+        refuse([positive(name, _check.floats(value, name))])

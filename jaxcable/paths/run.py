@@ -1,5 +1,6 @@
 """What a continuation carries from step to step."""
 
+from .._rules import Rule
 from .._tree import pytree
 
 
@@ -13,6 +14,20 @@ class Settings:
     largest: object
     tol: object
     through: object
+
+    def rules(self):
+        """What they keep, see `_rules`; a NaN keeps none, and the path would have no end."""
+        text = "must be positive; the path starts at 0"
+        below = "must be negative; the path starts at 0"
+        steps = [
+            Rule(name, getattr(self, name), lambda v: ~(v > 0), "must be positive")
+            for name in ("step", "largest", "tol")
+        ]
+        return [
+            Rule("until", self.until, lambda v: ~(v > 0), text),
+            Rule("down_to", self.down_to, lambda v: ~(v < 0), below),
+            *steps,
+        ]
 
 
 @pytree

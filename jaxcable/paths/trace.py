@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import _check, implicit
+from .. import implicit, status
+from .._rules import refuse
 from .._tree import copy, fill
 from ..equilibrium import Newton
-from ..preparation import as_phases, prepare, ready
+from ..preparation import as_phases, prepare, ready, verdicts
 from ..ramp import Ramp
 from ..results import on_nodes, with_peaks
 from ..solver import solve
@@ -122,21 +123,21 @@ def _settings(structure, until, down_to, step, largest, tol, through):
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
-    _check.require(until, lambda v: v > 0, "until", "must be positive; the path starts at 0")
-    _check.require(down_to, lambda v: v < 0, "down_to", "must be negative; the path starts at 0")
-    for name, value in (("step", step), ("largest", largest), ("tol", tol)):
-        _check.require(value, lambda v: v > 0, name, "must be positive")
-    numbers = [jnp.asarray(v, dtype) for v in (until, down_to, step, largest)]
-    # a bracket cannot be closer than neighbouring numbers allow
-    tol = jnp.maximum(jnp.asarray(tol, dtype) * numbers[2], 64 * jnp.finfo(dtype).eps)
-    return Settings(*numbers, tol, jnp.asarray(through, bool))
+    numbers = until, down_to, step, largest, tol
+    refuse(Settings(*numbers, through).rules())
+    return Settings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
 @functools.partial(jax.jit, static_argnames=("room",))
 def _trace(thawed, arrays, method, settings, code, room):
     """The compiled core: path and events with room to spare, and the numbers of both."""
     parameters = fill(thawed, arrays)
+    _, (verdict,) = verdicts(parameters, method, settings)
+    code = status.first_failure(code, verdict)
     nodes, groups, carry, (data,) = ready(parameters)
+    # a bracket cannot be closer than neighbouring numbers allow
+    closest = 64 * jnp.finfo(settings.tol.dtype).eps
+    settings = copy(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
     problem = nodes, groups, carry, data
     ramp = Ramp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))

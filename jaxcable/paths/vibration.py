@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check, linear
+from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
 from ..assembly import each
 from ..elements.prestress import element
@@ -103,10 +104,10 @@ def natural_frequencies(
         raise ValueError(
             f"distribution = {distribution!r}: expected one of {', '.join(map(repr, _SHARES))}"
         )
-    _check.require(gravity, lambda v: v > 0, "gravity", "must be positive")
+    gravity = or_nan(positive("gravity", gravity))
     if masses is not None:
         masses = jnp.broadcast_to(_check.floats(masses, "masses"), structure.n_node)
-        _check.require(masses, lambda v: v >= 0, "masses", "must not be negative")
+        masses = or_nan(not_negative("masses", masses))
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     heavy = np.zeros(structure.n_node, bool)
     for group in structure.groups:
@@ -160,7 +161,17 @@ def _mass(thawed, arrays, freedoms, gravity, distribution):
     parts = [pair for pair in zip(blocks, system.groups, strict=True) if pair[0] is not None]
     if not parts:
         return jnp.zeros((len(freedoms.free),) * 2, nodes.dtype)
-    return system.assembled(parts, system.unknowns(carry.motion))
+    return _assembled(system, parts, carry.motion)
+
+
+def _assembled(system, parts, motion):
+    """A matrix as the tangent of other element matrices, a list of ([n_elem, d, d], group)."""
+    scaled = system.turning and system._slopes(motion) is None
+    placed = []
+    for blocks, group in parts:
+        own = system._scaled(blocks, group, group.links.shape[1]) if scaled else blocks
+        placed.append(system._part(own, group.links, group.n_freedom, motion, group.inner))
+    return system._assemble(placed)
 
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
@@ -172,7 +183,7 @@ def _blocks(thawed, arrays, gravity, distribution):
     for group, state in zip(system.groups, system.states, strict=True):
         blocks = None
         if getattr(group, "weight", None) is not None:
-            whole = group.weight * state.weighing / gravity
+            whole = group.weight * state.loaded / gravity
             if group.n_freedom == 6:
                 blocks = _of_beams(system, group, state, carry.motion, whole, distribution)
             else:
@@ -225,7 +236,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         system = make_system(nodes, groups, carry, None, None)
         tension = each("tension", group, system.states[number], nodes, carry.motion)
         # a taut string's, m l of whose mass is between the ends: exact across a shallow one
-        whole = group.weight * state.weighing / gravity
+        whole = group.weight * state.loaded / gravity
         own = jnp.sqrt(tension / jnp.where(whole > 0, whole, jnp.nan) / state.rest_length) / 2
         own = _check.concrete(own)
         if own is None:

@@ -66,8 +66,10 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
 
     forces = Forces(state.tension, structure, colour, state.peak_tension)
     stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
+    unstable = [", unstable" if _unstable(phase) else "" for phase in solution.phases]
+    own = "" if stopped or number < 0 else unstable[number]
     if number < 1:  # a single phase: both pictures are of its end
-        name = f"After phase 1{stopped}" if number == 0 else "Start"
+        name = f"After phase 1{stopped}{own}" if number == 0 else "Start"
         factor = factor(begin)
         moved = begin + factor * (end - begin)
         stages = [
@@ -76,16 +78,21 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
         ]
         return pieces(solution.links)[:2], stages, state
     middle = np.asarray(first.positions)
-    name = f"Phase {number + 1}{stopped}" if stopped else "After loading"
+    name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{own}"
     factor = factor(middle)
     before = Forces(first.tension, structure, colour, first.peak_tension)
     stages = [
-        Stage("Before loading", middle, begin, before, fixed(0)),
+        Stage(f"Before loading{unstable[0]}", middle, begin, before, fixed(0)),
         Stage(
             name + _times(factor), middle + factor * (end - middle), middle, forces, fixed(number)
         ),
     ]
     return pieces(solution.links)[:2], stages, state
+
+
+def _unstable(phase):
+    """Whether a phase has ended in an unstable equilibrium."""
+    return int(phase.status) == 0 and not bool(phase.stable)
 
 
 def check(solution, structure, colour):

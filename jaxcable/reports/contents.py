@@ -81,7 +81,7 @@ def equilibrium(structure, state):
     notes.append(
         f"forces out of balance: {apart:.1e} N, {apart / size if size else 0.0:.1e} of all forces"
     )
-    if not any(group.shaped_by_load for group in structure.groups):
+    if not any(group.shaped_by_load and not group.slides for group in structure.groups):
         moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
         span = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
         apart = np.abs(moment).max()
@@ -179,17 +179,15 @@ def _turn(before, after):
     return float(np.arctan2(sine, (first * second).sum(axis=1)).max())
 
 
-def cutting_list(structure, solution, phases):
-    """Unstressed lengths at the reference temperature."""
+def cutting_list(structure, solution):
+    """Unstressed lengths at the temperature before the first phase."""
     lengths = per_group(structure, solution.last.rest_length)
-    notes = []
-    warm = [g for g in structure.groups if getattr(g, "expansion", None) is not None]
-    if phases is not None:
-        factors = _warmth(structure, solution, phases)
-        lengths = [length / factor for length, factor in zip(lengths, factors, strict=True)]
-        notes.append("at the temperature before the first phase")
-    elif warm:
-        notes.append("at the temperature of the end; give the phases for the reference temperature")
+    warmth = [state.warmth for state in solution.last.carry.states]
+    lengths = [
+        np.asarray(length) if warm is None else np.asarray(length) / np.asarray(warm)
+        for length, warm in zip(lengths, warmth, strict=True)
+    ]
+    notes = ["at the temperature before the first phase"]
     rows = []
     for (label, group), length in zip(groups_by_name(structure), lengths, strict=True):
         ends = first_and_last(group).tolist()
@@ -199,21 +197,6 @@ def cutting_list(structure, solution, phases):
         )
     columns = ("group", "element", "first", "last", "unstressed length")
     return Table("Cutting list", columns, ("", "", "", "", "m"), rows, tuple(notes))
-
-
-def _warmth(structure, solution, phases):
-    """How much longer the elements are than at the reference temperature, a factor per group."""
-    factors = [np.ones(len(group.links)) for group in structure.groups]
-    reached, part = int(solution.last.phase), float(solution.last.load_factor)
-    for number, phase in enumerate(phases):
-        share = 1.0 if number < reached else part if number == reached else 0.0
-        for k, (stated, group) in enumerate(
-            zip(phase.inputs(structure), structure.groups, strict=True)
-        ):
-            if "temperature" in stated:
-                change = np.asarray(group.expansion) * np.asarray(stated["temperature"].values)
-                factors[k] = factors[k] * (1 + share * change)
-    return factors
 
 
 def slack(structure, states):

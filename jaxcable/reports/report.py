@@ -101,8 +101,8 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
     Args:
         structure: `Structure` that was analysed.
         solution: its `Solution`; of a failed one the last converged state is reported, and said so.
-        phases: the phases of the analysis; they say which temperatures the unstressed lengths are
-            to be freed of (the reference is the temperature before the first phase).
+        phases: the phases of the analysis, as many as the solution has. Unstressed lengths are
+            given at the temperature before the first of all phases with and without them.
         cases: `Solution` with a leading axis [n_case], as of `design.solve_cases`: the envelopes
             are over these, otherwise over the ends of the phases. Failed cases are named and left
             out.
@@ -145,7 +145,7 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
         "reactions": contents.reactions(structure, state, _reached(state), states),
         "equilibrium": contents.equilibrium(structure, state),
         "members": contents.members(structure, state, states),
-        "cutting_list": contents.cutting_list(structure, solution, phases),
+        "cutting_list": contents.cutting_list(structure, solution),
         "slack": contents.slack(structure, {**at_end, **states}),
         "loose": contents.loose(structure, {**at_end, **states}),
     }
@@ -205,6 +205,11 @@ def _summary(structure, solution, failed):
                 f", residual {float(path.residual[k]):.1e} N, "
                 f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
                 f"{int(path.n_slack[k])} slack"
+            )
+        if int(phase.status) == status.OK and not bool(phase.stable):
+            text += (
+                "; UNSTABLE at its end: the tangent stiffness (under moments and following loads "
+                "its symmetric part) has a negative eigenvalue"
             )
         lines.append(text)
     if code != status.OK:

@@ -60,9 +60,9 @@ def simplex(
     Example:
         >>> structure, phases = jc.scenes.simplex()
         >>> found = jc.forms.self_stress(structure)
-        >>> q = found.force_densities[0] / found.force_densities[0, 9]
-        >>> print(found.m, np.round(q[[0, 3, 9]], 6))  # struts, triangles, verticals
-        1 [-1.       0.57735  1.     ]
+        >>> density = {kind: own[0, 0] for kind, own in found.force_densities.items()}
+        >>> print({kind: round(float(q / density["verticals"]), 6) for kind, q in density.items()})
+        {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
     for name, value in (("radius", radius), ("height", height), ("pretension", pretension)):
         if not value > 0:

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import or_nan, positive
 from .arrays import concatenate, stack
 from .torsion import are_round
 
@@ -92,8 +93,7 @@ def _stated(torsion, n_law):
             f"torsion: expected {'a scalar' if n_law == 1 else f'shape ({n_law},)'}, one constant "
             f"per law, got shape {torsion.shape}"
         )
-    _check.require(torsion, lambda v: v > 0, "torsion", "must be positive")
-    return torsion.reshape(n_law)
+    return or_nan(positive("torsion", torsion)).reshape(n_law)
 
 
 def _summed(sections, parts, kinds):

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import positive, refuse
 from .._tree import Indices, copy, pytree
 from ..materials import Elastic, Parallel
 from . import capacity, composites, geometry, shapes, strains
@@ -73,7 +74,7 @@ class Section:
             if value.ndim != 1 or len(value) != len(self.y) or len(value) == 0:
                 raise ValueError(f"{name}: expected shape [n_fibre] as y, got {value.shape}")
             put(self, name, value)
-        _check.require(self.area, lambda v: v > 0, "area", "a fibre's area must be positive")
+        refuse(self.rules())
         if self.own is not None:
             put(self, "own", _check.floats(self.own, "own"))
             if self.own.shape != (self.n_fibre, 3):
@@ -90,6 +91,10 @@ class Section:
             if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
                 raise ValueError(f"cells: expected four of {count} points for every fibre")
             put(self, "cells", Indices(cells))
+
+    def rules(self):
+        """What its numbers keep, see `_rules`; its laws have their own."""
+        return [positive("area", self.area, "a fibre's area must be positive")]
 
     # --- shapes
 

@@ -7,6 +7,7 @@ to a diameter or a width exist.
 import numpy as np
 
 from .. import _check
+from .._rules import Rule, or_nan, positive
 from . import meshes, outlines
 from .arrays import stack
 from .composites import composite
@@ -36,9 +37,9 @@ def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
         >>> print(f"{1e4 * section.total_area:.3f} cm2")  # pi d^2 / 4
         19.635 cm2
     """
-    _positive(diameter, "diameter")
+    diameter = _positive(diameter, "diameter")
     points, quads = meshes.disc(*_shape(shape))
-    diameter, inertia = _float(diameter), np.pi / 64 * _float(diameter) ** 4
+    inertia = np.pi / 64 * diameter**4
     quads = _cells(quads, cells)
     return _from_mesh(diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
 
@@ -64,10 +65,8 @@ def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
         >>> print(f"{section.n_fibre} fibres, {1e4 * section.total_area:.1f} cm2")  # pi t (d - t)
         48 fibres, 109.9 cm2
     """
-    _positive(diameter, "diameter")
-    _positive(thickness, "thickness")
-    diameter, thickness = _float(diameter), _float(thickness)
-    _check.require(2 * thickness - diameter, lambda v: v < 0, "thickness", "twice is too thick")
+    diameter, thickness = _positive(diameter, "diameter"), _positive(thickness, "thickness")
+    thickness = _within(thickness, 2 * thickness >= diameter, "thickness", "twice is too thick")
     place, direction, quads = meshes.ring(*_shape(shape, (1, 3)))
     inner = diameter / 2 - thickness
     points = (inner + place * thickness)[:, None] * direction
@@ -98,9 +97,7 @@ def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
         >>> print(f"{section.n_fibre} fibres, {1e4 * section.total_area:.1f} cm2")
         50 fibres, 200.0 cm2
     """
-    _positive(width, "width")
-    _positive(height, "height")
-    width, height = _float(width), _float(height)
+    width, height = _positive(width, "width"), _positive(height, "height")
     points, quads = meshes.square(*_shape(shape))
     points = points * stack(width / 2, height / 2)[None, :]
     return _from_mesh(points, _cells(quads, cells), law, rectangle_torsion(width, height))
@@ -132,11 +129,10 @@ def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
         >>> print(f"{1e4 * section.total_area:.3f} cm2")  # 2 b t_f + (h - 2 t_f) t_w
         27.248 cm2
     """
-    for name, value in {"height": height, "width": width, "web": web, "flange": flange}.items():
-        _positive(value, name)
-    height, width, web, flange = (_float(v) for v in (height, width, web, flange))
-    _check.require(2 * flange - height, lambda v: v < 0, "flange", "twice is too thick")
-    _check.require(web - width, lambda v: v <= 0, "web", "wider than the flange")
+    numbers = {"height": height, "width": width, "web": web, "flange": flange}
+    height, width, web, flange = (_positive(value, name) for name, value in numbers.items())
+    flange = _within(flange, 2 * flange >= height, "flange", "twice is too thick")
+    web = _within(web, web > width, "web", "wider than the flange")
     along, through, tall = _shape(shape, (1, 1, 1))
     top = rectangle(width, flange, law, (along, through))
     middle = rectangle(web, height - 2 * flange, law, (max(1, through), tall))
@@ -273,7 +269,13 @@ def _shape(shape, least=(1, 1)):
 
 
 def _positive(value, name):
-    _check.require(_check.floats(value, name), lambda v: v > 0, name, "must be positive")
+    """A dimension as a float: refused if it is not positive, NaN if that is traced."""
+    return _float(or_nan(positive(name, _check.floats(value, name))))
+
+
+def _within(value, broken, name, text):
+    """A dimension: refused where it is `broken`, NaN where that is traced."""
+    return _float(or_nan(Rule(name, (value, broken), lambda _, broken: broken, text)))
 
 
 def _float(value):

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
+from .._rules import or_nan, positive
 from . import outlines
 
 
@@ -62,7 +63,7 @@ def bredt_torsion(points, thickness):
             f"thickness: expected a scalar or shape ({len(points)},), one value per wall, "
             f"got shape {thickness.shape}"
         )
-    _check.require(thickness, lambda v: v > 0, "thickness", "must be positive")
+    thickness = or_nan(positive("thickness", thickness))
     known = _check.concrete(points)
     if known is not None and np.isfinite(known).all() and (text := outlines.crossed(known)):
         raise ValueError(text)

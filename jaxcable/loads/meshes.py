@@ -1,0 +1,282 @@
+"""Faces of a net as seen in plan: its meshes, and what lies between free ends at its border."""
+
+import itertools
+
+import numpy as np
+
+from .. import _check
+
+BORDERS = (None, "ends", "links")
+STRAIGHT = 45.0
+"""Degrees by which one cable turns at most from piece to piece; from there on it is a corner."""
+
+_NOTHING = 1e-12
+"""Area, over the square of the net's size, of faces that are lines."""
+
+
+def net_faces(nodes, links, largest=4, border=None):
+    """Faces of a net as seen in plan: its meshes, and those between free ends at its border.
+
+    The meshes of the planar graph that the links draw in the x-y plane, in anticlockwise order:
+    normals point up. Meshes of more than four corners, and those that are not convex, are split
+    into triangles.
+
+    Where links close the border nothing lies outside of them, whether it is convex or not. A net
+    without edge cables has free ends instead: nodes with one link. Its corners are these, and the
+    nodes where the way round it turns by 45 degrees or more as round a convex polygon. Between a
+    free end and the next corner the border is the convex hull of the nodes on that way, mostly a
+    straight line; but if the way is one cable, which nowhere turns by 45 degrees or more, it is an
+    edge cable and the border itself. Between corners that are no free ends the links are the
+    border. (A single free end has no other to go with, and changes nothing.) Parts of a net that no
+    link joins, cables side by side say, have the convex hull of all of them for a border if there
+    are free ends in more than one.
+
+    Args:
+        nodes: [n_node, 3], m.
+        links: of a two-way net whose links do not cross in plan, [n_elem, 2].
+        largest: corners up to which a mesh is one face, 3 or 4.
+        border: "links" for the meshes of links alone, "ends" for free ends as above; None is
+            "ends", and warns if lines that are no links enclose area.
+
+    Returns:
+        [n_face, 4] node numbers, triangles with their last node repeated; for `AreaLoads` and
+        `FacePressure`.
+
+    Raises:
+        ValueError: two nodes at one place in plan, a node without link, an unknown `border`, no
+            face at all, or a line between free ends that crosses a link.
+
+    Warns:
+        InputWarning: without `border`, area outside of all links.
+
+    Example:
+        Three by three cells without corner nodes and edge cables: five quadrilaterals, of which
+        four are between free ends, as are four triangles.
+
+        >>> structure, _ = jc.scenes.flat_net()
+        >>> faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
+        >>> faces.shape, int((faces[:, 2] == faces[:, 3]).sum())
+        ((9, 4), 4)
+        >>> jc.net_faces(structure.nodes, structure.elements.links, border="links").shape
+        (1, 4)
+    """
+    if border not in BORDERS:
+        raise ValueError(f"border = {border!r}: expected None, 'ends' or 'links'")
+    plan = np.asarray(nodes, float)[:, :2]
+    edges = {tuple(sorted(link)) for link in np.asarray(links).tolist()}
+    nothing = _NOTHING * np.ptp(plan, axis=0).max() ** 2
+    rings = _rings(plan, edges)
+    if border != "links":
+        lines = _between_ends(plan, edges, [r for r in rings if _area(plan, r) <= nothing])
+        if lines:
+            _require_apart(plan, lines, edges)
+            closed, rings = rings, _rings(plan, edges | lines)
+            if border is None:
+                _warn(plan, lines, closed, rings, nothing)
+    faces = []
+    for ring in rings:
+        if _area(plan, ring) <= nothing:
+            continue  # the outside
+        ring = _without_spurs(ring)
+        if not _convex(plan[ring]):
+            faces += _ears(plan, ring)
+        elif len(ring) <= largest:
+            faces.append([*ring, ring[-1]][:4])
+        else:
+            faces += [[ring[0], b, c, c] for b, c in itertools.pairwise(ring[1:])]
+    if not faces:
+        raise ValueError("links: they enclose no mesh in plan")
+    return np.array(faces)
+
+
+def _rings(plan, edges):
+    """Nodes of the meshes of a planar graph in turn, anticlockwise; of its outside clockwise."""
+    spokes = [[] for _ in plan]
+    for i, j in edges:
+        spokes[i].append(j)
+        spokes[j].append(i)
+    following = {}
+    for i, others in enumerate(spokes):
+        if not others:
+            raise ValueError(f"nodes[{i}]: no link touches it")
+        way = plan[others] - plan[i]
+        if (way == 0).all(axis=1).any():
+            raise ValueError(f"nodes[{i}]: a linked node has the same place in plan")
+        turn = np.argsort(np.arctan2(way[:, 1], way[:, 0]))
+        round_ = [others[k] for k in turn]
+        for before, after in zip(round_, [*round_[1:], round_[0]], strict=True):
+            following[after, i] = before  # arriving from `after`, go on to the next to the right
+    rings, left = [], set(following)
+    for edge in sorted(following):
+        ring = []
+        while edge in left:
+            left.remove(edge)
+            ring.append(edge[0])
+            edge = edge[1], following[edge]
+        if ring:
+            rings.append(ring)
+    return rings
+
+
+def _area(plan, ring):
+    """Area within a ring of nodes, m2, positive if it goes anticlockwise."""
+    x, y = (plan[ring] - plan[ring[0]]).T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _without_spurs(ring):
+    """A ring of nodes without the ways into dead ends and back."""
+    k = 0
+    while k < len(ring) and len(ring) > 3:
+        if ring[k - 1] == ring[(k + 1) % len(ring)]:
+            ring = [node for j, node in enumerate(ring) if j not in (k, (k + 1) % len(ring))]
+            k = 0
+        else:
+            k += 1
+    return ring
+
+
+def _turns(places):
+    """Twice the area of the triangles of successive corners of a ring, [n]; positive to the left.
+
+    The k-th is that of the corners before, at and after k.
+    """
+    a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _convex(places):
+    """Whether a ring that goes anticlockwise turns to the left, or goes on straight, everywhere."""
+    return bool((_turns(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
+
+
+def _ears(plan, ring):
+    """Triangles of a mesh that need not be convex: one corner after the other is cut off."""
+    ring, faces = list(ring), []
+    while len(ring) > 3:
+        turns = _turns(plan[ring])
+        best, cut = 0.0, None
+        for k in range(len(ring)):
+            a, b, c = ring[k - 1], ring[k], ring[(k + 1) % len(ring)]
+            rest = plan[[node for node in ring if node not in (a, b, c)]]
+            sides = [_left_of(plan[i], plan[j], rest) for i, j in ((a, b), (b, c), (c, a))]
+            inside = (np.stack(sides) >= 0).all(axis=0).any()
+            if turns[k] > best and not inside:
+                best, cut = turns[k], k
+        if cut is None:
+            raise ValueError(f"links: the mesh of nodes {ring} crosses itself in plan")
+        faces.append([ring[cut - 1], ring[cut], *[ring[(cut + 1) % len(ring)]] * 2])
+        del ring[cut]
+    return [*faces, [*ring, ring[-1]]]
+
+
+def _left_of(a, b, places):
+    """Twice the area of triangles (a, b, place) [n], positive where a place is on the left."""
+    return (b[..., 0] - a[..., 0]) * (places[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
+        places[..., 0] - a[..., 0]
+    )
+
+
+def _between_ends(plan, edges, outsides):
+    """Lines that close the border between free ends; `outsides` are clockwise ways round parts."""
+    count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
+    open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
+    if len(open_) > 1:
+        return _lines(_hull(plan, sorted({node for ring in open_ for node in ring}))) - edges
+    lines = set()
+    for ring in open_:
+        start = int(np.argmax(count[ring] == 1))
+        ring = [*ring[start:], *ring[:start]]
+        free = count[ring] == 1
+        stops = [*np.flatnonzero(free | _corners(plan[ring])), len(ring)]
+        ring.append(ring[0])
+        for first, last in itertools.pairwise(stops):
+            way = ring[first : last + 1]
+            if (count[[way[0], way[-1]]] == 1).any() and not _one_cable(plan[way]):
+                lines |= _lines(_round(plan, way))
+    return lines - edges
+
+
+def _lines(way):
+    return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
+
+
+def _corners(places):
+    """Where a clockwise ring turns to the right by `STRAIGHT` or more, [n] bool."""
+    a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+    return np.arctan2(_turns(places), np.sum(a * b, axis=1)) <= -np.radians(STRAIGHT) * (1 - 1e-9)
+
+
+def _one_cable(places):
+    """Whether a way through places [n, 2] turns by less than `STRAIGHT` at each."""
+    way = np.diff(places, axis=0)
+    way = way / np.linalg.norm(way, axis=1, keepdims=True)
+    return bool(
+        (np.sum(way[1:] * way[:-1], axis=1) > np.cos(np.radians(STRAIGHT)) * (1 + 1e-9)).all()
+    )
+
+
+def _round(plan, way):
+    """The convex hull of a way from its first node to its last, on the left of it."""
+    hull = _hull(plan, sorted(set(way)))[:-1]
+    if way[0] not in hull or way[-1] not in hull:
+        return [way[0], way[-1]]
+    start = hull.index(way[0])
+    hull = hull[start:] + hull[:start]
+    return hull[: hull.index(way[-1]) + 1]
+
+
+def _hull(plan, nodes):
+    """Nodes on the convex hull of some, clockwise from the leftmost and back to it.
+
+    Those on its straight sides included (Andrew's monotone chain).
+    """
+    line = 1e-9 * np.ptp(plan[nodes], axis=0).max() ** 2
+    ordered = sorted(nodes, key=lambda k: tuple(plan[k]))
+
+    def half(row):
+        chain = []
+        for node in row:
+            while len(chain) > 1:
+                a, b = plan[chain[-1]] - plan[chain[-2]], plan[node] - plan[chain[-2]]
+                if a[0] * b[1] - a[1] * b[0] <= line:
+                    break
+                chain.pop()
+            chain.append(node)
+        return chain
+
+    return half(ordered) + half(ordered[::-1])[1:]
+
+
+def _require_apart(plan, lines, edges):
+    """Raise ValueError if a line crosses a link or another line."""
+    links = np.array(sorted(edges | lines))
+
+    tiny = 1e-9 * np.ptp(plan, axis=0).max() ** 2
+    first, second = plan[links[:, 0]], plan[links[:, 1]]
+    for i, j in sorted(lines):
+        a, b = plan[i], plan[j]
+        own = np.stack([_left_of(a, b, first), _left_of(a, b, second)])
+        other = np.stack([_left_of(first, second, a), _left_of(first, second, b)])
+        clear = (np.abs(own) > tiny).all(axis=0) & (np.abs(other) > tiny).all(axis=0)
+        crossed = clear & (np.prod(np.sign(own), 0) < 0) & (np.prod(np.sign(other), 0) < 0)
+        if crossed.any():
+            raise ValueError(
+                f"links: the border from free end {i} to {j} would cross "
+                f"{links[int(crossed.argmax())].tolist()}; link the border and give border='links'"
+            )
+
+
+def _warn(plan, lines, closed, rings, nothing):
+    """Say how much area lies outside of all links."""
+    before, after = (
+        sum(area for ring in found if (area := _area(plan, ring)) > nothing)
+        for found in (closed, rings)
+    )
+    if after - before > nothing:
+        i, j = min(lines)
+        _check.suspect(
+            f"net_faces: {after - before:.6g} of {after:.6g} m2 lie outside of all links, between "
+            f"free ends of cables such as {i} and {j}; give border='ends' if they are meant, "
+            "border='links' if not"
+        )

@@ -1,0 +1,132 @@
+"""What the points of a law keep: rules of strain and stress, for known and for traced numbers."""
+
+import numpy as np
+
+from .. import _check
+from .._rules import Rule
+
+
+def rules(strain, stress, unloading):
+    """Rules of the points [n] each, see `_rules`; the first that is broken says what is wrong."""
+    both = strain, stress
+    found = [
+        Rule("strain", strain, lambda e: abs(e) == np.inf, "must be finite"),
+        Rule("strain", strain, lambda e: e[1:] <= e[:-1], _order),
+        Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _reach),
+        Rule("stress", both, _misses_origin, _at_origin),
+        Rule("stress", both, _not_rising, _slope_at_origin),
+        Rule("stress", both, lambda e, s: s * e < 0, _sign),
+    ]
+    if unloading == "elastic":
+        found += [
+            Rule("stress", both, _convex, lambda index, *_: _concave([index[0] + 1])),
+            Rule("stress", both, _falling, _concave),
+            Rule("stress", both, _unequal, _pair),
+        ]
+    return found
+
+
+def suspect(strain):
+    """Warn of strains, [n], that look like percentages."""
+    if np.abs(strain).max() > 1:
+        k = int(np.abs(strain).argmax())
+        text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
+        _check.suspect(text)
+
+
+def with_origin(e, s):
+    """The points with the origin among them, NumPy: put in if a segment passes it."""
+    if np.isnan(e).any() or (e == 0).any():
+        return e, s
+    k = int(np.searchsorted(e, 0.0))
+    return np.insert(e, k, 0.0), np.insert(s, k, 0.0)
+
+
+def _same(dtype):
+    """Relative difference up to which two stated numbers count as one."""
+    return 1e-9 if np.finfo(dtype).eps < 1e-12 else 1e-4
+
+
+def _slopes(e, s):
+    return (s[1:] - s[:-1]) / (e[1:] - e[:-1])
+
+
+def _stress_at_origin(e, s):
+    """Stress of the curve at zero strain."""
+    here = (e[:-1] <= 0) & (e[1:] > 0)
+    return (here * (s[:-1] - e[:-1] * _slopes(e, s))).sum()
+
+
+def _misses_origin(e, s):
+    there = (e == 0).any()  # a point that says so must say zero; between two there is rounding
+    return abs(_stress_at_origin(e, s)) > _same(s.dtype) * abs(s).max() * ~there
+
+
+def _at_origin(_, e, s):
+    if (e == 0).any():
+        k = int((e == 0).argmax())
+        return f"stress[{k}] = {s[k]}: at zero strain the stress must be zero"
+    value = _stress_at_origin(e, s)
+    return f"stress: the curve has {value:.6g} Pa at zero strain; it must pass the origin"
+
+
+def _not_rising(e, s):
+    return (e[:-1] <= 0) & (e[1:] >= 0) & (_slopes(e, s) <= 0)
+
+
+def _slope_at_origin(index, e, s):
+    slope = _slopes(e, s)[index]
+    return f"stress: the slope at the origin, {slope:.6g} Pa, must be positive"
+
+
+def _order(index, e):
+    k = index[0] + 1
+    return f"strain[{k}] = {e[k]}: must be above strain[{k - 1}] = {e[k - 1]}"
+
+
+def _reach(_, e):
+    return f"strain: goes from {e[0]} to {e[-1]}; the points must pass the origin"
+
+
+def _sign(index, e, s):
+    return f"stress[{index[0]}] = {s[index]}: of the other sign than its strain, {e[index]}"
+
+
+def _convex(e, s):
+    """Corners, [n - 2], at which slopes rise going away from the origin."""
+    slopes, corners = _slopes(e, s), e[1:-1]
+    drops = (slopes[1:] - slopes[:-1]) * (1 - 2 * (corners > 0))
+    return (drops < -_same(s.dtype) * slopes.max()) & (corners != 0)
+
+
+def _falling(e, s):
+    slopes = _slopes(e, s)
+    return slopes < -_same(s.dtype) * slopes.max()
+
+
+def _concave(index, *_):
+    return (
+        f"stress[{index[0]}]: elastic unloading needs a concave curve: slopes that fall away from "
+        'the origin and not below zero; use unloading="reversible"'
+    )
+
+
+def _unequal(e, s):
+    """Segments, counted from the origin, whose slopes differ in tension and compression."""
+    slopes = _slopes(e, s)
+    count = len(slopes)
+    number = np.arange(count)
+    pull, push = (e[1:] <= 0).sum() + number, (e < 0).sum() - 1 - number
+    apart = abs(slopes[pull % count] - slopes[push % count])
+    # slopes of stated points have rounding in them
+    there = (pull < count) & (push >= 0)
+    return there & (apart > 1e3 * _same(s.dtype) * slopes.max())
+
+
+def _pair(index, e, s):
+    slopes, k = _slopes(e, s), index[0]
+    pull, push = slopes[(e[1:] <= 0).sum() + k], slopes[(e < 0).sum() - 1 - k]
+    return (
+        "stress: elastic unloading needs equal slopes in tension and compression; "
+        f"segment {k} from the origin has {pull:.6g} and {push:.6g} Pa"
+    )

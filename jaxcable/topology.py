@@ -1,0 +1,117 @@
+"""What two structures have in common whose results can follow each other: all but numbers."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+class Part(NamedTuple):
+    """One element group.
+
+    Attributes:
+        name: key in the elements as text.
+        kind: name of its class.
+        links: node numbers of its elements, `Indices`.
+        hinges: `Indices` of ends that turn, or None.
+        inner: its inner numbers: their places and how many rows they take.
+        remembered: shapes of the plastic strains that its law remembers, as text; None of none.
+    """
+
+    name: str
+    kind: str
+    links: object
+    hinges: object
+    inner: object
+    remembered: str
+
+
+class Topology(NamedTuple):
+    """Of a whole structure; static metadata of a state.
+
+    Attributes:
+        parts: one `Part` per group.
+        rigid: pairs of carrier and carried nodes, `Indices`, or None.
+        supports: freedoms that the structure's own supports hold, `Fixed`.
+        n_node: number of nodes.
+    """
+
+    parts: tuple
+    rigid: object
+    supports: object
+    n_node: int
+
+
+def topology_of(structure):
+    """The `Topology` of a structure."""
+    parts = tuple(
+        Part(
+            name,
+            type(group).__name__,
+            group.links,
+            getattr(group, "hinges", None),
+            (tuple(group.inner), group.n_inner_row),
+            str(jax.tree.map(jnp.shape, group.virgin())),
+        )
+        for name, group in structure.named_groups()
+    )
+    supports = structure.fixed(structure.supports)
+    return Topology(parts, structure.rigid, supports, structure.n_node)
+
+
+def require_same(structure, there, name):
+    """Raise ValueError unless a structure has the topology of what is continued or looked at.
+
+    Args:
+        structure: `Structure`.
+        there: `Topology` of the state, or None if that is not known.
+        name: of the argument.
+    """
+    if there is None:
+        return
+    here = topology_of(structure)
+    if here == there:
+        return
+    if here.n_node != there.n_node:
+        raise ValueError(
+            f"{name}: belongs to a structure of {there.n_node} nodes, this one has {here.n_node}"
+        )
+    names = [[part.name for part in own.parts] for own in (here, there)]
+    if names[0] != names[1]:
+        told = [", ".join(own) if any(own) else "one without a name" for own in names]
+        raise ValueError(f"{name}: element groups: {told[0]} here and {told[1]} there")
+    for k, (own, other) in enumerate(zip(here.parts, there.parts, strict=True)):
+        if own != other:
+            where = f" ({own.name})" if own.name else ""
+            raise ValueError(f"{name}: group {k}{where}: {_difference(own, other)}")
+    if here.rigid != there.rigid:
+        raise ValueError(f"{name}: rigid: other nodes are carried, or by others, than here")
+    if (here.supports.array != there.supports.array).any():
+        node = int(np.argwhere(here.supports.array != there.supports.array)[0][0])
+        raise ValueError(
+            f"{name}: supports: node {node} is held otherwise than in its structure; other "
+            "supports go into a phase: Phase(supports=...)"
+        )
+    if here.supports.axes != there.supports.axes:
+        raise ValueError(f"{name}: supports: nodes are held along other directions than there")
+
+
+def _difference(own, other):
+    """What differs between two groups, in words."""
+    if own.kind != other.kind:
+        return f"is made of {own.kind} here and of {other.kind} there"
+    here, there = own.links.array, other.links.array
+    if len(here) != len(there):
+        return f"has {len(here)} elements here and {len(there)} there"
+    if here.shape != there.shape:
+        return f"its elements have {here.shape[1]} nodes here and {there.shape[1]} there"
+    apart = (here != there).any(axis=1)
+    if apart.any():
+        k = int(apart.argmax())
+        return f"links[{k}] is {here[k].tolist()} here and {there[k].tolist()} there"
+    if own.hinges != other.hinges:
+        return "hinges: other ends turn here than there"
+    if own.inner != other.inner:
+        return "its beams have other inner numbers (joints, or sections that are not linear)"
+    return "its law remembers other plastic strains than there"

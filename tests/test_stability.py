@@ -1,0 +1,194 @@
+"""Whether an analysis says that it ends in an unstable equilibrium."""
+
+import json
+import warnings
+
+import jax
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable import linear
+
+NODES = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [5.0, 0.0, 1.0], [0.0, 5.0, 1.0]])
+CRITICAL = 10.0  # N: a rigid strut of 1 m between springs of 50 N / 5 m
+
+
+def propped_strut(stiffness=1e6):
+    strut = jc.Bars([[0, 1]], axial_stiffness=stiffness)
+    springs = jc.Bars([[1, 2], [1, 3]], axial_stiffness=[50.0, 60.0])
+    return jc.Structure(NODES, [strut, springs], jc.pinned([0, 2, 3]))
+
+
+def pushed(load, method=None, increments=1):
+    loads = jc.NodalLoads([1], load * jnp.array([0.0, 0.0, -1.0]))
+    return jc.solve(propped_strut(), jc.Phase(loads=loads, increments=increments), method)
+
+
+def quietly(*args, **kwargs):
+    """The same without its warning."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jc.UnstableWarning)
+        return pushed(*args, **kwargs)
+
+
+METHODS = {
+    "dense": jc.Newton(linear_solver="dense"),
+    "superlu": jc.Newton(linear_solver="superlu"),
+    "incremental": jc.Incremental(corrections=1),
+    "incremental, superlu": jc.Incremental(corrections=1, linear_solver="superlu"),
+}
+
+
+@pytest.mark.parametrize("method", METHODS.values(), ids=METHODS)
+def test_a_strut_between_springs(method):
+    """Its shortening of 1e-5 moves the load by as much: it is bracketed by 1e-3."""
+    below, above = (quietly(f * CRITICAL, method) for f in (0.999, 1.001))
+    assert below.status == above.status == 0
+    assert below.stable and below.phases[0].stable
+    assert not above.stable and not above.phases[0].stable
+    np.testing.assert_allclose(above.displacement[1, :2], 0.0, atol=1e-6)  # upright all the same
+
+
+def test_every_increment_on_request():
+    solution = quietly(10.8, jc.Newton(watch=True), increments=4)
+    assert solution.status == 0
+    path = solution.phases[0].path
+    np.testing.assert_array_equal(path.stable, 10.8 * np.asarray(path.load_factor) < CRITICAL)
+    plain = quietly(10.8, increments=4)
+    assert plain.phases[0].path.stable is None
+    np.testing.assert_array_equal(plain.phases[0].path.iterations, path.iterations)
+    np.testing.assert_array_equal(plain.displacement, solution.displacement)
+
+
+def test_in_a_batch_and_where_analyses_fail():
+    loads = jnp.array([5.0, 11.0, jnp.nan, 9.9])
+    solution = jax.vmap(pushed)(loads)
+    np.testing.assert_array_equal(solution.status == 0, [True, True, False, True])
+    np.testing.assert_array_equal(solution.stable, [True, False, False, True])
+
+
+def stiffness_of_bars(nodes, moved, links, EA, rest):
+    """Tangent stiffness of straight bars, [3 n, 3 n], NumPy."""
+    K = np.zeros((moved.size, moved.size))
+    for (i, j), stiff, start in zip(links, EA, rest, strict=True):
+        d = moved[j] - moved[i]
+        length = np.linalg.norm(d)
+        n = d / length
+        force = stiff * (length - start) / start
+        block = stiff / start * np.outer(n, n) + force / length * (np.eye(3) - np.outer(n, n))
+        for a, b, sign in ((i, i, 1), (j, j, 1), (i, j, -1), (j, i, -1)):
+            K[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] += sign * block
+    return K
+
+
+def test_random_trusses_against_eigenvalues():
+    """Flat ones in their plane, where pressed bars may give way; eigenvalues by NumPy."""
+    rng = np.random.default_rng(5)
+    nodes = np.array([[x, y, 0.0] for x in range(3) for y in range(3)], float)
+    links = [(i, j) for i in range(9) for j in range(i) if np.hypot(*(nodes[i] - nodes[j])[:2]) < 2]
+    fixed = [0, 2, 6, 8]
+    free = np.setdiff1d(np.arange(9), fixed)
+    structure = jc.Structure(nodes, jc.Bars(links, axial_stiffness=1e4), jc.pinned(fixed))
+    forces = 10.0 ** rng.uniform(0.5, 2.5, (24, 1, 1)) * rng.normal(size=(24, 5, 3)) * [1, 1, 0]
+    pretension = rng.uniform(-100.0, 300.0, (24, len(links)))
+
+    @jax.jit
+    @jax.vmap
+    def analyse(force, pretension):
+        phases = [jc.Phase(pretension=pretension), jc.Phase(loads=jc.NodalLoads(free, force))]
+        return jc.solve(structure, phases, jc.Newton())
+
+    solution = analyse(jnp.asarray(forces), jnp.asarray(pretension))
+    good = np.flatnonzero(solution.status == 0)
+    lowest = []
+    for k in good:
+        moved = nodes + np.asarray(solution.displacement[k])
+        rest = np.asarray(solution.rest_length[k])
+        K = stiffness_of_bars(nodes, moved, links, np.full(len(links), 1e4), rest)
+        at = (3 * free[:, None] + np.arange(3)).ravel()
+        lowest.append(np.linalg.eigvalsh(K[np.ix_(at, at)])[0])
+    lowest = np.array(lowest)
+    assert np.abs(lowest).min() > 1e-6 * 1e4  # far from the rounding of the largest
+    np.testing.assert_array_equal(solution.stable[good], lowest > 0)
+    assert 3 <= (lowest > 0).sum() <= len(good) - 3  # there are some of both
+
+
+@pytest.mark.parametrize("solver", ["dense", pytest.param("superlu", marks=pytest.mark.slow)])
+def test_a_clamped_column_of_beams(solver):
+    """Euler's load of a cantilever, pi^2 EI / (2 L)^2; eight elements miss it by 1e-4."""
+    n, length = 8, 10.0
+    nodes = np.outer(np.linspace(0, length, n + 1), [0.0, 0.0, 1.0])
+    links = np.stack([np.arange(n), np.arange(1, n + 1)], axis=1)
+    section = jc.Section.disc(0.1, jc.Elastic(210e9))
+    column = jc.Structure(nodes, jc.Beams(links, section=section, up=(1.0, 0, 0)), jc.clamped([0]))
+    euler = np.pi**2 * 210e9 * np.pi * 0.1**4 / 64 / (2 * length) ** 2
+
+    @jax.jit
+    def analyse(load):
+        loads = jc.NodalLoads([n], load * jnp.array([0.0, 0.0, -1.0]))
+        return jc.solve(column, jc.Phase(loads=loads), jc.Newton(linear_solver=solver))
+
+    for factor in (0.99, 1.01, 4.9, 9.1):  # above 9 a second mode has gone, too
+        solution = analyse(factor * euler)
+        assert solution.status == 0
+        assert bool(solution.stable) == (factor < 1), factor
+
+
+def test_nets_of_cables_are_not_asked():
+    """Their energy is convex; loose nodes and slack cables are no instability."""
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    assert jc.solve(structure, phases).stable
+    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1.0, 0]]
+    slack = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, rest_length=1.2)
+    loose = jc.Structure(nodes, slack, jc.pinned([0, 2, 3]))
+    alone = jc.solve(loose, jc.Phase())
+    assert alone.status == 0 and alone.stable and alone.phases[0].path.n_loose[-1] == 1
+    # beside a bar nothing is convex: a node without stiffness has no negative eigenvalue either
+    both = [slack, jc.Bars([[0, 3]], axial_stiffness=1e5)]
+    beside = jc.solve(jc.Structure(nodes, both, jc.pinned([0, 2, 3])), jc.Phase())
+    assert beside.status == 0 and beside.stable and beside.phases[0].path.n_loose[-1] == 1
+
+
+def test_zero_is_no_negative_eigenvalue():
+    """Rounding of a singular matrix has either sign; 1e-9 of the largest entry is none."""
+    rng = np.random.default_rng(0)
+    basis = np.linalg.qr(rng.normal(size=(20, 20)))[0]
+    from jaxcable.equilibrium import no_stiffness
+
+    for lowest, expected in ((0.0, True), (-1e-9, False), (1e-9, True)):
+        values = np.geomspace(1e-3, 1.0, 20)
+        values[0] = lowest
+        matrix = jnp.asarray(basis * values @ basis.T)
+        found = linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
+        assert bool(found) == expected
+
+
+def test_who_is_told(tmp_path, capsys):
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+        solution = pushed(12.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        pushed(8.0)
+        assert not jax.jit(pushed)(12.0).stable
+    structure = propped_strut()
+    text = jc.report(structure, solution).text()
+    assert "UNSTABLE at its end" in text
+    assert "UNSTABLE" not in jc.report(structure, pushed(8.0)).text()
+    figure = jc.plots.net(solution, structure=structure)
+    assert any("unstable" in axes.get_title() for axes in figure.axes)
+    plt.close("all")
+    scene = tmp_path / "strut.json"
+    loads = jc.NodalLoads([1], (0.0, 0.0, -12.0))
+    jc.save_scene(scene, jc.scenes.Scene(structure, [jc.Phase(loads=loads)]))
+    from jaxcable.__main__ import main
+
+    result = tmp_path / "result.json"
+    assert main(["solve", str(scene), "--save", str(result)]) == 0
+    told = capsys.readouterr()
+    assert "warning: phases[0] ends in an unstable equilibrium" in told.err
+    assert "UNSTABLE" in told.out
+    assert json.loads(result.read_text())["stable"] is False
+    assert jc.files.load_result(result)["stable"].dtype == bool

@@ -1,0 +1,81 @@
+"""What goes on from a state has its topology, or is refused by the name of what differs."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+
+NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 3.0, 3.0]])
+LINKS = [[0, 1], [1, 2], [1, 3]]
+WEIGHT = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+
+
+def net(links=LINKS, kind=jc.Cables, held=(0, 2, 3), nodes=NODES, wrap=None, **numbers):
+    group = kind(links, **{"axial_stiffness": 1e5} | numbers)
+    elements = {"net": group} if wrap is None else wrap(group)
+    return jc.Structure(nodes, elements, supports=jc.pinned(held))
+
+
+@pytest.fixture(scope="module")
+def first():
+    solution = jc.solve(net(), jc.Phase(pretension=[500.0, 400.0, 100.0], loads=WEIGHT))
+    assert solution.status == 0
+    return solution
+
+
+REFUSED = {
+    "renumbered": (
+        lambda: net([[1, 2], [0, 1], [1, 3]]),
+        r"group 0 \(\['net'\]\): links\[0\] is \[1, 2\] here and \[0, 1\] there",
+    ),
+    "turned": (lambda: net([[0, 1], [1, 2], [3, 1]]), r"links\[2\] is \[3, 1\] here and \[1, 3\]"),
+    "fewer": (lambda: net([[0, 1], [1, 3]], held=(0, 2, 3)), "has 2 elements here and 3 there"),
+    "kind": (lambda: net(kind=jc.Bars), "is made of Bars here and of Cables there"),
+    "chains": (
+        lambda: net([[0, 1, 2], [1, 2, 2], [1, 3, 3]], jc.SlidingCables),
+        "is made of SlidingCables here",
+    ),
+    "tree": (lambda: net(wrap=lambda g: g), r"element groups: one without .* and \['net'\] there"),
+    "name": (lambda: net(wrap=lambda g: {"guys": g}), r"groups: \['guys'\] here and \['net'\]"),
+    "nodes": (
+        lambda: net(nodes=np.vstack([NODES, [[0.0, 0.0, 9.0]]]), held=(0, 2, 3, 4)),
+        "belongs to a structure of 4 nodes, this one has 5",
+    ),
+    "supports": (
+        lambda: net(held=(0, 1, 2, 3)),
+        "supports: node 1 is held otherwise.*into a phase",
+    ),
+    "memory": (
+        lambda: net(axial_stiffness=None, area=1e-4, law=jc.materials.strand()),
+        "its law remembers other plastic strains than there",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_another_topology_is_refused_by_name(first, name):
+    make, text = REFUSED[name]
+    other = make()
+    for start in (first, first.last):
+        with pytest.raises(ValueError, match=f"start: .*{text}"):
+            jc.solve(other, jc.Phase(), start=start)
+    with pytest.raises(ValueError, match=f"state: .*{text}"):
+        jc.forms.tangent_of(other, first)
+
+
+def test_other_numbers_are_not(first):
+    """Stiffness, places and weights may change; equilibrium is that of the new numbers."""
+    moved = NODES + np.array([[0.0], [1.0], [0.0], [0.0]]) * 1e-3
+    structure = net(nodes=moved, axial_stiffness=1.1e5, weight=3.0)
+    again = jax.jit(lambda start: jc.solve(structure, jc.Phase(loads=jc.SelfWeight()), start=start))
+    solution = again(first)
+    assert solution.status == 0
+    ends = np.asarray(solution.positions)[np.array(LINKS)]
+    pull = np.asarray(solution.tension["net"])[:, None] * (ends[:, 1] - ends[:, 0])
+    pull /= np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1, keepdims=True)
+    weight = 0.5 * 3.0 * np.asarray(solution.rest_length["net"]).sum()
+    down = np.array([0.0, 0.0, -600.0 - weight])
+    # of some 1000 N at that node Newton's method leaves 1e-10
+    np.testing.assert_allclose(-pull[0] + pull[1] + pull[2] + down, 0.0, atol=2e-7)
+    assert weight > 20.0
