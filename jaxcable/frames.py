@@ -275,21 +275,26 @@ class FrameSystem(System):
 
     def tangent(self, x):
         """Derivative of the residual by a step, a matrix of `linear`, N/m."""
-        scale, plain = self._scaling()[0], self._slopes(x) is None
+        plain = self._slopes(x) is None
 
         def block(one, state, ends, motion):
             tangent = one.tangent(state, ends, motion)
             if not plain:
                 return tangent
-            count = len(ends) - one.n_inner_row
-            own = jnp.concatenate(
-                [jnp.tile(scale[: one.n_freedom], count), jnp.ones(len(one.inner), scale.dtype)]
-            )
-            return tangent.reshape(len(own), -1) * own[:, None] * own[None, :]
+            side = round(tangent.size**0.5)
+            return self._scaled(tangent.reshape(side, side), one, len(ends))
 
         parts = self._blocks(block, x)
         parts += self._following_blocks(x)
         return self._without_spins(self._assemble([*parts, self._turning_part(x)]), x)
+
+    def _scaled(self, block, one, n_end):
+        """Matrices of elements, [d, d] or [n_elem, d, d], with spins times a length."""
+        scale = self._scaling()[0]
+        count = n_end - one.n_inner_row
+        own = [jnp.tile(scale[: one.n_freedom], count), jnp.ones(len(one.inner), scale.dtype)]
+        own = jnp.concatenate(own)
+        return jnp.einsum("...ij,i,j->...ij", block, own, own)
 
     def _without_spins(self, matrix, x):
         """The tangent with free spins held at a node each, as far as they are without stiffness.

@@ -19,6 +19,7 @@ OUTSIDE = 11
 LIMIT_POINT = 12
 BIFURCATION = 13
 INVALID_INPUT = 14
+EXCESSIVE_DEFORMATION = 15
 
 _TEXTS = {
     OK: "converged",
@@ -75,6 +76,12 @@ _TEXTS = {
     BIFURCATION: (
         "the tangent stiffness is no longer positive definite: the structure can leave this path "
         "for another; the event has the mode, an imperfection in its shape shows where it goes"
+    ),
+    EXCESSIVE_DEFORMATION: (
+        "the load has no maximum within the allowed steps, but the structure has given way: along "
+        "the path it has less than a twentieth of its stiffness at the start, as in plastic "
+        "collapse where bars turn; look at displacement over load_factor, and judge the load by a "
+        "displacement that is allowed"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

@@ -11,6 +11,7 @@ import pytest
 from problems import HEAVY
 
 import jaxcable as jc
+from jaxcable import status
 from jaxcable.linear import host
 from jaxcable.scenes import von_mises_truss
 from jaxcable.scenes.snapping import in_plane, solid
@@ -351,3 +352,40 @@ def test_a_quarter_of_a_ring_starts_from_zero_load():
     assert path.events.names == ["bifurcation"] and int(path.events.multiplicity[0]) == 1
     # as the whole ring: of order 2 in the angle of 24 sides
     assert abs(1.2 * float(path.failure_load) - 1) < 5e-3
+
+
+def plastic_hanger(rise, end):
+    """Two bars in a V that yield and turn, loaded with twice what makes them yield."""
+    stress, yielded = 235e6, 235e6 / 200e9
+    law = jc.Polygonal([-end, -yielded, 0, yielded, end], np.sign(np.arange(-2, 3)) * stress)
+    bars = jc.Bars([[0, 1], [1, 2]], area=1e-4, law=law)
+    held = np.ones((3, 3), bool)
+    held[1, 2] = False
+    nodes = [[-1.0, 0.0, rise], [0.0, 0.0, 0.0], [1.0, 0.0, rise]]
+    force = 2 * 1e-4 * stress
+    load = jc.NodalLoads([1], (0, 0, -2 * force * rise / np.hypot(1, rise)))
+    return jc.Structure(nodes, bars, jc.Supports(held)), jc.Phase(loads=load)
+
+
+def test_collapse_without_limit_point_ends_with_a_reason():
+    """Bars that yield and turn carry ever more, by the sine of their angle, and next to nothing.
+
+    Steps by the first stiffness spent 200 rows on an eighth of it and told nothing.
+    """
+    path = jc.trace_path(*plastic_hanger(0.3, 1.0))
+    assert int(path.status) == 0 and len(path.load_factor) < 60
+    drop = 0.3 - np.asarray(path.displacement[:, 1, 2])
+    plastic = np.asarray(path.load_factor) > 0.51
+    sines = drop / np.hypot(1, drop)
+    expected = 0.5 * sines / (0.3 / np.hypot(1, 0.3))
+    assert plastic.sum() > 5
+    np.testing.assert_allclose(path.load_factor[plastic], expected[plastic], rtol=1e-8)
+    # twice the first load is beyond the sine of a right angle: no equilibrium, and no limit point
+    structure, phase = plastic_hanger(1.0, 1.0)
+    torn = jc.trace_path(structure, phase)
+    assert int(torn.status) == status.MATERIAL_FAILURE and len(torn.load_factor) < 100
+    short = jc.trace_path(structure, phase, steps=40)
+    assert int(short.status) == status.EXCESSIVE_DEFORMATION
+    assert "given way" in jc.describe(short.status) and np.isnan(short.failure_load)
+    stiff = jc.trace_path(structure, phase, steps=4)
+    assert int(stiff.status) == status.OUT_OF_STEPS  # it is elastic there

@@ -455,6 +455,8 @@ OTHERWISE = {
     "structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",
     "paths/vibration.py:_positive": "no rule: which nodes have mass",
+    "paths/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
+    "paths/vibration.py:_suspect_catenaries": "no rule: a warning",
     "paths/buckling.py:buckling_factor": "NaN where it is traced",
     "supports.py:_directions": "traced directions are refused",
     "spins.py:free_spins": "a warning",

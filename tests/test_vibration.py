@@ -103,8 +103,112 @@ def test_simply_supported_beam():
     assert int(solution.status) == 0
     found = paths.natural_frequencies(structure, solution, n=2)
     exact = np.array([1, 4]) * np.pi / 2 / length**2 * np.sqrt(ei * 9.80665 / 770.0)
-    # lumped masses at cubic beams: of order 4, 7e-6 and 1.2e-4 at 10 elements
+    # order 4: 7e-6 and 1.2e-4 at 10 elements
     assert (np.abs(np.asarray(found.frequency) / exact - 1) < [2e-5, 3e-4]).all()
+
+
+@pytest.mark.slow
+def test_order_of_the_masses_of_beams():
+    """Slowest modes of Bernoulli's beam, whatever holds its ends, and along it: order 4.
+
+    Halves at the ends are of order 2 where an end is free: the control.
+    """
+    length, ei, ea, weight = 4.0, 2100.0, 2.1e9, 77.0
+    mass = weight / 9.80665
+
+    def frequencies(n, distribution=None):
+        x = np.linspace(0, length, n + 1)
+        section = solid(ea / 210e9, ei / 210e9, 210e9)
+        beams = jc.Beams(chain(n), section=section, torsional_stiffness=1e5, weight=weight)
+        nodes = np.column_stack([x, 0 * x, 0 * x])
+        structure = jc.Structure(nodes, beams, supports=in_plane(n + 1, clamped=[0, n]))
+        solution = jc.solve(structure, jc.Phase())
+        assert int(solution.status) == 0
+
+        def slowest(number, *held):
+            fixed = np.zeros((n + 1, 6), bool)
+            fixed[:, [1, 3, 5]] = True
+            for nodes, freedoms in held:
+                fixed[np.ix_(nodes, freedoms)] = True
+            found = paths.natural_frequencies(
+                structure, solution, number + 1, fixed=fixed, distribution=distribution
+            )
+            return float(found.squared[number])
+
+        cantilever = slowest(0, ([0], [0, 2, 4]))
+        if distribution == "lumped":
+            return np.sqrt([cantilever])
+        squared = [
+            cantilever,
+            slowest(3),  # after three rigid motions
+            slowest(0, ([0, n], [0, 2])),
+            slowest(0, ([0, n], [0, 2, 4])),
+            slowest(0, (np.arange(n + 1), [2, 4]), ([0], [0])),
+        ]
+        return np.sqrt(squared)
+
+    # roots of cos x cosh x = -1 and 1, and sin x
+    bending = np.array([1.8751040687119611, 4.730040744862704, np.pi, 4.730040744862704])
+    exact = np.append(
+        (bending / length) ** 2 * np.sqrt(ei / mass), np.pi / 2 / length * np.sqrt(ea / mass)
+    )
+    errors = np.array([frequencies(n) / exact - 1 for n in (4, 8)])
+    orders = np.log2(errors[0] / errors[1])
+    # at free ends, whose turning has no inertia, a part of order 5 dies away
+    assert (orders > 3.9).all() and (orders < 4.6).all()
+    assert (np.abs(errors[1]) < 2e-4).all()
+    lumped = np.array([frequencies(n, "lumped")[0] / exact[0] - 1 for n in (4, 8)])
+    assert abs(np.log2(lumped[0] / lumped[1]) - 2) < 0.2 and lumped[0] < -5e-3
+
+
+def guyed(weight=20.0, span=20.0):
+    """A mast on a ball joint between catenaries in its plane, its top held across."""
+    nodes = [[0.0, 0, 0], [0.0, 0, 10], [-span, 0, 0], [span, 0, 0]]
+    parts = {
+        "guys": jc.Catenaries([[2, 1], [3, 1]], axial_stiffness=1e7, weight=weight),
+        "mast": jc.Bars([[0, 1]], axial_stiffness=1e9, weight=100.0),
+    }
+    held = np.ones((4, 3), bool)
+    held[1, [0, 2]] = False
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    phase = jc.Phase(pretension={"guys": 5e3, "mast": None}, loads=jc.SelfWeight())
+    solution = jc.solve(structure, phase)
+    assert int(solution.status) == 0
+    return structure, solution
+
+
+def test_modes_within_catenaries_are_not_passed_over_in_silence():
+    structure, solution = guyed()
+    own = np.sqrt(float(solution.tension["guys"][0]) / (20.0 / 9.80665)) / 2 / np.hypot(20, 10)
+    words = rf"catenary [01] of group 0 swings within its span at about {own:.2f} Hz"
+    with pytest.warns(jc.InputWarning, match=words):
+        found = paths.natural_frequencies(structure, solution, n=1)
+    assert 1.0 < own < 1.5 < float(found.frequency[0])
+    single = jc.Catenaries([[0, 1]], axial_stiffness=1e7, weight=20.0)
+    hung = jc.Structure([[0.0, 0, 0], [20.0, 0, 0]], single, supports=jc.pinned([0, 1]))
+    sagging = jc.solve(hung, jc.Phase(sag=0.2, loads=jc.SelfWeight()))
+    assert int(sagging.status) == 0
+    with pytest.raises(ValueError, match="no node that is free to move has mass; catenaries have"):
+        paths.natural_frequencies(hung, sagging)
+
+
+def test_loads_that_follow_without_a_potential_are_refused():
+    nodes = np.array([[0, 0, 1], [-1, 0, 0], [1, 0, 0], [-0.2, -1, 0.9], [0.2, 1, 1.1]])
+    bars = jc.Bars([[0, 1], [0, 2], [0, 3]], axial_stiffness=1e4)
+    structure = jc.Structure(nodes, bars, supports=jc.pinned([1, 2, 3, 4]))
+    pressed = jc.Phase(loads=jc.FacePressure([[0, 3, 4]], 60.0))
+    solution = jc.solve(structure, pressed)
+    assert int(solution.status) == 0
+    with pytest.raises(ValueError, match="state: loads that follow or nodal moments make"):
+        paths.natural_frequencies(structure, solution, masses=1.0)
+
+    def slowest(pressure):
+        load = jc.FacePressure([[0, 3, 4]], pressure)
+        state = jc.solve(structure, jc.Phase(loads=load))
+        return paths.natural_frequencies(structure, state, masses=jnp.ones(5)).squared
+
+    assert np.isnan(jax.jit(slowest)(60.0)).all()
+    assert not np.isnan(jax.jit(slowest)(0.0)).any()
 
 
 @pytest.mark.slow

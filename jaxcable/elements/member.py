@@ -229,6 +229,30 @@ class Member:
             slope = jnp.concatenate([-pull, first, pull, second, inner], axis)
         return slope
 
+    def mass_matrix(self, state, ends, motion, mass, mean):
+        """Of `mass`, kg, spread evenly along the axis; sections do not turn, [12 + k, 12 + k], kg.
+
+        Consistent with the deflections of `bending`, cubic but for loads, hence of order 4 in the
+        length. Along the chord displacements are linear: with `mean` that part is the mean of the
+        consistent matrix and of halves at the ends, which is of order 4, too.
+        """
+        at, weight = np.polynomial.legendre.leggauss(4)  # cubics squared
+        places, weight = (jnp.asarray(v, ends.dtype) for v in (0.5 + 0.5 * at, 0.5 * weight))
+
+        def moved(step):
+            own = step[:12].reshape(2, 6)
+            new = jax.vmap(lambda m, s: turning(m, s, order=1))(motion[:2], own)
+            if self.inner:
+                new = jnp.concatenate([new, motion[2:].at[self._places].add(step[12:])])
+            _, pose, field, _ = self._bent(state, ends, new)
+            way = bending.curve(field, pose.rotations, state.rest_length, pose.length, places)[0]
+            return step[None, :3] + way @ pose.axes, pose.length
+
+        still = jnp.zeros(12 + len(self.inner), ends.dtype)
+        slope, along = jax.jacfwd(moved)(still)
+        matrix = mass * jnp.einsum("p,pai,paj->ij", weight, slope, slope)
+        return matrix + mass / 12 * jnp.outer(along, along) if mean else matrix
+
     def energy(self, state, ends, motion):
         """Stored energy less the line load's work on the bent axis, J."""
         _, pose, field, load = self._bent(state, ends, motion)

@@ -48,7 +48,8 @@ TYPES = {
 _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
 _WORKED_OUT = {
     Polygonal: ("rising", "n_plastic"),  # by the constructor, from the points
-    LineLoads: ("begun",),  # by the analysis
+    LineLoads: ("begun", "part"),  # by the analysis
+    SelfWeight: ("part",),
     AreaLoads: ("begun",),
 }
 _DEEPEST = 32  # nested objects; no structure comes near

@@ -56,7 +56,7 @@ def _loaded(load, groups):
     """Pairs (number, group) of those that a load along elements acts on."""
     for number, group in enumerate(groups):
         weightless = isinstance(load, SelfWeight) and group.weight is None
-        if not weightless and number in getattr(load, "on", (number,)):
+        if not weightless and number in load.on:
             yield number, group
 
 
@@ -83,7 +83,7 @@ class OnForm:
                 yield _on_face(load), (forces,), load.faces
                 continue
             for number, group in _loaded(load, self.groups):
-                own = group.properties(), group.virgin(), states[number]
+                own = group.properties(), group.virgin(), states[number], load.part
                 yield _on_element(load, number, group), own, group.links
 
     def following_forces(self, groups, states, nodes, moved):
@@ -114,7 +114,7 @@ def _on_face(load):
 def _on_element(load, number, group):
     """Force on both ends of an element, [2, 3], as a function of these and its properties."""
 
-    def force(ends, properties, virgin, string):
+    def force(ends, properties, virgin, string, part):
         vector = ends[1] - ends[0]
         length = jnp.sqrt(vector @ vector)
         # springs of strings are about the length 0 here: forces are held, or densities
@@ -127,7 +127,8 @@ def _on_element(load, number, group):
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        whole = rest_length * load.per_length(number, alone, state, ends)[0]
+        own = load if part is None else copy(load, part=part[None])
+        whole = rest_length * own.per_length(number, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 
     return force

@@ -7,15 +7,15 @@ import jax.numpy as jnp
 
 from .. import _check
 from .._tree import copy, pytree
-from .groups import chosen
+from .groups import check_elements, partly, selected, settled
 
 PER = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
 
 
-@pytree
+@pytree(static=("on",))
 class SelfWeight:
-    """Self-weight of every group that has `weight`, half of each element to each end.
+    """Self-weight of the elements that have `weight`, half of each to each of its ends.
 
     The weight is that of the current unstressed length at the temperature before the first phase:
     heat makes no mass. A jack leaves it as it was when it began to pull, so that anchoring it moves
@@ -23,10 +23,13 @@ class SelfWeight:
 
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
+        on: key of the group in the structure's elements (a dict's key, a list's number); None is
+            all groups.
+        elements: those of one group that weigh, ``only([4, 5])``; None is all.
 
     Raises:
         ValueError: `direction` of the wrong shape; where a phase is analysed, no group with a
-            weight.
+            weight, or a group or element that the structure does not have.
 
     Example:
         Two cables of 60 m and 30 N/m that hang: half of each weight acts at each of its ends.
@@ -43,8 +46,12 @@ class SelfWeight:
     """
 
     direction: object = (0.0, 0.0, -1.0)
+    on: object = None
+    elements: object = None
+    part: object = None  # of every element of its group, 1 or 0, put in by the analysis
 
     def __post_init__(self):
+        check_elements(self.elements)
         direction = _check.floats(self.direction, "direction")
         if direction.shape != (3,):
             raise ValueError(
@@ -53,9 +60,15 @@ class SelfWeight:
         object.__setattr__(self, "direction", direction)
 
     def check(self, structure):
-        """Raise ValueError if no group has a weight."""
-        if all(getattr(group, "weight", None) is None for group in structure.groups):
-            raise ValueError("SelfWeight: no element group has a weight; give weight=... in N/m")
+        """Raise ValueError if there are no such elements, or none of their groups has a weight."""
+        groups = [structure.groups[number] for number in selected(self, structure)[0]]
+        if all(getattr(group, "weight", None) is None for group in groups):
+            kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
+            raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
+
+    def among(self, structure):
+        """The load with `on` and `elements` turned into numbers."""
+        return settled(self, structure)
 
     def scaled(self, factor):
         """The load times `factor`."""
@@ -64,17 +77,17 @@ class SelfWeight:
     def element_forces(self, groups, states, nodes, shape, dtype):
         """Force on every node, as `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
-        for group, state in zip(groups, states, strict=True):
-            if group.weight is not None:
-                weight = group.weight * state.loaded
+        for number, (group, state) in enumerate(zip(groups, states, strict=True)):
+            if number in self.on and group.weight is not None:
+                weight = partly(self, group.weight * state.loaded)
                 total = total.at[group.links].add(group.at_ends(weight, nodes[group.links]))
         return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
 
     def per_length(self, number, group, state, nodes):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
-        if group.weight is None:
+        if number not in self.on or group.weight is None:
             return None
-        share = group.weight * state.loaded / state.rest_length
+        share = partly(self, group.weight * state.loaded) / state.rest_length
         return jnp.outer(share, self.direction)
 
 
@@ -89,6 +102,7 @@ class LineLoads:
         forces: force per length, [3], N/m.
         on: key of the loaded group in the structure's elements (a dict's key, a list's number);
             None loads all groups.
+        elements: those of one group that are loaded, ``only([4, 5])``; None loads all.
         per: which length: "unstressed" (that which `SelfWeight` weighs, without heat and with what
             a jack has taken in), "initial" (the chord), or "projected" (the chord as seen along the
             force: snow on a sloping cable, wind on a mast). A zero force has no direction to look
@@ -99,7 +113,8 @@ class LineLoads:
 
     Raises:
         ValueError: `forces` of the wrong shape, an unknown `per` or `geometry`, or "begun" for
-            unstressed lengths; where a phase is analysed, a group that the structure does not have.
+            unstressed lengths; where a phase is analysed, a group or element that the structure
+            does not have.
 
     Example:
         Snow of 100 N per metre of plan on two cables that go 4 m each in plan:
@@ -118,9 +133,12 @@ class LineLoads:
     per: str = "unstressed"
     factor: object = 1.0
     geometry: str = "input"
+    elements: object = None
     begun: object = None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
+    part: object = None  # of every element of its group, 1 or 0, likewise
 
     def __post_init__(self):
+        check_elements(self.elements)
         forces = _check.floats(self.forces, "forces")
         if forces.shape != (3,):
             raise ValueError(f"forces: expected shape (3,), got {forces.shape}")
@@ -131,12 +149,12 @@ class LineLoads:
         check_geometry(self.geometry, self.per)
 
     def check(self, structure):
-        """Raise ValueError if the structure has no such group."""
-        chosen(self.on, structure)
+        """Raise ValueError if the structure has no such group or elements."""
+        selected(self, structure)
 
     def among(self, structure):
-        """The load with `on` turned into the numbers of its groups."""
-        return copy(self, on=chosen(self.on, structure), begun=room(self.geometry, structure))
+        """The load with `on` and `elements` turned into numbers."""
+        return settled(self, structure, begun=room(self.geometry, structure))
 
     def scaled(self, factor):
         """The load times `factor`."""
@@ -155,7 +173,7 @@ class LineLoads:
                     half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
                     share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
                     share = jnp.pad(share, ((0, 0), (0, n_inner)))
-                total = total.at[group.links].add(share)
+                total = total.at[group.links].add(partly(self, share))
         return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
     def per_length(self, number, group, state, nodes):
@@ -167,7 +185,7 @@ class LineLoads:
             ends = self._ends(group, nodes)
             own = ends[:, : ends.shape[1] - group.n_inner_row]
             length = jnp.sum(self._pieces(own), axis=-1)
-        return jnp.outer(length / state.rest_length, self.factor * self.forces)
+        return jnp.outer(partly(self, length) / state.rest_length, self.factor * self.forces)
 
     def _ends(self, group, nodes):
         """Ends of a group's elements in the geometry that lengths are taken from."""

@@ -1,6 +1,9 @@
-"""Which element groups a load along elements acts on."""
+"""Which groups, and which elements of one, a load along elements acts on."""
 
 import jax
+
+from .._tree import copy
+from ..selection import Selection
 
 
 def chosen(on, structure):
@@ -17,3 +20,43 @@ def chosen(on, structure):
         return tuple(jax.tree.leaves(numbers[on]))
     except (KeyError, IndexError, TypeError):
         raise ValueError(f"on = {on!r}: no such key in the structure's elements") from None
+
+
+def check_elements(elements):
+    """Raise ValueError unless `elements` of a load is a selection or None."""
+    if elements is not None and not isinstance(elements, Selection):
+        raise ValueError(
+            f"elements: expected a selection such as only([4, 5]), got {type(elements).__name__}"
+        )
+
+
+def selected(load, structure):
+    """Numbers of its groups, and which elements of them, [n_elem] bool, NumPy; None: all.
+
+    Raises:
+        ValueError: there is no such group or element, or elements of several groups.
+    """
+    numbers = chosen(load.on, structure)
+    if load.elements is None:
+        return numbers, None
+    if len(numbers) != 1:
+        raise ValueError(
+            f"elements: on = {load.on!r} means {len(numbers)} groups; name the one whose elements "
+            "these are"
+        )
+    return numbers, load.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
+
+
+def settled(load, structure, **changes):
+    """The load with its groups as numbers and its elements as factors, 1 or 0, [n_elem]."""
+    numbers, mask = selected(load, structure)
+    part = None if mask is None else mask.astype(float)
+    return copy(load, on=numbers, elements=None, part=part, **changes)
+
+
+def partly(load, amounts):
+    """Amounts of the elements of a group, [n_elem, ...], where a `settled` load acts, else 0."""
+    if load.part is None:
+        return amounts
+    part = load.part.astype(amounts.dtype)
+    return amounts * part.reshape(-1, *(1,) * (amounts.ndim - 1))

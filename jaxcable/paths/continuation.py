@@ -25,12 +25,15 @@ from . import events
 from .correction import Condition, by_load, correct, loose_unknowns
 from .inertia import alignment, crossed, multiplicity, unstable
 from .run import Beyond, Noted, Point, Run
+from .steps import cosine, guess_ahead, scale_of, stride
 
 ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
 _BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
 _SHORT = 1e-3  # steps of this part of the first one are taken round any corner
 _LEAP = 4.0  # longest steps that a correction may go; further off is another part of the path
 _EASY = 3  # iterations of a step that may be followed by one as long
+_STRAIGHT = 0.999  # cosine of the angle between tangents where a soft path counts as straight
+_SOFT = 0.05  # stiffness along the path over that at its start which little is left of
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
 _FLAT = 1e-3  # rise of a unit tangent this small is that of a limit point
 _NEAR = 5e-4  # part of the first step within which a bifurcation is interpolated
@@ -80,17 +83,17 @@ def march(ramp, method, settings, code, capacity):
         )
         active = ~by_newton | (newton_code == status.OK)
         found = correct(ramp, a.plastic, guess, along, factor, a.factor, condition, tol, active)
-        weight = jnp.where(run.weight > 0, run.weight, _weight(found, begin))
+        weight = jnp.where(run.weight > 0, run.weight, scale_of(found, begin))
         turn, rise = found.turn / weight, found.rise
         size = jnp.sqrt(turn @ turn + rise**2)
         size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
         closing = run.hunting & run.beyond.branch
         point = _point(ramp, a, found, turn / size, rise / size, closing)
-        bent = (a.turn @ point.turn + a.rise * point.rise < _BEND) & free
+        bent = (cosine(a, point) < _BEND) & free
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
         regular = found.regular | (by_newton & begin.convex)
         gone = jnp.sqrt(jnp.sum((found.moved / weight) ** 2) + (found.factor - a.factor) ** 2)
-        leapt = free & ~fresh & (gone > _LEAP * jnp.sqrt(2.0) * settings.largest)
+        leapt = free & ~fresh & (gone > _LEAP * jnp.maximum(jnp.sqrt(2.0) * settings.largest, ds))
         sound = found.converged & regular & ~far & ~leapt
         weight = jnp.where(found.regular, weight, run.weight)
         return found, point, sound, bent & ~fresh, newton_code, weight, far
@@ -186,7 +189,12 @@ def march(ramp, method, settings, code, capacity):
         nominal = run.nominal * jnp.where(plain, jnp.clip(ease, 0.5, 2.0), 1.0)
         first = fresh | (run.weight == 0)
         nominal = jnp.where(accept & first, jnp.sqrt(2.0) * settings.step, nominal)
-        nominal = jnp.minimum(nominal, jnp.sqrt(2.0) * settings.largest)
+        longest = jnp.sqrt(2.0) * settings.largest
+        soft = (p.rise > 0) & (p.rise < _SOFT) & (p.negative == 0)
+        straight = plain & soft & (cosine(a, p) > _STRAIGHT)
+        wide_step = stride(p, weight, extent, settings.largest)
+        longest = jnp.where(straight, jnp.maximum(longest, wide_step), longest)
+        nominal = jnp.minimum(nominal, longest)
         bracket = jnp.where(
             wide, ds, jnp.where(accept & run.hunting, run.bracket - ds, run.bracket)
         )
@@ -197,7 +205,7 @@ def march(ramp, method, settings, code, capacity):
         close = jnp.where(far_end.branch, _NEAR * settings.step, close)
         over = accept & run.hunting & (bracket <= close)
         hunting = (run.hunting | wide) & ~hit & ~over & ~last
-        ahead = _guess(anchor, far_end, bracket, run.turns, close)
+        ahead = guess_ahead(anchor, far_end, bracket, run.turns, close)
         ds_next = jnp.where(hunting, ahead, nominal)
 
         # a step that fails is tried again, shorter; where equilibrium is unique, by load at last
@@ -233,6 +241,7 @@ def march(ramp, method, settings, code, capacity):
             (exhausted & ~rescue, status.NOT_CONVERGED),
             (by_newton & fresh & (newton_code != status.OK), newton_code),
             (lost, status.NOT_CONVERGED),
+            (full & soft & (count == 0), status.EXCESSIVE_DEFORMATION),
             (full, status.OUT_OF_STEPS),
         )
         for happened, own in reversed(outcomes):
@@ -316,27 +325,6 @@ def _slack(system, motion, before):
             own = jnp.where(unsure, was, own)
         rows.append(own)
     return jnp.concatenate(rows)
-
-
-def _weight(found, system):
-    """Displacement per unit of the load factor where the path begins, m."""
-    own = jnp.linalg.norm(found.turn) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
-    usable = (own > 0) & jnp.isfinite(own)
-    return jnp.where(usable, own, system.length_scale())
-
-
-def _guess(anchor, far_end, bracket, turns, tol):
-    """Length of the next step of a hunt."""
-    rise, stiffness = far_end.rise, far_end.stiffness
-    turning = (rise > 0) != (anchor.rise > 0)
-    by_rise = anchor.rise / jnp.where(turning, anchor.rise - rise, 1.0)
-    softening = (stiffness > 0) != (anchor.stiffness > 0)
-    by_stiffness = anchor.stiffness / jnp.where(softening, anchor.stiffness - stiffness, 1.0)
-    part = jnp.where(turning, by_rise, jnp.where(softening, by_stiffness, 0.5))
-    part = jnp.where(far_end.smooth & jnp.isfinite(part) & (turns % 3 != 2), part, 0.5)
-    # no nearer to an end than half the tolerance, so that the bracket closes from both sides
-    length = jnp.clip(part * bracket, 0.5 * tol, jnp.maximum(bracket - 0.5 * tol, 0.5 * tol))
-    return jnp.where(bracket <= tol, bracket, length)
 
 
 def _zero_between(a, p):

@@ -19,8 +19,9 @@ class TracedPath(Path):
             `Path`, a row a point.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
-            BIFURCATION if it was to end there; MATERIAL_FAILURE, MECHANISM, NOT_CONVERGED,
-            OUT_OF_STEPS, or the status of the phases before.
+            BIFURCATION if it was to end there; MATERIAL_FAILURE, MECHANISM, NOT_CONVERGED;
+            OUT_OF_STEPS, or EXCESSIVE_DEFORMATION if the load still rises then but little
+            stiffness is left; or the status of the phases before.
         iterations: of the correction onto the path, [n].
         factorizations: None.
         equilibrated: None.

@@ -66,6 +66,8 @@ def trace_path(
         until, down_to: load factors at which the path ends, ``down_to < 0 < until``.
         step, largest: steps of the load factor at first, and at most, where the path is straight;
             arc length counts the load factor and displacement alike as they change at the start.
+            Where little stiffness is left and the path is straight, as in plastic collapse, steps
+            are longer: of `largest` in load, or 2 % of the structure's size in displacement.
         steps: rows of the path that there is room for.
         events: events that there is room for.
         tol: length of path within which events are caught, in units of `step`; 1e-9, or 1e-5 in

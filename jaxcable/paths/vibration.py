@@ -1,13 +1,18 @@
 """Small free vibrations about a loaded state."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from .. import _check, linear
 from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
-from ..tangent import displaced_by, filled, prepared, tangent_of
+from ..assembly import each
+from ..elements.prestress import element
+from ..ramp import make_system
+from ..tangent import displaced_by, filled, prepared, tangent_at
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2."""
@@ -45,9 +50,14 @@ def natural_frequencies(
     """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
 
     K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
-    the element groups (over `gravity`), shared out to the nodes, and `masses`; they do not turn:
-    rotations of beams follow without inertia (static condensation, exact but for masses on rigid
-    arms, where it is Guyan's reduction). Dense, meant for some hundred unknowns.
+    the element groups (over `gravity`) and `masses`. Nodes have no inertia against turning, nor
+    have sections of beams: rotations follow without inertia of their own (static condensation,
+    whose error is of the order of that of the masses; exact but for masses on rigid arms, where it
+    is Guyan's reduction, if only nodes have mass). Dense, meant for some hundred unknowns.
+
+    A catenary is one element for a whole span: half of its mass moves with each end, and modes
+    within the span are not found. Where the first of them is slower than a mode that is returned,
+    an `InputWarning` says so (outside of transformations); a chain of `Cables` has them all.
 
     A pure function. Derivatives are those of simple eigenvalues; equal ones have no definite modes,
     and derivatives of their shapes are not finite.
@@ -60,16 +70,19 @@ def natural_frequencies(
             freedoms are condensed, and which they are must be known).
         fixed: freedoms to leave out, as in `forms.tangent_of`.
         gravity: acceleration that weights are divided by, m/s2.
-        distribution: of an element's mass m: "lumped", half to each end; "consistent", m/3 and m/6
-            between them, as of straight elements; "mean", of both, whose errors cancel; None for
-            what is of order 4 in the length of an element: the mean for cables and bars, lumped for
-            beams. Cables over several nodes are always lumped.
+        distribution: of an element's mass m: "lumped", half to each end; "consistent" with the
+            displacements between its ends: m/3 and m/6 of straight cables and bars, and of the
+            cubic deflections of beams; "mean", of both, whose errors cancel in cables and bars;
+            None for what is of order 4 in the length of an element: the mean for cables, bars and
+            along beams, consistent across beams. Cables over several nodes are always lumped.
 
     Returns:
         `Vibration`.
 
     Raises:
-        ValueError: wrong arguments, or no mass at all.
+        ValueError: wrong arguments; no mass at all, or none that can move; a tangent that is not
+            symmetric (loads that follow without a potential, nodal moments), whose frequencies may
+            be complex (if traced, they are NaN).
 
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
 
@@ -109,12 +122,26 @@ def natural_frequencies(
         heavy[freedoms.carried[1]] |= heavy[freedoms.carried[0]]
     moving = np.unique(np.asarray(freedoms.number)[: structure.n_node, :3][heavy])
     moving = moving[moving < n_free]
-    stiffness = tangent_of(structure, state, fixed)
+    if not len(moving):
+        hint = ""
+        if any(hasattr(group, "end_tensions") for group in structure.groups):
+            hint = "; catenaries have no modes within their span, use a chain of Cables"
+        raise ValueError(f"masses: no node that is free to move has mass{hint}")
+    stiffness = tangent_at(thawed, arrays, freedoms)
+    symmetric = linear.is_symmetric(stiffness)
+    if _check.concrete(symmetric) is not None and not symmetric:
+        raise ValueError(
+            "state: loads that follow or nodal moments make its tangent stiffness unsymmetric; "
+            "frequencies may be complex, and this solves symmetric problems only"
+        )
     moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
-    mass = _node_mass(structure, thawed, arrays, gravity, distribution)
+    mass = _mass(thawed, arrays, freedoms, gravity, distribution)
     if masses is not None:
-        mass = mass + jnp.diag(masses.astype(mass.dtype))
-    return _solve(stiffness, mass, moving, moved, min(n, len(moving)))
+        mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
+    stiffness = jnp.where(symmetric, stiffness, jnp.nan)
+    found = _solve(stiffness, mass, moving, moved, min(n, len(moving)))
+    _suspect_catenaries(structure, thawed, arrays, gravity, found)
+    return found
 
 
 def _positive(values):
@@ -126,27 +153,102 @@ def _positive(values):
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
 
 
-def _node_mass(structure, thawed, arrays, gravity, distribution):
-    """Mass matrix of the nodes, the same in every direction, [n_node, n_node], kg."""
+def _mass(thawed, arrays, freedoms, gravity, distribution):
+    """Mass matrix of the elements, [n_free, n_free], kg."""
     nodes, groups, carry = filled(thawed, arrays)
-    rows = structure.rows()[0]
-    node = np.arange(structure.n_node) if rows is None else rows.node
-    mass = jnp.zeros((structure.n_node, structure.n_node), nodes.dtype)
-    for group, given, state in zip(groups, structure.groups, carry.states, strict=True):
-        if getattr(group, "weight", None) is None:
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    blocks = _blocks(thawed, arrays, jnp.asarray(gravity, nodes.dtype), distribution)
+    parts = [pair for pair in zip(blocks, system.groups, strict=True) if pair[0] is not None]
+    if not parts:
+        return jnp.zeros((len(freedoms.free),) * 2, nodes.dtype)
+    return _assembled(system, parts, carry.motion)
+
+
+def _assembled(system, parts, motion):
+    """A matrix as the tangent of other element matrices, a list of ([n_elem, d, d], group)."""
+    scaled = system.turning and system._slopes(motion) is None
+    placed = []
+    for blocks, group in parts:
+        own = system._scaled(blocks, group, group.links.shape[1]) if scaled else blocks
+        placed.append(system._part(own, group.links, group.n_freedom, motion, group.inner))
+    return system._assemble(placed)
+
+
+@functools.partial(jax.jit, static_argnames=("distribution",))
+def _blocks(thawed, arrays, gravity, distribution):
+    """Mass matrices of the elements, [n_elem, d, d] per group; None without weight."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, None, None)
+    found = []
+    for group, state in zip(system.groups, system.states, strict=True):
+        blocks = None
+        if getattr(group, "weight", None) is not None:
+            whole = group.weight * state.loaded / gravity
+            if group.n_freedom == 6:
+                blocks = _of_beams(system, group, state, carry.motion, whole, distribution)
+            else:
+                blocks = _of_cables(group, nodes, whole, distribution)
+        found.append(blocks)
+    return found
+
+
+def _of_cables(group, nodes, whole, distribution):
+    """Mass matrices of cables and bars of the masses `whole`, the same in every direction."""
+    if group.links.shape[1] == 2:
+        own, other = _SHARES["mean" if distribution is None else distribution]
+        share = jnp.array([[own, other], [other, own]], whole.dtype)
+        share = jnp.einsum("e,ab->eab", whole, share)
+    else:
+        share = jax.vmap(jnp.diag)(group.at_ends(whole, nodes[group.links]))
+    blocks = jnp.einsum("eab,ij->eaibj", share, jnp.eye(3, dtype=whole.dtype))
+    side = 3 * group.links.shape[1]
+    return blocks.reshape(-1, side, side)
+
+
+def _of_beams(system, group, state, motion, whole, distribution):
+    """Mass matrices of beams of the masses `whole`."""
+    if distribution != "lumped":
+        ends = system.nodes[group.links], motion[group.links]
+
+        def one(properties, *arguments):
+            own = element(group, properties)
+            return own.mass_matrix(*arguments, distribution is None)
+
+        consistent = jax.vmap(one)(group.properties(), state, *ends, whole)
+        if distribution in (None, "consistent"):
+            return consistent
+    side = 12 + len(group.inner)
+    halves = np.zeros(side)
+    halves[[0, 1, 2, 6, 7, 8]] = 0.5
+    lumped = jnp.einsum("e,ij->eij", whole, jnp.diag(jnp.asarray(halves, whole.dtype)))
+    return lumped if distribution == "lumped" else 0.5 * (lumped + consistent)
+
+
+def _suspect_catenaries(structure, thawed, arrays, gravity, found):
+    """Warn of catenaries with modes of their own among those that were asked for."""
+    highest = _check.concrete(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
+    if highest is None:
+        return
+    nodes, groups, carry = filled(thawed, arrays)
+    for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
+        if not hasattr(group, "end_tensions") or group.weight is None:
             continue
-        best = "lumped" if group.n_freedom == 6 else "mean"
-        own, other = _SHARES[best if distribution is None else distribution]
+        system = make_system(nodes, groups, carry, None, None)
+        tension = each("tension", group, system.states[number], nodes, carry.motion)
+        # a taut string's, m l of whose mass is between the ends: exact across a shallow one
         whole = group.weight * state.loaded / gravity
-        links = node[given.links.array]
-        if links.shape[1] != 2:
-            share = group.at_ends(whole, nodes[group.links])
-            mass = mass.at[links, links].add(share)
-            continue
-        for i in (0, 1):
-            mass = mass.at[links[:, i], links[:, i]].add(own * whole)
-            mass = mass.at[links[:, i], links[:, 1 - i]].add(other * whole)
-    return mass
+        own = jnp.sqrt(tension / jnp.where(whole > 0, whole, jnp.nan) / state.rest_length) / 2
+        own = _check.concrete(own)
+        if own is None:
+            return
+        slow = np.flatnonzero(own < highest)
+        if len(slow):
+            k = int(slow[np.argmin(own[slow])])
+            _check.suspect(
+                f"structure: catenary {k} of group {number} swings within its span at about "
+                f"{own[k]:.3g} Hz, slower than a mode that was asked for ({highest:.3g} Hz); such "
+                "modes are not found: use a chain of Cables for it, or ask for fewer modes"
+            )
 
 
 def _solve(stiffness, mass, moving, moved, n):
@@ -165,7 +267,7 @@ def _solve(stiffness, mass, moving, moved, n):
     if follow is not None:
         all_of = all_of.at[still].set(follow)
     ways = jnp.tensordot(moved, all_of, 1)  # [n_node, 3, n_moving]
-    own = jnp.tensordot(ways, jnp.tensordot(mass, ways, 1), ((0, 1), (0, 1)))
+    own = all_of.T @ mass @ all_of
     root = jnp.linalg.cholesky(own)
     half = jax.scipy.linalg.solve_triangular(root, condensed, lower=True)
     standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
