@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from . import linear
 from ._tree import copy, pytree
 from .elements.prestress import element
-from .freedoms import carriers, numbers_of
+from .freedoms import along, carriers, combined, numbers_of
 
 
 @pytree
@@ -153,6 +153,12 @@ class System:
         motion = self.motion(x)
         parts = self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), motion)
         return self._assemble(parts + self._following_blocks(motion))
+
+    def assembled(self, parts, motion):
+        """A matrix as `tangent` from those of elements, list of ([n_elem, d, d], their group)."""
+        return self._assemble(
+            [self._part(b, group.links, group.n_freedom, motion, group.inner) for b, group in parts]
+        )
 
     def _following_blocks(self, motion):
         """What following loads take from the tangent, as `_blocks`."""
@@ -355,16 +361,6 @@ class System:
     def extent(self):
         """Size of the whole structure: diagonal of its bounding box, m."""
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
-
-
-def along(axes, vectors):
-    """Components of vectors [n, 3] along directions, rows of [n, 3, 3]."""
-    return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
-
-
-def combined(axes, components):
-    """Vectors [n, 3] from their components along directions, rows of [n, 3, 3]."""
-    return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)
 
 
 def _by_numbers(blocks, slopes, n_inner):

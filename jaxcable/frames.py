@@ -20,8 +20,9 @@ from jax import lax
 
 from . import linear
 from ._tree import pytree
-from .assembly import System, along, combined, each, motion_of
+from .assembly import System, each, motion_of
 from .elements.prestress import element
+from .freedoms import along, combined
 from .rotations import (
     IDENTITY,
     conjugate,
@@ -295,6 +296,12 @@ class FrameSystem(System):
         own = [jnp.tile(scale[: one.n_freedom], count), jnp.ones(len(one.inner), scale.dtype)]
         own = jnp.concatenate(own)
         return jnp.einsum("...ij,i,j->...ij", block, own, own)
+
+    def assembled(self, parts, motion):
+        """See `System.assembled`."""
+        if self._slopes(motion) is None:
+            parts = [(self._scaled(b, group, group.links.shape[1]), group) for b, group in parts]
+        return super().assembled(parts, motion)
 
     def _without_spins(self, matrix, x):
         """The tangent with free spins held at a node each, as far as they are without stiffness.

@@ -163,3 +163,13 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
         pattern,
         None if spins is None else (spins.rows, spins.piece, spins.ends),
     )
+
+
+def along(axes, vectors):
+    """Components of vectors [n, 3] along directions, rows of [n, 3, 3]."""
+    return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
+
+
+def combined(axes, components):
+    """Vectors [n, 3] from their components along directions, rows of [n, 3, 3]."""
+    return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)

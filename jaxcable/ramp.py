@@ -10,8 +10,9 @@ import jax.numpy as jnp
 
 from . import status
 from ._tree import copy, pytree
-from .assembly import System, along, combined, each
+from .assembly import System, each
 from .frames import FrameSystem
+from .freedoms import along, combined
 from .rotations import IDENTITY, turned
 
 

@@ -5,14 +5,19 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from .. import _check, linear
 from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
 from ..assembly import each
+from ..elements import Catenaries
 from ..elements.prestress import element
 from ..ramp import make_system
 from ..tangent import displaced_by, filled, prepared, tangent_at
+
+_DEFINITE = 1e-9  # pivot, over the diagonal, below which a matrix may as well be indefinite
+_MASSLESS = 1e3  # roundings of the slowest mode's mu that are none
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2."""
@@ -50,10 +55,8 @@ def natural_frequencies(
     """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
 
     K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
-    the element groups (over `gravity`) and `masses`. Nodes have no inertia against turning, nor
-    have sections of beams: rotations follow without inertia of their own (static condensation,
-    whose error is of the order of that of the masses; exact but for masses on rigid arms, where it
-    is Guyan's reduction, if only nodes have mass). Dense, meant for some hundred unknowns.
+    the element groups (over `gravity`) and `masses`. Nodes and sections of beams have no inertia of
+    their own against turning. Dense, meant for some hundred unknowns.
 
     A catenary is one element for a whole span: half of its mass moves with each end, and modes
     within the span are not found. Where the first of them is slower than a mode that is returned,
@@ -65,9 +68,8 @@ def natural_frequencies(
     Args:
         structure: the `Structure` that was analysed.
         state: `Solution` (its last converged state) or `State`.
-        n: number of modes; fewer if fewer freedoms have mass.
-        masses: added masses at the nodes, [n_node] or scalar, kg; all positive if traced (massless
-            freedoms are condensed, and which they are must be known).
+        n: number of modes; fewer if fewer have mass (if traced, the others are infinitely fast).
+        masses: added masses at the nodes, [n_node] or scalar, kg.
         fixed: freedoms to leave out, as in `forms.tangent_of`.
         gravity: acceleration that weights are divided by, m/s2.
         distribution: of an element's mass m: "lumped", half to each end; "consistent" with the
@@ -109,24 +111,10 @@ def natural_frequencies(
         masses = jnp.broadcast_to(_check.floats(masses, "masses"), structure.n_node)
         masses = or_nan(not_negative("masses", masses))
     thawed, arrays, freedoms = prepared(structure, state, fixed)
-    heavy = np.zeros(structure.n_node, bool)
-    for group in structure.groups:
-        if getattr(group, "weight", None) is not None:
-            heavy[group.links.array[_positive(group.weight)]] = True
-    if masses is not None:
-        heavy |= _positive(masses)
-    if not heavy.any():
+    weights = [getattr(group, "weight", None) for group in structure.groups]
+    known = [_check.concrete(own) for own in (*weights, masses) if own is not None]
+    if not any(own is None or (own > 0).any() for own in known):
         raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
-    n_free = len(freedoms.free)
-    if freedoms.carried is not None:
-        heavy[freedoms.carried[1]] |= heavy[freedoms.carried[0]]
-    moving = np.unique(np.asarray(freedoms.number)[: structure.n_node, :3][heavy])
-    moving = moving[moving < n_free]
-    if not len(moving):
-        hint = ""
-        if any(hasattr(group, "end_tensions") for group in structure.groups):
-            hint = "; catenaries have no modes within their span, use a chain of Cables"
-        raise ValueError(f"masses: no node that is free to move has mass{hint}")
     stiffness = tangent_at(thawed, arrays, freedoms)
     symmetric = linear.is_symmetric(stiffness)
     if _check.concrete(symmetric) is not None and not symmetric:
@@ -138,16 +126,15 @@ def natural_frequencies(
     mass = _mass(thawed, arrays, freedoms, gravity, distribution)
     if masses is not None:
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
+    if not (_check.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
+        hint = ""
+        if any(isinstance(group, Catenaries) for group in structure.groups):
+            hint = "; catenaries have no modes within their span, use a chain of Cables"
+        raise ValueError(f"masses: no node that is free to move has mass{hint}")
     stiffness = jnp.where(symmetric, stiffness, jnp.nan)
-    found = _solve(stiffness, mass, moving, moved, min(n, len(moving)))
+    found = _with_mass(_solve(stiffness, mass, moved, min(n, len(stiffness))))
     _suspect_catenaries(structure, thawed, arrays, gravity, found)
     return found
-
-
-def _positive(values):
-    """Where there is mass, NumPy bool; everywhere while values are traced."""
-    known = _check.concrete(values)
-    return np.ones(len(values), bool) if known is None else known > 0
 
 
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
@@ -161,17 +148,7 @@ def _mass(thawed, arrays, freedoms, gravity, distribution):
     parts = [pair for pair in zip(blocks, system.groups, strict=True) if pair[0] is not None]
     if not parts:
         return jnp.zeros((len(freedoms.free),) * 2, nodes.dtype)
-    return _assembled(system, parts, carry.motion)
-
-
-def _assembled(system, parts, motion):
-    """A matrix as the tangent of other element matrices, a list of ([n_elem, d, d], group)."""
-    scaled = system.turning and system._slopes(motion) is None
-    placed = []
-    for blocks, group in parts:
-        own = system._scaled(blocks, group, group.links.shape[1]) if scaled else blocks
-        placed.append(system._part(own, group.links, group.n_freedom, motion, group.inner))
-    return system._assemble(placed)
+    return system.assembled(parts, carry.motion)
 
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
@@ -187,19 +164,22 @@ def _blocks(thawed, arrays, gravity, distribution):
             if group.n_freedom == 6:
                 blocks = _of_beams(system, group, state, carry.motion, whole, distribution)
             else:
-                blocks = _of_cables(group, nodes, whole, distribution)
+                blocks = _of_cables(group, nodes + carry.motion[:, :3], whole, distribution)
         found.append(blocks)
     return found
 
 
-def _of_cables(group, nodes, whole, distribution):
-    """Mass matrices of cables and bars of the masses `whole`, the same in every direction."""
+def _of_cables(group, places, whole, distribution):
+    """Mass matrices of cables and bars of the masses `whole`, the same in every direction.
+
+    Those of ropes over several nodes by the pieces that they have where the nodes are.
+    """
     if group.links.shape[1] == 2:
         own, other = _SHARES["mean" if distribution is None else distribution]
         share = jnp.array([[own, other], [other, own]], whole.dtype)
         share = jnp.einsum("e,ab->eab", whole, share)
     else:
-        share = jax.vmap(jnp.diag)(group.at_ends(whole, nodes[group.links]))
+        share = jax.vmap(jnp.diag)(group.at_ends(whole, places[group.links]))
     blocks = jnp.einsum("eab,ij->eaibj", share, jnp.eye(3, dtype=whole.dtype))
     side = 3 * group.links.shape[1]
     return blocks.reshape(-1, side, side)
@@ -231,7 +211,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         return
     nodes, groups, carry = filled(thawed, arrays)
     for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
-        if not hasattr(group, "end_tensions") or group.weight is None:
+        if not isinstance(group, Catenaries) or group.weight is None:
             continue
         system = make_system(nodes, groups, carry, None, None)
         tension = each("tension", group, system.states[number], nodes, carry.motion)
@@ -251,35 +231,47 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
             )
 
 
-def _solve(stiffness, mass, moving, moved, n):
-    """The slowest `n` modes; `moving` are the unknowns with mass, `moved` what they displace."""
-    n_free = len(stiffness)
-    still = np.setdiff1d(np.arange(n_free), moving)
-    symmetric = 0.5 * (stiffness + stiffness.T)
-    condensed = symmetric[np.ix_(moving, moving)]
-    follow = None
-    if len(still):
-        follow = -jnp.linalg.solve(
-            symmetric[np.ix_(still, still)], symmetric[np.ix_(still, moving)]
-        )
-        condensed = condensed + symmetric[np.ix_(moving, still)] @ follow
-    all_of = jnp.zeros((n_free, len(moving)), moved.dtype).at[moving].set(jnp.eye(len(moving)))
-    if follow is not None:
-        all_of = all_of.at[still].set(follow)
-    ways = jnp.tensordot(moved, all_of, 1)  # [n_node, 3, n_moving]
-    own = all_of.T @ mass @ all_of
-    root = jnp.linalg.cholesky(own)
-    half = jax.scipy.linalg.solve_triangular(root, condensed, lower=True)
+def _solve(stiffness, mass, moved, n):
+    """The slowest `n` modes; `moved` is what the unknowns displace.
+
+    ``M v = mu (K + s M) v``, ``mu = 1 / (w^2 + s)``: unknowns without mass have mu = 0 and need not
+    be known, and slow modes, the largest mu, are exact. The shift s is zero where K is definite.
+    """
+    stiffness = 0.5 * (stiffness + stiffness.T)
+    size = jnp.sum(jnp.abs(jnp.diagonal(stiffness))) / jnp.trace(mass)
+
+    def indefinite(shift):
+        matrix = stiffness + shift * mass
+        pivots = jnp.diagonal(jnp.linalg.cholesky(matrix)) ** 2 / jnp.diagonal(matrix)
+        return ~(jnp.min(pivots) > _DEFINITE) & (shift < size / _DEFINITE)
+
+    def more(shift):
+        return jnp.where(shift > 0, 10 * shift, _DEFINITE * size)
+
+    shift = lax.stop_gradient(lax.while_loop(indefinite, more, jnp.zeros_like(size)))
+    root = jnp.linalg.cholesky(stiffness + shift * mass)
+    half = jax.scipy.linalg.solve_triangular(root, mass, lower=True)
     standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
-    squared, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
-    modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)[:, :n]
-    shapes = jnp.moveaxis(jnp.tensordot(ways, modes, 1), -1, 0)
+    mu, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
+    mu, vectors = mu[::-1][:n], vectors[:, ::-1][:, :n]
+    massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
+    squared = jnp.where(massive, 1 / jnp.where(massive, mu, 1.0) - shift, jnp.inf)
+    modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)
+    shapes = jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0)
     size = jnp.max(jnp.linalg.norm(shapes, axis=-1), axis=1)
     flat = shapes.reshape(n, -1)
     sign = jnp.sign(jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1))
     shapes = shapes * (sign[:, 0] / size)[:, None, None]
-    squared = squared[:n]
     positive = squared > 0
     frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
     frequency = jnp.where(positive, frequency, jnp.nan)
     return Vibration(frequency, squared, shapes)
+
+
+def _with_mass(found):
+    """The modes that have mass, where that is known."""
+    known = _check.concrete(found.squared)
+    if known is None:
+        return found
+    count = int(np.sum(~np.isposinf(known)))
+    return jax.tree.map(lambda a: a[:count], found)
