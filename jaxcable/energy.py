@@ -21,6 +21,7 @@ from ._check import InputWarning
 from ._tree import pytree
 from .parts import one_case
 from .preparation import prepare
+from .topology import require_same
 from .works import marks, works
 
 WORKS = ("dead", "following", "supports", "prestress")
@@ -121,6 +122,7 @@ def energy_balance(structure, phases, solution, start=None):
         True
     """
     one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # the analysis has said so
         thawed, arrays, *_ = prepare(structure, phases, None, start)

@@ -58,7 +58,9 @@ def first_and_last(group):
 
 
 def one_case(solution):
-    """Raise ValueError if `solution` is a batch, or is being traced."""
+    """Raise ValueError if `solution` is none, a batch, or is being traced."""
+    if not hasattr(solution, "status"):
+        raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")
     if isinstance(solution.status, jax.core.Tracer):
         raise ValueError("solution: is being traced; write files outside of jit")
     if np.ndim(solution.status) != 0:

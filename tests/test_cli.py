@@ -202,6 +202,13 @@ def test_info_tells_what_is_in_a_file(scene, capsys):
     assert "scene of 12 nodes, 2 phases, float64" in out and "unknowns: 12" in out
     assert "Cables: 12 elements, lengths 0.4 m, 4.8 m in total" in out
     assert "axial_stiffness 97970" in out and "phase 2: 10 increments" in out
+    bend = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
+    mast = jc.Beams([[0, 1]], section=bend, up=(1.0, 0, 0))
+    nodes = [[0.0, 0, 0], [0, 0, 2.0], [0, 0, 5.0]]
+    arm = jc.Structure(nodes, mast, supports=jc.clamped([0]), rigid=[[1, 2]])
+    jc.save_scene("arm.json", (arm, [jc.Phase()]))
+    assert main(["info", "arm.json"]) == 0
+    assert "unknowns: 6" in capsys.readouterr().out  # the carried node has none of its own
     assert "NodalLoads on 4 nodes, sum (0, 0, -60) N" in out
 
 

@@ -148,3 +148,36 @@ def test_refused():
     spiral = np.array([(*place, 0.0) for place in spiral])
     with pytest.raises(ValueError, match=r"free end 0 to 6 would cross \[1, 2\]"):
         jc.net_faces(spiral, [[k, k + 1] for k in range(6)], border="ends")
+
+
+def octagons(*links):
+    """Two rings of eight nodes, 2 m and 1 m in radius, joined by some links."""
+    turn = np.arange(8) * np.pi / 4
+    ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    loops = [[first + k, first + (k + 1) % 8] for first in (0, 8) for k in range(8)]
+    return np.vstack([2 * ring, ring]), [*loops, *links]
+
+
+def test_a_part_inside_a_mesh_is_covered_once():
+    nodes, links = octagons([0, 8])
+    assert covered(nodes, quiet(nodes, links)) == pytest.approx(outline(nodes[:8]), rel=1e-13)
+    with pytest.raises(ValueError, match=r"with node 8 lies inside a mesh .* with node 0; join"):
+        jc.net_faces(*octagons())
+
+
+SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
+REFUSED = [
+    (lambda: jc.net_faces(SQUARE, [*ROUND, [0, 2], [1, 3]]), "links: some cross in plan"),
+    (lambda: jc.net_faces(SQUARE, ROUND, largest=5), "largest = 5: expected 3 or 4 corners"),
+    (lambda: jc.net_faces(SQUARE, [*ROUND, [1, 5]]), r"links\[4\] = \[1, 5\]: .* nodes 0 to 3"),
+    (lambda: jc.net_faces(SQUARE, [0, 1, 2, 3]), r"links: expected shape \[n, 2\]"),
+    (lambda: jc.net_faces(SQUARE, [[0.0, 1.0]]), "links: expected integers, got float64"),
+    (lambda: jc.net_faces(SQUARE, [[0, -1]]), r"links\[0\] = .* node numbers start at 0"),
+]
+
+
+@pytest.mark.parametrize(("make", "text"), REFUSED, ids=[text[:30] for _, text in REFUSED])
+def test_what_is_no_net_is_refused_by_name(make, text):
+    with pytest.raises(ValueError, match=text):
+        make()

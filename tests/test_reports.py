@@ -182,6 +182,14 @@ def test_wrong_arguments_are_named(net):
             jc.report(structure, solution, cases=batch, names=names)
     with pytest.raises(ValueError, match="phases: 2 of them, the solution has 1"):
         jc.report(structure, solution, [jc.Phase(), jc.Phase()])
+    with pytest.raises(ValueError, match="solution: expected a Solution, got list"):
+        jc.report(structure, [jc.Phase()], solution)
+    free = int(np.flatnonzero(~structure.held().any(axis=1))[0])
+    other = jc.replace(structure, supports=structure.supports + jc.pinned([free]))
+    with pytest.raises(ValueError, match=r"solution: .*supports"):
+        jc.report(other, solution)
+    with pytest.raises(ValueError, match=r"solution: .*supports"):
+        jc.energy_balance(other, jc.Phase(), solution)
 
 
 def test_a_support_that_is_taken_away_keeps_its_largest_reaction():

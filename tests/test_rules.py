@@ -454,7 +454,7 @@ OTHERWISE = {
     "sections/composites.py:_summed": "NaN where it is traced",
     "structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",
-    "paths/vibration.py:_positive": "no rule: which nodes have mass",
+    "paths/vibration.py:_with_mass": "no rule: how many modes have mass",
     "paths/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
     "paths/vibration.py:_suspect_catenaries": "no rule: a warning",
     "paths/buckling.py:buckling_factor": "NaN where it is traced",

@@ -5,6 +5,7 @@ import numpy as np
 
 from ..files.reading import read_json
 from ..files.scene import FORMAT
+from ..freedoms import number_freedoms
 from ..loads import as_list
 from ..parts import groups_by_name
 from ..phases import ABSOLUTE, INCREMENTS
@@ -37,8 +38,9 @@ def _scene(structure, phases):
         f"supports: {int(pinned.sum())} nodes held, {int(partly.sum())} partly, "
         f"{int(clamped.sum())} against rotation"
     )
-    free = int((~structure.fixed(structure.supports).array).sum())
-    print(f"unknowns: {free}")
+    rows, _ = structure.rows()
+    freedoms = number_freedoms(structure.fixed(structure.supports), rows, rigid=structure.rigid)
+    print(f"unknowns: {len(freedoms.free)}")
     for label, group in groups_by_name(structure):
         ends = nodes[group.links.array]
         lengths = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..elements import Bars
 from ..parts import groups_by_name, one_case
+from ..topology import require_same
 from .reading import written
 
 
@@ -51,6 +52,7 @@ def save_opensees(path, structure, solution, steps=1):
     if path.suffix != ".py":
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with .py")
     one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; there is no state to compute again")
     if int(steps) != steps or steps < 1:

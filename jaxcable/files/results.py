@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import status
 from ..parts import first_and_last, groups_by_name, one_case, per_group
+from ..topology import require_same
 from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable result"
@@ -195,9 +196,10 @@ def tables(structure, solution):
     """Tables of a result: nodes, elements and increments, each a list of rows, the header first.
 
     Raises:
-        ValueError: the solution is a batch.
+        ValueError: the solution is a batch, or that of another structure.
     """
     one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
     last = solution.last
     fixed = last.fixed[int(last.phase) + 1].array[: structure.n_node, :3]
     columns = [

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..parts import groups_by_name, one_case, per_group, pieces
+from ..topology import require_same
 from .reading import written
 
 _LINE = 3  # cell type of VTK
@@ -44,6 +45,7 @@ def save_vtk(path, structure, solution, increments=False):
     if path.suffix != ".vtk":
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with .vtk")
     one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
     if not increments:
         last = solution.last
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}

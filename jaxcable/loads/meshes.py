@@ -3,6 +3,8 @@
 import itertools
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from .. import _check
 
@@ -43,8 +45,9 @@ def net_faces(nodes, links, largest=4, border=None):
         `FacePressure`.
 
     Raises:
-        ValueError: two nodes at one place in plan, a node without link, an unknown `border`, no
-            face at all, or a line between free ends that crosses a link.
+        ValueError: wrong links, two nodes at one place in plan, a node without link, links or lines
+            between free ends that cross, a part of the net inside a mesh of another one, an unknown
+            `border`, another `largest`, or no face at all.
 
     Warns:
         InputWarning: without `border`, area outside of all links.
@@ -62,10 +65,17 @@ def net_faces(nodes, links, largest=4, border=None):
     """
     if border not in BORDERS:
         raise ValueError(f"border = {border!r}: expected None, 'ends' or 'links'")
+    if largest not in (3, 4):
+        raise ValueError(f"largest = {largest!r}: expected 3 or 4 corners")
     plan = np.asarray(nodes, float)[:, :2]
-    edges = {tuple(sorted(link)) for link in np.asarray(links).tolist()}
+    links = _check.integers(links, "links", width=2)
+    if links.size and links.max() >= len(plan):
+        k = int((links >= len(plan)).any(axis=1).argmax())
+        raise ValueError(f"links[{k}] = {links[k].tolist()}: there are nodes 0 to {len(plan) - 1}")
+    edges = {tuple(sorted(link)) for link in links.tolist()}
     nothing = _NOTHING * np.ptp(plan, axis=0).max() ** 2
     rings = _rings(plan, edges)
+    _require_plane(plan, edges, rings, nothing)
     if border != "links":
         lines = _between_ends(plan, edges, [r for r in rings if _area(plan, r) <= nothing])
         if lines:
@@ -116,6 +126,36 @@ def _rings(plan, edges):
         if ring:
             rings.append(ring)
     return rings
+
+
+def _require_plane(plan, edges, rings, nothing):
+    """Raise ValueError if links cross, or a part of the net lies within a mesh of another one."""
+    ends = np.array(sorted(edges)).T
+    graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
+    count, part = connected_components(graph, directed=False)
+    # in a plane every part has one outside, and Euler's number of meshes
+    if len(rings) != len(edges) - len(plan) + 2 * count:
+        raise ValueError("links: some cross in plan; put a node where they do")
+    meshes = [ring for ring in rings if _area(plan, ring) > nothing]
+    covering = np.isin(part, [part[ring[0]] for ring in meshes])
+    for ring in meshes if count > 1 else ():
+        others = np.flatnonzero(covering & (part != part[ring[0]]))
+        inside = others[_within(plan[ring], plan[others])]
+        if len(inside):
+            raise ValueError(
+                f"links: the part of the net with node {inside[0]} lies inside a mesh of another "
+                f"part, that with node {ring[0]}; join them with a link"
+            )
+
+
+def _within(places, points):
+    """Which points [n, 2] a ring of places goes round, by crossings of a line to the right."""
+    (x, y), following = places.T, np.roll(places, -1, axis=0).T
+    px, py = points[:, :1], points[:, 1:]
+    spans = (y > py) != (following[1] > py)
+    rise = np.where(following[1] == y, 1.0, following[1] - y)
+    right = px < x + (py - y) / rise * (following[0] - x)
+    return (spans & right).sum(axis=1) % 2 == 1
 
 
 def _area(plan, ring):

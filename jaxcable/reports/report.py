@@ -11,6 +11,7 @@ from .. import status
 from ..files.reading import written
 from ..files.results import as_csv
 from ..parts import groups_by_name, one_case
+from ..topology import require_same
 from . import contents
 from .contents import State
 from .table import as_text, empty, finite, headed
@@ -119,8 +120,9 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
         compression is compared with strength alone.
 
     Raises:
-        ValueError: `solution` is a batch, or names of another number than the cases; those of
-            `paths.buckling_factor` and of `energy_balance` if these are asked for.
+        ValueError: `solution` is none, a batch, or that of another structure; names of another
+            number than the cases; those of `paths.buckling_factor` and of `energy_balance` if these
+            are asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -140,6 +142,7 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
         imbalance 0.0000 0.0003 J
     """
     one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
     if phases is not None:
         phases = list(phases) if isinstance(phases, list | tuple) else [phases]
         if len(phases) != len(solution.phases):
