@@ -52,12 +52,12 @@ def save_opensees(path, structure, solution, steps=1):
     if path.suffix != ".py":
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with .py")
     one_case(solution)
-    require_same(structure, solution.last.topology, "solution")
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; there is no state to compute again")
     if int(steps) != steps or steps < 1:
         raise ValueError(f"steps = {steps}: expected a whole number from 1")
     require_exportable(structure)
+    require_same(structure, solution.last.topology, "solution")
     if solution.last.fixed[-1].axes is not None:
         raise ValueError("supports: the script holds displacements along x, y, z only")
     elements = []

@@ -16,7 +16,8 @@ from ..elements.prestress import element
 from ..ramp import make_system
 from ..tangent import displaced_by, filled, prepared, tangent_at
 
-_DEFINITE = 1e-9  # pivot, over the diagonal, below which a matrix may as well be indefinite
+_SLOW = 1e-6  # slowest w^2, over a mean one, up from which no shift is needed
+_SHIFT = 1e-4  # the least shift, likewise: modes a million times slower keep ten digits
 _MASSLESS = 1e3  # roundings of the slowest mode's mu that are none
 
 STANDARD_GRAVITY = 9.80665
@@ -240,18 +241,21 @@ def _solve(stiffness, mass, moved, n):
     stiffness = 0.5 * (stiffness + stiffness.T)
     size = jnp.sum(jnp.abs(jnp.diagonal(stiffness))) / jnp.trace(mass)
 
-    def indefinite(shift):
-        matrix = stiffness + shift * mass
-        pivots = jnp.diagonal(jnp.linalg.cholesky(matrix)) ** 2 / jnp.diagonal(matrix)
-        return ~(jnp.min(pivots) > _DEFINITE) & (shift < size / _DEFINITE)
+    def turned(shift):
+        """Cholesky's factor of K + s M, and M as it makes it, whose eigenvalues are mu."""
+        root = jnp.linalg.cholesky(stiffness + shift * mass)
+        half = jax.scipy.linalg.solve_triangular(root, mass, lower=True)
+        return root, jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
+
+    def indefinite(shift):  # or a mechanism, whose mu would drown all others
+        fine = jnp.trace(turned(shift)[1]) * size * _SLOW < 1
+        return ~fine & (shift < size / _SLOW)
 
     def more(shift):
-        return jnp.where(shift > 0, 10 * shift, _DEFINITE * size)
+        return jnp.where(shift > 0, 10 * shift, _SHIFT * size)
 
     shift = lax.stop_gradient(lax.while_loop(indefinite, more, jnp.zeros_like(size)))
-    root = jnp.linalg.cholesky(stiffness + shift * mass)
-    half = jax.scipy.linalg.solve_triangular(root, mass, lower=True)
-    standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
+    root, standard = turned(shift)
     mu, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
     mu, vectors = mu[::-1][:n], vectors[:, ::-1][:, :n]
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
