@@ -62,7 +62,7 @@ def unbalanced(structure, density, links):
     left = np.zeros_like(nodes)
     np.add.at(left, links[:, 0], pull)
     np.add.at(left, links[:, 1], -pull)
-    free = ~structure.fixed(structure.supports)
+    free = ~structure.held()
     return np.abs(left[free]).max() / np.linalg.norm(pull, axis=1).max()
 
 
@@ -76,7 +76,7 @@ def study(structure, phases, say):
     """Analyse a scene; solution, eigenvalue at every level of prestress, the mechanisms' own."""
     found = forms.self_stress(structure)
     density, links = stated(structure, phases[0])
-    n_free = int((~structure.fixed(structure.supports)).sum())
+    n_free = int((~structure.held()).sum())
     assert found.m - found.s == n_free - len(links)
     tension = density * np.concatenate(jax.tree.leaves(found.length))
     solution = jc.solve(structure, phases)
@@ -200,7 +200,7 @@ def draw(axes, structure, solution, zoom):
         axes.plot(
             *[[]] * seen.shape[1], color=COMPRESSED, linewidth=3.2, label=f"struts, {span} kN"
         )
-    held = structure.fixed(structure.supports)
+    held = structure.held()
     held = held[:, [0, 2]].all(1) if plane else held.any(1)
     marks = {"marker": "^", "linestyle": "none", "color": "black", "markersize": 5}
     axes.plot(*seen[held].T, **marks, label="support")
