@@ -10,6 +10,7 @@ import dataclasses
 import hashlib
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 
@@ -159,25 +160,25 @@ def fill(tree, arrays):
     return jax.tree.map(visit, tree, is_leaf=_holds_indices)
 
 
-def emptied(tree, thawed):
-    """Undo `fill`: the numbers of `tree` with the slots of `thawed`, a tree of the same shape."""
+def stacked(trees):
+    """One tree of equal ones, their leaves stacked: by NumPy unless they are being traced."""
 
-    def visit(obj, slots):
-        if not _holds_indices(obj):
-            return obj
-        return copy(obj, **{name: getattr(slots, name) for name in obj._index_fields})
+    def one(*leaves):
+        traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
+        return jnp.stack(leaves) if traced else np.stack([np.asarray(x) for x in leaves])
 
-    return jax.tree.map(visit, tree, thawed, is_leaf=_holds_indices)
+    return jax.tree.map(one, *trees)
 
 
-def refrozen(tree, arrays):
-    """Undo `thaw` outside of a program: put `Indices` where the slots are."""
+def computed(function, x):
+    """``function(numpy, x)`` of a known array on the host, else ``function(jax.numpy, x)``.
 
-    def visit(obj):
-        if not _holds_indices(obj):
-            return obj
-        values = {n: getattr(obj, n) for n in obj._index_fields}
-        slots = {n: v for n, v in values.items() if isinstance(v, _Slot)}
-        return copy(obj, **{n: Indices(arrays[v.number]) for n, v in slots.items()})
-
-    return jax.tree.map(visit, tree, is_leaf=_holds_indices)
+    What NumPy finds is put back where `x` was: by jax every small step would be a program to
+    compile.
+    """
+    if not isinstance(x, jax.Array):
+        return function(np, np.asarray(x))
+    known = not isinstance(x, jax.core.Tracer)
+    if known and len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu":
+        return jax.device_put(function(np, np.asarray(x)), x.sharding)
+    return function(jnp, x)

@@ -12,11 +12,12 @@ import jax.numpy as jnp
 from . import linear
 from ._tree import copy, pytree
 from .elements.prestress import element
+from .elementwise import Elementwise, each, motion_of
 from .freedoms import along, carriers, combined, numbers_of
 
 
 @pytree
-class System:
+class System(Elementwise):
     """One state of loading, ready to be brought to equilibrium.
 
     Attributes:
@@ -27,7 +28,8 @@ class System:
         held: displacement of every freedom along its own direction, used where it is held,
             [3 n_node], m.
         freedoms: numbering of the unknowns.
-        followers: loads that depend on where the nodes are, list of (load, factor), or None.
+        followers: loads that depend on where the nodes are, a list of what has the
+            members of `load_stacks.Following`, or None.
     """
 
     nodes: object
@@ -63,8 +65,18 @@ class System:
         return x + step
 
     def chart(self, x):
-        """Residual as a function of numbers [n_free], the numbers of `x`, and the way back."""
-        return self.residual, x, lambda numbers: numbers
+        """Residual as a function of numbers [n_free], the numbers of `x`, and the way back.
+
+        What only other phases leave free stays where it is: it has some stiffness, and no force.
+        """
+        return (lambda x: self._held_still(self.residual(x), x)), x, lambda numbers: numbers
+
+    def _held_still(self, residual, numbers):
+        """Residual [n_free], about `numbers`, with that of what is held in this phase only."""
+        bound = self.freedoms.bound
+        if bound is None:
+            return residual
+        return residual + jnp.where(bound, numbers - jax.lax.stop_gradient(numbers), 0.0)
 
     def internal_force(self, motion):
         """Sum of the end forces at every node, [n_node, 3], and of their norms, [n_node], N."""
@@ -98,7 +110,7 @@ class System:
     def following(self, moved):
         """Following loads on every node at the positions `moved`, both [n_node, 3], N."""
         arguments = self.groups, self.states, self.nodes, moved
-        return sum(factor * load.following_forces(*arguments) for load, factor in self.followers)
+        return sum(own.following_forces(*arguments) for own in self.followers)
 
     def unbalanced(self, motion):
         """Internal force minus load at every node, [n_node, 3], N."""
@@ -135,15 +147,22 @@ class System:
 
     def collected(self, force):
         """Forces on the nodes [n_node, 3] at the free freedoms, [n_free], N."""
-        return self.unknowns(force)
+        return self.freedoms.released(self.unknowns(force))
 
     def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N."""
-        return jnp.linalg.norm(self.unknowns(self.all_load(self.motion(x))))
+        return jnp.linalg.norm(self.collected(self.all_load(self.motion(x))))
 
     def unsymmetric(self):
         """Whether the tangent is not symmetric: loads follow."""
-        return jnp.array(self.followers is not None)
+        return self.followed
+
+    @property
+    def followed(self):
+        """Whether a load follows the nodes, scalar bool: of a later phase it does not act yet."""
+        if self.followers is None:
+            return jnp.zeros((), bool)
+        return jnp.any(jnp.stack([own.acts for own in self.followers]))
 
     def tangent(self, x):
         """Tangent stiffness, a matrix of `linear`, N/m: autodiff of the element forces.
@@ -166,9 +185,9 @@ class System:
             return []
         arguments = self.groups, self.states, self.nodes, self.nodes + motion[:, :3]
         return [
-            self._part(-factor * blocks, links, 3, motion)
-            for load, factor in self.followers
-            for blocks, links in load.following_blocks(*arguments)
+            self._part(-blocks, links, 3, motion)
+            for own in self.followers
+            for blocks, links in own.following_blocks(*arguments)
         ]
 
     def _part(self, blocks, links, width, motion, inner=()):
@@ -231,14 +250,9 @@ class System:
         return parts
 
     def _assemble(self, parts):
-        return linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
-
-    def stored_energy(self, motion):
-        """Energy stored in the elements, J."""
-        return sum(
-            jnp.sum(each("energy", group, state, self.nodes, motion))
-            for group, state in zip(self.groups, self.states, strict=True)
-        )
+        matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
+        bound = self.freedoms.bound
+        return matrix if bound is None else linear.held_at(matrix, bound)
 
     def potential(self, x):
         """Stored energy minus the work of the dead loads, J; the residual is its gradient.
@@ -248,38 +262,12 @@ class System:
         motion = self.motion(x)
         return self.stored_energy(motion) - jnp.sum(self.load * motion)
 
-    def tensions(self, motion):
-        """Axial forces, one array [n_elem] per group, N."""
-        return [
-            each("tension", group, state, self.nodes, motion)
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
-
-    def peak_tensions(self, motion):
-        """Axial forces of largest size along the elements; None where they are the `tensions`.
-
-        Without load along an element its axial force is the same everywhere.
-        """
-        return [
-            each("peak_tension", group, state, self.nodes, motion)
-            if hasattr(group, "peak_tension") and state.line_load is not None
-            else None
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
-
     def reactions(self, motion):
         """Forces of the supports on the structure, [n_node, 3], N; zero where free."""
         force, axes = self.unbalanced(motion), self.freedoms.axes
         if axes is None:
             return jnp.where(self.freedoms.fixed, force, 0.0)
         return combined(axes, jnp.where(self.freedoms.fixed, along(axes, force), 0.0))
-
-    def slack(self, motion):
-        """Slack elements, one boolean array [n_elem] per group."""
-        return [
-            each("is_slack", group, state, self.nodes, motion)
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
 
     def loose_nodes(self, motion):
         """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
@@ -295,72 +283,42 @@ class System:
 
         Equilibrium then has no derivative. (Laws with plastic strains slacken elsewhere.)
         """
-        found, n_free = jnp.zeros((), bool), self.freedoms.free.shape[0]
+        found, free = jnp.zeros((), bool), self.freedoms.moves()
         for group, state in zip(self.groups, self.states, strict=True):
             if group.tension_only and not group.remembers:
-                moves = jnp.any(self.freedoms.number[group.links] < n_free, axis=(1, 2))
+                moves = jnp.any(free[group.links], axis=(1, 2))
                 kink = each("at_kink", group, state, self.nodes, motion)
                 found = found | jnp.any(kink & moves)
         return found
 
     @property
+    def may_be_convex(self):
+        """Whether the energy is convex while loads are dead: tension-only groups of rising laws."""
+        return all(group.tension_only and group.rising for group in self.groups)
+
+    @property
+    def always_convex(self):
+        """Whether it is convex, and no load follows or slides, in this phase or a later one."""
+        return self.may_be_convex and self.followers is None and not self._sliding
+
+    @property
     def convex(self):
-        """Whether the energy is convex: tension-only groups of rising laws, and dead load."""
+        """Whether the energy is convex, scalar bool."""
+        if self.always_convex or not self.may_be_convex:
+            return jnp.asarray(self.always_convex)
+        still = [jnp.all(load == 0) for load in self._sliding]
+        return jnp.all(jnp.stack([~self.followed, *still]))
+
+    @property
+    def _sliding(self):
+        """Loads that slide along elements, a list of [n_elem, 3], N/m."""
         pairs = zip(self.groups, self.states, strict=True)
-        return self.followers is None and all(group.convex(state) for group, state in pairs)
-
-    @property
-    def remembers(self):
-        """Whether any group has plastic strains."""
-        return any(group.remembers for group in self.groups)
-
-    @property
-    def breaks(self):
-        """Whether any element can be strained beyond its curve."""
-        return any(group.breaks for group in self.groups)
-
-    def beyond(self, motion):
-        """Whether any element is strained beyond its curve."""
-        return jnp.any(self.broken(motion))
-
-    def broken(self, motion):
-        """Elements strained beyond their curve, all groups one after the other, bool."""
-        return jnp.concatenate(
-            [
-                each("beyond", group, state, self.nodes, motion)
-                if group.breaks
-                else jnp.zeros(len(group.links), bool)
-                for group, state in zip(self.groups, self.states, strict=True)
-            ]
-        )
-
-    def settle(self, motion):
-        """Plastic strains after an increment that ended here, per group, or None."""
-        return [
-            each("settle", group, state, self.nodes, motion) if group.remembers else None
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
-
-    def strains(self, motion):
-        """Strains of the elements of every group whose law is not a mere stiffness, else None."""
-        return [
-            each("section_strain", group, state, self.nodes, motion)
-            if getattr(group, "section", None) is not None or group.breaks
-            else None
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
+        loads = [state.line_load for group, state in pairs if group.slides]
+        return [load for load in loads if load is not None]
 
     def softened(self, compliance):
         """The same system with a spring in series with every element, strain per force, 1/N."""
         return copy(self, groups=[group.softened(compliance) for group in self.groups])
-
-    def length_scale(self):
-        """A length to measure steps by: the mean initial element length, m."""
-        return jnp.mean(jnp.concatenate([g.chord(self.nodes[g.links]) for g in self.groups]))
-
-    def extent(self):
-        """Size of the whole structure: diagonal of its bounding box, m."""
-        return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
 def _by_numbers(blocks, slopes, n_inner):
@@ -376,20 +334,3 @@ def _by_numbers(blocks, slopes, n_inner):
     if n_inner:
         whole = whole.at[:, n_end * width :, n_end * n_number :].set(jnp.eye(n_inner))
     return jnp.einsum("eai,eab,ebj->eij", whole, blocks, whole)
-
-
-def each(method, group, state, nodes, motion):
-    """Evaluate an element method for all elements of a group by vmap."""
-
-    def one(properties, state, ends, motion):
-        return getattr(element(group, properties), method)(state, ends, motion)
-
-    ends, motion = nodes[group.links], motion_of(group, motion)
-    return jax.vmap(one)(group.properties(), state, ends, motion)
-
-
-def motion_of(group, motion):
-    """What the ends of a group's elements see of the motion, [n_elem, n_end, 3 or 7]."""
-    width = 3 if group.n_freedom == 3 else 7
-    at_ends = motion[group.links]
-    return at_ends if at_ends.shape[-1] == width else at_ends[..., :width]

@@ -125,19 +125,16 @@ def energy_balance(structure, phases, solution, start=None):
     require_same(structure, solution.last.topology, "solution")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # the analysis has said so
-        thawed, arrays, *_ = prepare(structure, phases, None, start)
-    if len(thawed[3]) != len(solution.phases):
-        raise ValueError(
-            f"phases: {len(thawed[3])} of them, the solution has {len(solution.phases)}"
-        )
+        task = prepare(structure, phases, None, start)
+    counts = task.thawed[3].increments
+    if len(counts) != len(solution.phases):
+        raise ValueError(f"phases: {len(counts)} of them, the solution has {len(solution.phases)}")
     paths = [phase.path for phase in solution.phases]
-    for k, (own, path) in enumerate(zip(thawed[3], paths, strict=True)):
-        if own.increments != len(path.status):
-            raise ValueError(
-                f"phases[{k}]: {own.increments} increments, in the solution {len(path.status)}"
-            )
+    for k, (count, path) in enumerate(zip(counts, paths, strict=True)):
+        if count != len(path.status):
+            raise ValueError(f"phases[{k}]: {count} increments, in the solution {len(path.status)}")
     points = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
-    rows, end = jax.tree.map(np.asarray, works(thawed, arrays, points))
+    rows, end = jax.tree.map(np.asarray, works(task.thawed, task.arrays, points, size=task.n_free))
     for own, their in zip(end, marks(solution.last.carry), strict=True):
         apart = np.abs(own - np.asarray(their)).max()
         if apart > np.sqrt(np.finfo(own.dtype).eps) * np.abs(own).max():

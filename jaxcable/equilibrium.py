@@ -29,32 +29,14 @@ of lengths), hence the iteration converges from any start, until the rounding of
 themselves (EA eps) shows in the residual.
 """
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
 from . import _check, linear, status
 from ._rules import Rule, refuse
 from ._tree import copy, pytree
-from .newton_step import WORTH, direction, go_along, largest
-from .search import SHORT
-
-_KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
-_KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
-_PATIENCE = 15  # short steps before a tension-only structure is softened
-_SETTLED = 0.1  # relative residual at which the added softness is taken back a step
-_HARDEN = 0.1  # by this factor
-_STIFF = 0.01  # added strain, relative to the elastic one, that is dropped altogether
-_SPRINT = 20  # plain Newton steps that may be tried first
-_ASTRAY = 10.0  # displacement, in structure sizes, at which they have led nowhere
-_RELEASED = 2.0  # roundings of the first forces that the last ones may have
-_ZERO = 64  # roundings of the largest stiffness, below which an eigenvalue is none
-_RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
-
-
-def default_tolerance(dtype):
-    """Relative tolerance that a dtype can be expected to reach: 1e-10, or 1e-5 in float32."""
-    return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
+from .iteration import Task, limit, no_stiffness
+from .newton_step import WORTH, largest
 
 
 @pytree(static=("linear_solver", "watch"))
@@ -112,25 +94,6 @@ class Newton:
 
 
 @pytree
-class _Iterate:
-    """Where the iteration stands."""
-
-    x: object  # unknowns
-    residual: object  # R(x)
-    scale: object  # force that R is judged by
-    kappa: object  # Levenberg shift, in |R| / length
-    softness: object  # compliance added to every element for the time being
-    short: object  # short steps so far
-    steps: object  # so far
-    code: object  # OK while nothing has gone wrong
-    memory: object  # of sparse solves, see `linear.solve_next`
-    stiffness: object = None  # largest on the diagonal, times a length, where it may be softened
-    sprint: object = None  # whether plain steps are being tried; None where they never are
-    stable: object = None  # whether the tangent at the end is definite; None where it always is
-    judged: object = None  # whether that has been asked
-
-
-@pytree
 class Outcome:
     """What an increment ended with.
 
@@ -154,11 +117,12 @@ class Outcome:
     equilibrated: object
     stable: object
 
-
-def limit(method, dtype):
-    """The relative residual that counts as converged."""
-    tol = default_tolerance(dtype) if method.tol is None else method.tol
-    return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
+    @property
+    def log(self):
+        """All but the point as numbers side by side, in the order of `solution.LOG`."""
+        noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
+        noted = *noted, self.equilibrated, self.stable
+        return jnp.stack([jnp.asarray(x, self.x.dtype) for x in noted])
 
 
 def adjoint_effort(method, system, dtype):
@@ -166,7 +130,7 @@ def adjoint_effort(method, system, dtype):
 
     As exact as the state whose derivative it is: its residual is below `tol` times the forces.
     """
-    return 0.1 * limit(method, dtype), WORTH if system.convex else 0
+    return 0.1 * limit(method, dtype), jnp.where(system.convex, WORTH, 0)
 
 
 def newton(system, x, method, active, memory=None, judge=False):
@@ -186,200 +150,56 @@ def newton(system, x, method, active, memory=None, judge=False):
     """
     if memory is None:
         memory = linear.no_memory(system.freedoms.pattern, x.dtype)
-    tol = limit(method, x.dtype)
-    length, extent = system.length_scale(), system.extent()
-
-    came_from = system.rounding(system.place(x)) if system.rounds else None
-
-    def converged(it):
-        rigid = it.softness == 0
-        # what is released ends at the rounding of the forces that it began with
-        allowed = jnp.maximum(tol * it.scale, released)
-        if system.rounds:
-            rounding = jnp.maximum(system.rounding(it.x), came_from)
-            allowed = jnp.maximum(allowed, rounding)
-            return rigid & jnp.all(jnp.abs(it.residual) <= allowed)
-        return rigid & (largest(it.residual) <= allowed)
-
-    soften = system.convex
-
-    def unfinished(it):
-        more = it.steps < method.max_steps
-        if not soften:
-            more = jnp.where(converged(it), judge & ~it.judged, more)
-            return (it.code == status.OK) & more
-        return (it.code == status.OK) & ~converged(it) & more
-
-    def at_softness(c):
-        return system.softened(c) if soften else system
-
-    def iterate(it):
-        working, wanted = at_softness(it.softness), unfinished(it)
-        shift = it.kappa * largest(it.residual) / length
-        if system.turning:
-            shift = jnp.where(it.sprint, 0.0, shift)
-        matrix = working.tangent(it.x)
-        if not soften:  # the turn that only judges?
-            last = converged(it)
-            shift = jnp.where(last, no_stiffness(matrix), shift)
-            if it.sprint is not None:
-                it = copy(it, sprint=it.sprint & ~last)
-        matrix = linear.plus_diagonal(matrix, shift)
-        step, definite, memory = direction(working, matrix, it, tol, wanted)
-        slope = it.residual @ step
-        usable = definite & jnp.isfinite(slope) & (slope < 0)
-        if it.sprint is not None:
-            usable = usable | (it.sprint & definite & jnp.isfinite(slope))
-        stable, judged, count = it.stable, it.judged, 1
-        if not soften:
-            usable, stable = usable & ~last, jnp.where(last, definite, stable)
-            judged, count = judged | last, jnp.where(last, 0, 1)
-        step = jnp.where(usable, step, 0.0)
-        # in a batch, nobody waits for the search of a case that has finished
-        new, residual, scale, taken, found = go_along(working, it, step, slope, usable & wanted)
-        sprint = it.sprint
-        if sprint is not None:
-            found = found & ~(sprint & (largest(new) > _ASTRAY * extent))
-            on = sprint & found & (it.steps + 1 < _SPRINT)
-            reached = converged(copy(it, x=new, residual=residual, scale=scale))
-            restart = sprint & ~on & ~reached
-            new, residual, scale = jax.tree.map(
-                lambda a, b: jnp.where(restart, b, a), (new, residual, scale), (x, *begun)
-            )
-            sprint, found = on, found | restart
-            taken = jnp.where(restart, 0.5, taken)  # leaves kappa as it is
-        kappa = jnp.where(
-            found,
-            it.kappa * jnp.where(taken >= 1, 0.1, jnp.where(taken < 0.1, 10.0, 1.0)),
-            it.kappa * 100,
-        )
-        # keeps the shift a usable float; it steers the steps and is no part of the result
-        kappa = jnp.clip(kappa, _KAPPA_MIN, _KAPPA_MAX)
-        if it.sprint is not None:
-            kappa = jnp.where(restart, _KAPPA, kappa)
-        short, stiffness = it.short, it.stiffness
-        if soften:
-            short = short + jnp.where((taken < SHORT) | ~found, 1, 0)
-            stiffness = jnp.max(linear.diagonal(matrix), initial=0.0) * length
-        runaway = jnp.max(jnp.abs(new), initial=0.0) > _RUNAWAY * extent
-        code = jnp.where(runaway, status.MECHANISM, status.OK).astype(jnp.int32)
-        return copy(
-            it,
-            x=new,
-            residual=residual,
-            scale=scale,
-            kappa=kappa,
-            short=short,
-            steps=it.steps + count,
-            code=code,
-            memory=memory,
-            stiffness=stiffness,
-            sprint=sprint,
-            stable=stable,
-            judged=judged,
-        )
-
-    def due(it):
-        """Whether the added softness has to change before the next step."""
-        begin = (it.short == _PATIENCE) & (softest > 0)
-        settled = (it.softness > 0) & (largest(it.residual) <= _SETTLED * it.scale)
-        return begin | settled
-
-    def change(it):
-        begin = (it.short == _PATIENCE) & (softest > 0)
-        harder = jnp.where(it.softness * it.stiffness < _STIFF, 0.0, it.softness * _HARDEN)
-        softness = jnp.where(begin, softest, harder)
-        residual, scale = at_softness(softness).residual_and_scale(it.x)
-        short = jnp.where(begin, it.short + 1, it.short)
-        kappa = zero + _KAPPA
-        return copy(it, softness=softness, residual=residual, scale=scale, short=short, kappa=kappa)
-
-    def stage(it):
-        """Steps with one softness, and the change to the next one."""
-        it = lax.while_loop(lambda it: active & unfinished(it) & ~due(it), iterate, it)
-        return lax.cond(due(it) & unfinished(it), change, lambda it: it, it)
-
-    begin, x = x, system.place(x)
-    load = jnp.max(jnp.sqrt(jnp.sum(system.load**2, axis=-1)))
-    softest = 1 / jnp.where(load > 0, load, jnp.inf)  # strain 1 under the largest load
-    residual, scale = system.residual_and_scale(x)
-    bad_start = ~(jnp.all(jnp.isfinite(residual)) & jnp.isfinite(scale))
-    code = jnp.where(bad_start & active, status.NONFINITE, status.OK).astype(jnp.int32)
-    zero = jnp.zeros((), x.dtype)
-    begun = residual, scale
-    released = (_RELEASED * jnp.finfo(x.dtype).eps if soften else 0.0) * scale
-    start = _Iterate(
-        *(x, residual, scale, zero + _KAPPA, zero, jnp.int32(0), jnp.int32(0), code, memory)
-    )
-    if system.turning or soften or system.followers is not None:
-        start = copy(start, sprint=jnp.ones((), bool))
-    if soften:
-        start = copy(start, stiffness=zero)
-    else:
-        start = copy(start, stable=jnp.zeros((), bool), judged=jnp.zeros((), bool))
-    end = lax.while_loop(lambda it: active & unfinished(it), stage if soften else iterate, start)
-    stuck = (end.code == status.OK) & ~converged(end)
-    code = jnp.where(active & stuck, status.NOT_CONVERGED, end.code)
+    task = Task(system, x, method, judge)
+    end = lax.while_loop(lambda it: active & ~it.done, task.turn, task.start(memory))
+    code = jnp.maximum(end.code, status.OK)
     if system.breaks:  # the iteration follows curves beyond their ends, an answer does not
         broken = active & (code != status.NONFINITE) & system.beyond(system.motion(end.x))
         code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
-    residual, scale = end.residual, end.scale
-    if soften:  # it may have stopped while softened: report the residual of the real system
-        residual, scale = lax.cond(
-            end.softness > 0,
-            lambda: system.residual_and_scale(end.x),
-            lambda: (end.residual, end.scale),
-        )
-    x = jnp.where(good, end.x, begin)
-    factorizations = end.steps if memory is None else end.memory.count - memory.count
-    stable = good if soften else good & end.stable
-    outcome = Outcome(x, code, end.steps, factorizations, largest(residual), scale, good, stable)
+    x = jnp.where(good, end.x, x)
+    count = end.steps if memory is None else end.memory.count - memory.count
+    # nothing is evaluated after a failure
+    residual = jnp.where(active, largest(end.residual), jnp.nan)
+    outcome = Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
     return outcome, end.memory
-
-
-def no_stiffness(matrix):
-    """Size of eigenvalues of a tangent that rounding makes of zero, N/m; positive."""
-    size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
-    return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny
 
 
 def is_stable(system, x):
     """Whether the tangent at a point has no negative eigenvalue."""
-    if system.convex:
+    if system.always_convex:
         return jnp.ones((), bool)
     matrix = system.tangent(x)
-    return linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
+    return system.convex | linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
 
 
-def march(ramp, x, factors, method, code, memory=None, tell=None):
+def march(ramp, x, increments, method, code, memory, tell=None):
     """Bring a phase to equilibrium at each load factor in turn, each from the one before.
 
     Args:
         ramp: the phase, `ramp.at(factor)` a `System`; not differentiated.
         x: start, [n_free].
-        factors: load factors, [n_inc].
+        increments: load factors, and which of them there are, both [n_inc]; others pass by.
         method: `Newton`.
         code: status so far; if it is a failure, or from the first failure on, nothing moves.
         memory: as for `newton`.
         tell: function of a load factor and its `Outcome` that is called after each, or None.
 
     Returns:
-        `Outcome` with a leading axis [n_inc], codes latched; and the memory after it.
+        Points, [n_inc, n_free]; the log of each (`Outcome.log`), codes latched; and the memory.
     """
-    if memory is None:
-        memory = linear.no_memory(ramp.freedoms.pattern, x.dtype)
 
-    def step(carry, factor):
+    def step(carry, increment):
         x, code, plastic, memory = carry
-        system, judge = ramp.at(factor, plastic), method.watch | (factor == factors[-1])
-        outcome, memory = newton(system, x, method, code == status.OK, memory, judge)
+        factor, live = increment
+        system, judge = ramp.at(factor, plastic), method.watch | (factor == 1)
+        outcome, memory = newton(system, x, method, live & (code == status.OK), memory, judge)
         code = status.first_failure(code, outcome.code)
-        plastic = ramp.settle(system, outcome.x, code, plastic)
+        plastic = ramp.settle(system, outcome.x, outcome.equilibrated, plastic)
         outcome = copy(outcome, code=code)
         if tell is not None:
-            tell(factor, outcome)
-        return (outcome.x, code, plastic, memory), outcome
+            lax.cond(live, lambda: tell(factor, outcome), lambda: None)
+        return (outcome.x, code, plastic, memory), (outcome.x, outcome.log)
 
-    (*_, memory), outcome = lax.scan(step, (x, code, ramp.plastic, memory), factors)
-    return outcome, memory
+    (*_, memory), (xs, log) = lax.scan(step, (x, code, ramp.plastic, memory), increments)
+    return xs, log, memory

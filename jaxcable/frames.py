@@ -20,8 +20,9 @@ from jax import lax
 
 from . import linear
 from ._tree import pytree
-from .assembly import System, each, motion_of
+from .assembly import System
 from .elements.prestress import element
+from .elementwise import each, motion_of
 from .freedoms import along, combined
 from .rotations import (
     IDENTITY,
@@ -185,7 +186,8 @@ class FrameSystem(System):
                 axis=1,
             )
         scaled = force * self._scaling()
-        return jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
+        sums = jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
+        return self.freedoms.released(sums)
 
     def _handed_on(self, force, x, spread=None):
         """Forces and moments [n_row, 6] with those on carried nodes handed to their carriers."""
@@ -209,7 +211,11 @@ class FrameSystem(System):
         zero = jnp.full(
             self.freedoms.free.shape[0], jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0), x.dtype
         )
-        return (lambda step: self._residual_about(x, step)), zero, lambda step: self.move(x, step)
+
+        def residual(step):
+            return self._held_still(self._residual_about(x, step), step)
+
+        return residual, zero, lambda step: self.move(x, step)
 
     # --- forces
 
@@ -268,7 +274,7 @@ class FrameSystem(System):
 
     def unsymmetric(self):
         """Whether nodal moments or following loads act, which make the tangent unsymmetric."""
-        return jnp.any(self.load[:, 3:] != 0) | (self.followers is not None)
+        return jnp.any(self.load[:, 3:] != 0) | self.followed
 
     def load_norm(self, x):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""
@@ -324,7 +330,9 @@ class FrameSystem(System):
             spin = jnp.zeros_like(diagonal).at[number].add(own * mine, mode="drop")
             held = jnp.argmax(jnp.abs(spin))
             stiffness = diagonal[held]
+            # (a piece that another phase leaves free has no spin here)
             left = jnp.max(jnp.abs(matrix @ spin)) <= _NO_STIFFNESS * stiffness
+            left = left & jnp.any(spin != 0)
             matrix = linear.plus_entry(matrix, held, jnp.where(left, stiffness, 0.0))
         return matrix
 

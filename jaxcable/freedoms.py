@@ -57,6 +57,8 @@ class Freedoms:
         rows: the node that every row belongs to, or None if every row is a node.
         inner: rows of inner numbers, [n_row] bool, or None.
         carried: (nodes that others carry, their carriers), [n] each, or None.
+        bound: of the unknowns those that are held in this phase and free in another one, [n_free]
+            bool, or None: they stay where they are.
         spins: of free spins, rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
     """
@@ -71,6 +73,18 @@ class Freedoms:
     carried: object = None
     pattern: object = None
     spins: object = None
+    bound: object = None
+
+    def released(self, vector):
+        """A vector [n_free] with zeros where this phase holds what another one leaves free."""
+        return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
+
+    def moves(self):
+        """Freedoms that are not held, or whose node's or carrier's are not, [n_row, n_freedom]."""
+        n_free = self.free.shape[0]
+        if self.bound is None:
+            return self.number < n_free
+        return ~jnp.append(self.bound, True)[self.number]
 
     @property
     def held(self):

@@ -1,15 +1,17 @@
 """The derivative of an equilibrium: the implicit function theorem, apart from the iteration.
 
 With ``R(x, p) = 0`` the derivative of ``x`` is ``dx = -K^-1 R_p dp``, whatever iteration found
-``x`` and however many increments it took. `lax.custom_root` whose solver returns its start attaches
-it; derivatives of any order and both modes follow from `lax.custom_linear_solve`.
+``x`` and however many increments it took. `rooted` attaches it; derivatives of any order and both
+modes follow from `lax.custom_linear_solve`.
 """
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from . import linear
+from .rooted import rooted
 
 
 def gate(open_, tree):
@@ -26,8 +28,13 @@ def gate(open_, tree):
     return jax.tree.map(one, tree)
 
 
-def attach(system, x, valid, memory=None, tol=0.0, limit=0):
-    """Return `x` with the derivative of the equilibrium of `system`.
+def attach(system, x, valid):
+    """Return `x` with the derivative of the equilibrium of `system`: `attach_apart` as one."""
+    return attach_apart(system, x, valid)[0]
+
+
+def attach_apart(system, x, valid, memory=None, tol=0.0, limit=0):
+    """Return `x` with the derivative of the equilibrium of `system`, and where it has none.
 
     Args:
         system: `System`, differentiable.
@@ -36,12 +43,19 @@ def attach(system, x, valid, memory=None, tol=0.0, limit=0):
             must see to it that nobody takes that for an answer). An equilibrium with a cable
             between taut and slack has no derivative: NaN.
         memory, tol, limit: see `linear.solve_marked`.
+
+    Returns:
+        x: with NaN for a derivative where it has none.
+        bare: with zero there.
+        marks: zero for every row of motion, [n_row], with NaN for a derivative where it has none.
+            To what is read off `bare` it brings that NaN by a sum: were it in what is multiplied,
+            second derivatives would meet it times the zero of who does not ask.
     """
     x = lax.stop_gradient(x)
     frozen = lax.stop_gradient(system)
     residual, numbers, back = system.chart(system.carried(x))
     if not numbers.size:  # nothing is free
-        return back(numbers)
+        return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
 
     def build():
         motion = frozen.motion(x)
@@ -59,8 +73,10 @@ def attach(system, x, valid, memory=None, tol=0.0, limit=0):
     # What has no derivative is marked beside the root: its NaN goes out to whoever asks, and not
     # into the residual at the root, where second derivatives would meet it times zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
-    found = lax.custom_root(both, start, lambda f, start: start, tangent_solve)
-    return back(found[: numbers.size] + found[numbers.size :])
+    found = rooted(both, start, tangent_solve)
+    found, mark = jnp.split(found, 2)
+    marks = jnp.sum(jnp.append(mark, 0.0)[frozen.freedoms.number], axis=1)
+    return back(found + mark), back(found), marks
 
 
 def undifferentiated(tree, parameters):
@@ -92,15 +108,29 @@ def first_order(tree):
 
 def nan_unless(ok, tree, parameters):
     """Make `tree` NaN, in value and in derivative, unless `ok`."""
-    touched = touch(parameters)
+    return nan_beside(ok, tree, touch(parameters))
+
+
+def nan_beside(ok, tree, touched):
+    """`nan_unless` with what `touch` gives, which is to be asked for outside of loops."""
     return jax.tree.map(lambda x: _poison(ok, x, touched), tree)
 
 
 def touch(parameters):
-    """A number that depends on every float in `parameters`; only its derivative matters."""
+    """Zero, with a derivative by every float in `parameters`: only that matters."""
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
-    floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)]
-    return sum((jnp.sum(x) for x in floats), start=jnp.ones(()))
+    return _touch([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
+
+
+@jax.custom_jvp
+def _touch(floats):
+    # zero whatever they are, with the axes that they have in a batch
+    return sum((jnp.where(x.ravel()[0] > 0, 0.0, 0.0) for x in floats if x.size), jnp.zeros(()))
+
+
+@_touch.defjvp
+def _touch_jvp(primals, tangents):
+    return _touch(*primals), sum((jnp.sum(x) for x in tangents[0]), jnp.zeros(()))
 
 
 def _poison(ok, x, touched):
@@ -116,14 +146,22 @@ def _poison(ok, x, touched):
         return v
 
     def forward(_, b):
-        return jnp.where(ok, b, jnp.nan)
+        return jax.tree.map(lambda x: jnp.where(ok, x, jnp.nan), b)
 
     def backward(_, b):
-        spoilt = jnp.where(ok | (b == 0), b, jnp.nan)
-        return spoilt.at[-1].set(jnp.where(ok | jnp.all(b == 0), b[-1], jnp.nan))
+        x, touched = b
+        asked = jnp.any(x != 0)
+        return jnp.where(ok | (x == 0), x, jnp.nan), jnp.where(ok | ~asked, touched, jnp.nan)
 
-    both = jnp.append(x.ravel(), touched.astype(x.dtype))
-    return lax.custom_linear_solve(identity, both, forward, backward)[:-1].reshape(x.shape)
+    def beside(x, other):
+        """`x`, which has a derivative wherever `other` has one (jax 0.10 wants all or none)."""
+        return x + jnp.where(np.False_, other, 0.0)
+
+    if not x.size:
+        return x
+    touched = touched.astype(x.dtype)
+    both = beside(x, touched), beside(touched, x.ravel()[0])
+    return beside(*lax.custom_linear_solve(identity, both, forward, backward))
 
 
 @jax.custom_jvp

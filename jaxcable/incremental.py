@@ -17,6 +17,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from . import _check, implicit, linear, status
 from ._rules import Rule, refuse
@@ -81,26 +82,34 @@ class Incremental:
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
-def march(ramp, x, factors, method, code, tell=None):
+def march(ramp, x, increments, method, code, tell=None):
     """Take a phase through its load factors; arguments and result as `equilibrium.march`.
 
     Differentiable as it is; the increments are checkpointed, so that the backward pass stores one
     vector of unknowns per increment and not its stiffness matrix.
     """
-    first, plastic = _increment(ramp, factors[0], x, method, code, ramp.plastic, first=True)
-    if tell is not None:
-        tell(factors[0], first)
 
     @jax.checkpoint
-    def step(carry, factor):
+    def step(carry, increment):
+        factor, live, first = increment
         x, code, plastic = carry
-        outcome, plastic = _increment(ramp, factor, x, method, code, plastic, first=False)
-        if tell is not None:
-            tell(factor, outcome)
-        return (outcome.x, outcome.code, plastic), outcome
 
-    rest = jax.lax.scan(step, (first.x, first.code, plastic), factors[1:])[1]
-    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, rest)
+        def go(x, code, plastic):
+            outcome, plastic = _increment(ramp, factor, x, method, code, plastic, first)
+            if tell is not None:
+                tell(factor, outcome)
+            return outcome, plastic
+
+        def pass_by(x, code, plastic):
+            zero, none = jnp.zeros((), x.dtype), jnp.int32(0)
+            no = jnp.zeros((), bool)
+            return Outcome(x, code, none, none, zero, zero, no, no), plastic
+
+        outcome, plastic = lax.cond(live, go, pass_by, x, code, plastic)
+        return (outcome.x, outcome.code, plastic), (outcome.x, outcome.log)
+
+    first = jnp.arange(len(increments[0])) == 0
+    return lax.scan(step, (x, code, ramp.plastic), (*increments, first))[1]
 
 
 def _increment(ramp, factor, x, method, code, plastic, first):
@@ -109,21 +118,27 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     The `first` increment of a phase may be solved to equilibrium.
     """
     active, system, begin = code == status.OK, ramp.at(factor, plastic), x
-    frozen = jax.lax.stop_gradient(system)
+    frozen = lax.stop_gradient(system)
     x, regular = _step(system, x, ramp, method)
-    steps, settled = jnp.int32(1), jnp.zeros((), bool)
-    if first:
-        newtons, _ = newton(frozen, jax.lax.stop_gradient(begin), Newton(), active & ~regular)
-        settled = newtons.equilibrated
-        x = jnp.where(settled, implicit.attach(system, newtons.x, settled), x)
-        steps = jnp.where(settled, newtons.steps, steps)
-        regular = regular | settled
+
+    def equilibrate(x):
+        point, own = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
+        found, _ = newton(frozen, point, own, active & ~regular)
+        settled = found.equilibrated
+        x = jnp.where(settled, implicit.attach(system, found.x, settled), x)
+        return x, settled, jnp.where(settled, found.steps, 1)
+
+    def keep(x):
+        return x, jnp.zeros((), bool), jnp.int32(1)
+
+    x, settled, steps = lax.cond(first, equilibrate, keep, x)
+    regular = regular | settled
     for _ in range(method.corrections):
         corrected, ok = _step(system, x, ramp, method)
         x = jnp.where(settled, x, corrected)
         steps = steps + jnp.where(settled, 0, 1)
         regular = regular & (ok | settled)
-    reached = jax.lax.stop_gradient(x)
+    reached = lax.stop_gradient(x)
     residual, scale = frozen.residual_and_scale(reached)
     load, unbalanced = frozen.load_norm(reached), jnp.linalg.norm(residual)
     largest = jnp.max(jnp.abs(residual), initial=0.0)
@@ -133,15 +148,15 @@ def _increment(ramp, factor, x, method, code, plastic, first):
         (unbalanced > method.tol * jnp.where(load > 0, load, scale), status.DRIFTED),
     ]
     if system.breaks:
-        broken = frozen.beyond(frozen.motion(jax.lax.stop_gradient(x)))
-        outcomes.insert(1, (broken, status.MATERIAL_FAILURE))
+        outcomes.insert(1, (frozen.beyond(frozen.motion(reached)), status.MATERIAL_FAILURE))
     own = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
     code = status.first_failure(code, jnp.asarray(own, jnp.int32))
-    x = jnp.where(code == status.OK, x, begin)
+    good = code == status.OK
+    x = jnp.where(good, x, begin)
     steps = jnp.where(active, steps, 0)
-    stable = (code == status.OK) & system.convex  # else the solver asks at the end of the phase
-    outcome = Outcome(x, code, steps, steps, largest, scale, settled, stable)
-    return outcome, ramp.settle(system, x, code, plastic)
+    # where the energy is not convex the solver asks at the end of the phase
+    outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
+    return outcome, ramp.settle(system, x, good, plastic)
 
 
 def _step(system, x, ramp, method):
@@ -149,7 +164,7 @@ def _step(system, x, ramp, method):
     if method.stiffness == "tangent":
         function, numbers, back = system.chart(x)
         residual, linearized = jax.linearize(function, numbers)
-        factor = linear.factorize(jax.lax.stop_gradient(system).tangent(jax.lax.stop_gradient(x)))
+        factor = linear.factorize(lax.stop_gradient(system).tangent(lax.stop_gradient(x)))
         rhs = implicit.gate(factor.regular, residual)
         return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
     # secant from the geometry in which the phase began

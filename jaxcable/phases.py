@@ -4,8 +4,8 @@ import jax
 import numpy as np
 
 from . import _check, plausibility
-from ._rules import Rule, kept, not_negative, positive, refuse, rules_of
-from ._tree import Indices, pytree
+from ._rules import Rule, kept, not_negative, positive, refuse
+from ._tree import pytree
 from .elements.prestress import Stated
 from .loads import as_list
 from .selection import Only, Selection
@@ -148,7 +148,7 @@ def _shared(one, other, k, group):
 
 def _meant(stated, group):
     """The elements that a statement concerns, [n_elem] bool, NumPy."""
-    return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen.array
+    return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
 def _is_scalar(value):
@@ -220,7 +220,7 @@ def _checked(value, group, name):
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
     count = len(group.links)
     if isinstance(value, Only):
-        chosen = Indices(value.chosen(count, name))
+        chosen = value.chosen(count, name)
         given, value = value.values, value.spread(np.zeros(count))
     else:
         chosen = None
@@ -230,16 +230,16 @@ def _checked(value, group, name):
     return Stated(value, chosen)
 
 
-def keeps_rules(data, groups):
-    """Whether the numbers of a phase keep their rules, scalar bool, traced.
+def keeps_rules(inputs, groups):
+    """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:
-        data: the `PhaseData` of a phase.
+        inputs: per group a dict from name to `Stated`.
         groups: element groups, as handed over.
     """
-    whole = kept(rules_of([data.nodal_loads, data.element_loads, data.movements]))
-    for group, inputs in zip(groups, data.inputs, strict=True):
-        for name, stated in inputs.items():
+    whole = kept([])
+    for group, own in zip(groups, inputs, strict=True):
+        for name, stated in own.items():
             rules = _sign_rules(name, stated.values, group)
             rules += _capacity_rules(name, stated.values, group)
             whole = whole & kept(rules, stated.chosen)

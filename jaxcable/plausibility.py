@@ -44,8 +44,8 @@ def stability(solution):
     """Warn of phases that have ended in an unstable equilibrium, unless they are being traced."""
     if isinstance(solution.stable, jax.core.Tracer):
         return
-    for number, phase in enumerate(solution.phases):
-        if int(phase.status) == status.OK and not bool(phase.stable):
+    for number, (code, stable) in enumerate(zip(*solution.phases.verdicts, strict=True)):
+        if int(code) == status.OK and not bool(stable):
             _check.suspect(
                 f"phases[{number}] ends in an unstable equilibrium: its tangent stiffness has a "
                 "negative eigenvalue, and the structure will not stay there; trace_path shows "
@@ -135,7 +135,7 @@ def prestress(name, stated, group, where, nodes):
     value, nodes = _there(stated.values), _there(nodes)
     if value is None or nodes is None:
         return
-    value = value if stated.chosen is None else np.where(stated.chosen.array, value, np.nan)
+    value = value if stated.chosen is None else np.where(stated.chosen, value, np.nan)
     label, stiffness = name + where, axial_stiffness(group)
     if name in ("pretension", "jacking", "force_density"):
         force = value * _chords(group, nodes) if name == "force_density" else value

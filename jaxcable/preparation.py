@@ -1,46 +1,107 @@
 """What the compiled core is given: phases checked, numbered and taken apart on the host."""
 
 import itertools
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import _check, plausibility, spins, status
+from . import _check, load_stacks, plausibility, spins, status
 from ._rules import kept, rules_of
 from ._tree import copy, thaw
 from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
+from .load_stacks import continued
 from .loads import NodalLoads, SupportMovement, as_list
 from .phases import Phase, keeps_rules
-from .ramp import PhaseData, follows, unloaded
+from .ramp import unloaded
+from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
 from .structure import Structure, place_rules
 from .topology import require_same
 
 
+class Prepared(NamedTuple):
+    """An analysis, checked.
+
+    Attributes:
+        thawed, arrays: nodes, groups, carry and `Schedule`, as `thaw` splits them.
+        method: `Newton` or `Incremental`.
+        code: status that `start` ended with.
+        fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
+        loads: element loads of the analysis, those that `start` brings first, list of `LoadStack`.
+        n_free: number of unknowns.
+        may_warn: whether a tangent that is not definite says that a state is unstable, and can
+            happen. It cannot where the energy is convex (`System.always_convex`), and does not
+            under nodal moments and following loads, which make it unsymmetric.
+    """
+
+    thawed: object
+    arrays: list
+    method: object
+    code: object
+    fixed: tuple
+    loads: list
+    n_free: int
+    may_warn: bool
+
+
 def prepare(structure, phases, method, start, earlier=0):
-    """Check the arguments of an analysis and take topology apart from numbers.
+    """Check the arguments of an analysis and take topology apart from numbers: `Prepared`.
 
     Args:
         structure, phases, method, start: those of `solve`.
         earlier: number of phases that are solved already.
 
-    Returns:
-        thawed, arrays: nodes, groups, carry and data of the phases, as `thaw` splits them.
-        method: `Newton` or `Incremental`.
-        code: status that `start` ended with.
-        fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
-
     Raises:
         ValueError: wrong input, naming argument, index and rule.
     """
     phases = as_phases(structure, phases)
+    method = _method(structure, method)
+    plausibility.precision(structure.nodes)
+    carry, code, fixed = _begin(structure, start)
+    rows, groups = structure.rows()
+    sets = _support_sets(structure, phases, fixed)
+    loads = [_loads(structure, phase, own) for phase, own in zip(phases, sets[1:], strict=True)]
+    nodal, movements, along = ([own[k] for own in loads] for k in range(3))
+    inputs = [phase.inputs(structure) for phase in phases]
+    for k, phase in enumerate(phases):
+        moving = along[k] or movements[k]
+        alone = not (moving or any(inputs[k])) and phase.supports is None
+        mask = sets[k + 1].array
+        plausibility.loading(earlier + k, nodal[k], mask, groups, alone)
+        if not moving:
+            plausibility.held(earlier + k, mask, groups)
+    stacks = load_stacks.stacks(along)
+    everything = [*([] if carry is None else carry.loads), *stacks]
+    freedoms, changes, before = numbering(sets, _numbered(structure, method, everything))
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
+    shape, dtype = (len(nodes), 6 if structure.turning else 3), jnp.result_type(nodes)
+    schedule = Schedule(
+        number=np.arange(len(phases), dtype=np.int32),
+        inputs=stated(inputs, groups),
+        added_load=on_rows(nodal, "nodal_forces", shape, dtype),
+        moved=on_rows(movements, "steps", shape, dtype),
+        freedoms=freedoms,
+        changes=changes,
+        before=before,
+        loads=stacks,
+        increments=tuple(int(phase.increments) for phase in phases),
+        n_node=structure.n_node,
+    )
+    thawed, arrays = thaw((nodes, groups, carry, schedule))
+    warns = _may_warn(groups, carry, everything, nodal)
+    count = len(freedoms.free)
+    return Prepared(thawed, arrays, method, code, tuple(sets), everything, count, warns)
+
+
+def _method(structure, method):
+    """`Newton` or `Incremental`, checked."""
     method = Newton() if method is None else method
     if not isinstance(method, Newton | Incremental):
         raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
-    plausibility.precision(structure.nodes)
     if isinstance(method, Incremental) and method.stiffness == "secant":
         for k, group in enumerate(structure.groups):
             if getattr(group, "secant", None) is None:
@@ -48,78 +109,50 @@ def prepare(structure, phases, method, start, earlier=0):
                     f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
                     'stiffness; use "tangent"'
                 )
-    carry, code, fixed = _begin(structure, start)
+    return method
+
+
+def _loads(structure, phase, fixed):
+    """Loads of a phase, checked: nodal loads, movements of supports, loads on elements."""
+    loads = as_list(phase.loads)
+    for load in loads:
+        load.check(structure)
+    movements = [load for load in loads if isinstance(load, SupportMovement)]
+    for movement in movements:
+        movement.check_supported(fixed)
+    own = [
+        load.among(structure) if hasattr(load, "among") else load
+        for load in loads
+        if not isinstance(load, NodalLoads | SupportMovement)
+    ]
+    return [load for load in loads if isinstance(load, NodalLoads)], movements, own
+
+
+def _numbered(structure, method, stacks):
+    """A function that numbers the unknowns which a `Fixed` leaves."""
     rows, groups = structure.rows()
+    followers = [stack.load for stack in stacks if stack.follows]
+    if followers and getattr(method, "stiffness", None) == "secant":
+        raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
     links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
-    held = _support_sets(structure, phases, fixed)
-    followers = [] if carry is None else [load for load, _ in carry.element_loads if follows(load)]
+    pressed = tuple((own, 3, ()) for load in followers for own in load.touches(groups))
 
-    def numbered(fixed):
-        pressed = [(own, 3, ()) for load in followers for own in load.touches(groups)]
-        solver = method.linear_solver
-        return number_freedoms(
-            fixed, rows, (*links, *pressed), solver, not followers, structure.rigid
-        )
+    def number(fixed):
+        solver, symmetric = method.linear_solver, not followers
+        return number_freedoms(fixed, rows, (*links, *pressed), solver, symmetric, structure.rigid)
 
-    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
-
-    sets, data = held[:1], []
-    for number, (phase, fixed) in enumerate(zip(phases, held[1:], strict=True), earlier):
-        loads = as_list(phase.loads)
-        for load in loads:
-            load.check(structure)
-        movements = [load for load in loads if isinstance(load, SupportMovement)]
-        for movement in movements:
-            movement.check_supported(fixed)
-        kinds = NodalLoads | SupportMovement
-        own = [
-            load.among(structure) if hasattr(load, "among") else load
-            for load in loads
-            if not isinstance(load, kinds)
-        ]
-        followers += [load for load in own if follows(load)]
-        if followers and getattr(method, "stiffness", None) == "secant":
-            raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
-        freedoms = numbered(fixed)
-        inputs = phase.inputs(structure)
-        nodal = [load for load in loads if isinstance(load, NodalLoads)]
-        alone = not (own or movements or any(inputs)) and phase.supports is None
-        plausibility.loading(number, nodal, fixed.array, groups, alone)
-        if not (own or movements):
-            plausibility.held(number, fixed.array, groups)
-        data.append(
-            PhaseData(
-                inputs=inputs,
-                nodal_loads=nodal,
-                element_loads=own,
-                movements=movements,
-                freedoms=freedoms,
-                freedoms_before=None
-                if fixed == sets[-1]
-                else number_freedoms(sets[-1], rows, rigid=structure.rigid),
-                increments=int(phase.increments),
-                other_pattern=bool(data) and freedoms is not data[-1].freedoms,
-            )
-        )
-        sets.append(fixed)
-    thawed, arrays = thaw((nodes, groups, carry, data))
-    return thawed, arrays, method, code, tuple(sets)
+    return number
 
 
-def may_warn(groups, carry, data):
-    """Whether a tangent that is not definite says that a state is unstable, and can happen.
-
-    It cannot where the energy is convex (`System.convex`), and does not under nodal moments and
-    following loads, which make it unsymmetric.
-    """
-    loads = [] if carry is None else [load for load, _ in carry.element_loads]
-    loads += [load for phase in data for load in phase.element_loads]
-    if all(g.tension_only and g.rising and not (g.slides and loads) for g in groups):
+def _may_warn(groups, carry, stacks, nodal):
+    """See `Prepared.may_warn`."""
+    if all(g.tension_only and g.rising and not (g.slides and stacks) for g in groups):
         return False
-    moments = [load.moments for phase in data for load in phase.nodal_loads]
+    moments = [load.moments for own in nodal for load in own]
     before = None if carry is None else _check.concrete(carry.nodal_load)
     turned = before is not None and bool(np.any(before[:, 3:]))
-    return not (turned or any(map(follows, loads)) or any(m is not None for m in moments))
+    following = any(stack.follows for stack in stacks)
+    return not (turned or following or any(m is not None for m in moments))
 
 
 def _support_sets(structure, phases, fixed):
@@ -179,54 +212,60 @@ def _no_method(method):
 
 
 def ready(parameters):
-    """Nodes, groups, carry and data to compute with, from those that were handed over.
+    """Nodes, groups, carry and schedule to compute with, from those that were handed over.
 
     Floats are as exact as the nodes. The iteration may pass through where the curve of a law has
     ended (the answer may not): laws go on there.
     """
-    nodes, groups, carry, data = parameters
-    dtype = jnp.asarray(nodes).dtype
-    nodes, groups, carry, data = jax.tree.map(
+    dtype = jnp.asarray(parameters[0]).dtype
+    nodes, groups, carry, schedule = jax.tree.map(
         lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
         jax.tree.map(jnp.asarray, parameters),
     )
     if carry is None:
         carry = unloaded(nodes, groups)
-    if carry.bearing is None and carry.motion.shape[1] > 3 and data[0].freedoms.axes is not None:
+    if carry.bearing is None and carry.motion.shape[1] > 3 and schedule.freedoms.axes is not None:
         carry = copy(carry, bearing=carry.motion[:, 3:])
+    begun = nodes + carry.motion[:, :3]
+    carry = copy(
+        carry,
+        loads=[*carry.loads, *schedule.loads],
+        amounts=[*carry.amounts, *(stack.idle(begun, dtype) for stack in schedule.loads)],
+    )
     groups = [group.continued() if group.breaks else group for group in groups]
-    return nodes, groups, carry, data
+    return nodes, groups, carry, schedule
 
 
 def verdicts(parameters, *others):
     """What rules say of numbers that nothing could be refused of, because they were traced.
 
     Args:
-        parameters: nodes, groups, carry and data, as they were handed over.
+        parameters: nodes, groups, carry and schedule, as they were handed over.
         others: method and settings.
 
     Returns:
         own: whether the numbers of the structure keep their rules, scalar bool.
-        codes: INVALID_INPUT or OK, one a phase: of its numbers, of the structure and of `others`.
+        codes: INVALID_INPUT or OK, [n_phase]: of a phase's numbers, the structure's, and `others`.
     """
-    nodes, groups, _, data = parameters
+    nodes, groups, _, schedule = parameters
     own = kept([*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))])
-    common = own & kept(rules_of(others))
-    codes = [
-        jnp.where(common & keeps_rules(phase, groups), status.OK, status.INVALID_INPUT)
-        for phase in data
-    ]
-    return own, [code.astype(jnp.int32) for code in codes]
+    good = jnp.broadcast_to(own & kept(rules_of(others)), len(schedule))
+    if jax.tree.leaves(schedule.inputs):
+        good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups))(schedule.inputs)
+    for stack in schedule.loads:
+        broken = ~stack.each(lambda load: kept(rules_of(load)))
+        good = good & (jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(broken) == 0)
+    return own, jnp.where(good, status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def _begin(structure, start):
     """Carry, status and supported freedoms that the analysis starts from."""
     if start is None:
-        return None, jnp.int32(status.OK), structure.fixed(structure.supports)
+        return None, np.int32(status.OK), structure.fixed(structure.supports)
     if isinstance(start, Solution):
         code, last = start.status, start.last
     elif isinstance(start, State):
-        code, last = jnp.int32(status.OK), start
+        code, last = np.int32(status.OK), start
     else:
         raise ValueError(f"start: expected a Solution, got {type(start).__name__}")
     require_same(structure, last.topology, "start")
@@ -248,4 +287,4 @@ def _warm(structure, carry):
         else state
         for group, state in zip(structure.groups, carry.states, strict=True)
     ]
-    return copy(carry, states=states)
+    return copy(carry, states=states, loads=[continued(stack) for stack in carry.loads])

@@ -8,9 +8,10 @@ end states once; `Ramp.at` interpolates.
 import jax
 import jax.numpy as jnp
 
-from . import status
+from . import load_stacks
 from ._tree import copy, pytree
-from .assembly import System, each
+from .assembly import System
+from .elementwise import each
 from .frames import FrameSystem
 from .freedoms import along, combined
 from .rotations import IDENTITY, turned
@@ -25,14 +26,16 @@ class Carry:
             [n_node, 7], with the unit quaternion of the node's rotation.
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_node, 3], N; with moments [n_node, 6].
-        element_loads: list of (element load, its factor).
+        loads: element loads of all phases, a list of `LoadStack`.
+        amounts: how much of them acts, a list of `Amounts`.
         bearing: `FrameSystem.bearing`: rotation in which the support of every row was set.
     """
 
     motion: object
     states: object
     nodal_load: object
-    element_loads: object
+    loads: object
+    amounts: object
     bearing: object = None
 
 
@@ -40,33 +43,36 @@ def unloaded(nodes, groups):
     """The `Carry` of a structure that nothing has happened to."""
     states = [group.start(nodes[group.links]) for group in groups]
     if all(group.n_freedom == 3 for group in groups):
-        return Carry(jnp.zeros_like(nodes), states, jnp.zeros_like(nodes), [])
+        return Carry(jnp.zeros_like(nodes), states, jnp.zeros_like(nodes), [], [])
     still = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
     motion = jnp.concatenate([jnp.zeros_like(nodes), still], axis=1)
-    return Carry(motion, states, jnp.zeros((len(nodes), 6), nodes.dtype), [])
+    return Carry(motion, states, jnp.zeros((len(nodes), 6), nodes.dtype), [], [])
 
 
-@pytree(static=("increments", "other_pattern"))
+def knowing(carry, phase):
+    """A `Carry` whose loads are those that a phase knows: later ones may be NaN."""
+    return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
+
+
+@pytree
 class PhaseData:
     """A phase, prepared on the host.
 
     Attributes:
+        number: of the phase.
         inputs: prestress statements, per group a dict from name to `Stated`.
-        nodal_loads, element_loads, movements: loads by kind, lists.
-        freedoms: numbering of this phase's unknowns.
-        freedoms_before: numbering of the phase before, if the supports change, else None.
-        increments: number of steps.
-        other_pattern: whether its matrices are not those of the phase before.
+        added_load: sum of its nodal loads, [n_node, 3 or 6], N and N m, or None.
+        moved: sum of its movements of supports, likewise, m and rad, or None.
+        freedoms: numbering of the unknowns, and what is held in this phase.
+        freedoms_before: what was held before, if the supports change in any phase, else None.
     """
 
+    number: object
     inputs: object
-    nodal_loads: object
-    element_loads: object
-    movements: object
+    added_load: object
+    moved: object
     freedoms: object
     freedoms_before: object
-    increments: int = 1
-    other_pattern: bool = False
 
 
 @pytree
@@ -79,7 +85,7 @@ class Ramp:
         end_states: element states at load factor 1; None for a group that does not change.
         held: (force at the start, `Stated` at the end) for a jacked group, else None.
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
-        added_element_loads: element loads of this phase.
+        own: which loads of every stack in `begin` are of this phase, list of [m] bool.
         moved: steps of the supports in this phase, [n_node, 3 or 6], or None.
         released: reactions of newly freed freedoms, ramped out, as `Carry.nodal_load`, or None.
         freedoms: numbering of the unknowns.
@@ -91,7 +97,7 @@ class Ramp:
     end_states: object
     held: object
     added_load: object
-    added_element_loads: object
+    own: object
     moved: object
     released: object
     freedoms: object
@@ -99,6 +105,11 @@ class Ramp:
     @classmethod
     def build(cls, nodes, groups, carry, data):
         """Work out start and end of the phase from the carry and the phase's data."""
+        own = [stack.phase == data.number for stack in carry.loads]
+        moved = nodes + carry.motion[:, :3]
+        pairs = zip(carry.amounts, own, strict=True)
+        amounts = [amounts.at_start(mine, moved) for amounts, mine in pairs]
+        carry = copy(carry, amounts=amounts)
         released = None
         if data.freedoms_before is not None:
             carry, released = _change_supports(nodes, groups, carry, data)
@@ -108,42 +119,14 @@ class Ramp:
             if "jacking" in inputs:
                 force = each("tension", group, state, nodes, carry.motion)
                 jack = (force, inputs["jacking"])
-            statements = {name: own for name, own in inputs.items() if name != "jacking"}
+            statements = {name: stated for name, stated in inputs.items() if name != "jacking"}
             if statements:
                 end_state = group.restate(state, nodes[group.links], statements)
             end_states.append(end_state)
             held.append(jack)
-        added = None
-        if data.nodal_loads:
-            shape = carry.nodal_load.shape
-            added = sum(load.nodal_forces(shape, nodes.dtype) for load in data.nodal_loads)
-        moved = None
-        if data.movements:
-            shape = carry.nodal_load.shape
-            moved = sum(movement.steps(shape, nodes.dtype) for movement in data.movements)
-            freedoms = data.freedoms
-            if freedoms.rows is not None:
-                moved = moved[freedoms.rows]
-            if freedoms.inner is not None:
-                moved = jnp.where(freedoms.inner[:, None], 0.0, moved)
-            # a traced movement may turn out to be one of a free node: there is no such state
-            shift = moved[:, :3]
-            if freedoms.axes is not None:
-                rounding = 8 * jnp.finfo(shift.dtype).eps * jnp.max(jnp.abs(shift))
-                shift = along(freedoms.axes, shift)
-                shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
-            loose = ~freedoms.fixed[:, :3] & (shift != 0)
-            moved = jnp.where(jnp.any(loose), jnp.nan, moved)
+        moved = None if data.moved is None else _supported(data.moved, data.freedoms)
         return cls(
-            nodes,
-            groups,
-            carry,
-            end_states,
-            held,
-            added,
-            [_begun(load, nodes, carry) for load in data.element_loads],
-            moved,
-            released,
+            *(nodes, groups, carry, end_states, held, data.added_load, own, moved, released),
             data.freedoms,
         )
 
@@ -182,9 +165,10 @@ class Ramp:
             load = load + (1 - factor) * self.released
         return load
 
-    def element_loads(self, factor):
-        """Element loads at a load factor, with their factors."""
-        return [*self.begin.element_loads, *((load, factor) for load in self.added_element_loads)]
+    def amounts(self, factor):
+        """How much of the element loads acts at a load factor."""
+        pairs = zip(self.begin.amounts, self.own, strict=True)
+        return [amounts.added(mine, factor) for amounts, mine in pairs]
 
     def held_motion(self, factor):
         """Motion of all nodes as the supports prescribe it at a load factor."""
@@ -197,16 +181,14 @@ class Ramp:
 
     def at(self, factor, plastic=None):
         """The system at a load factor."""
-        states = self.states(factor, plastic)
-        loads = self.nodal_load(factor), self.element_loads(factor)
-        now = Carry(self.begin.motion, states, *loads, self.begin.bearing)
+        now = self._loaded(self.begin.motion, self.states(factor, plastic), factor)
         return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
 
-    def settle(self, system, x, code, plastic):
-        """Plastic strains after an increment that ended at `x`; frozen by a failure."""
+    def settle(self, system, x, ok, plastic):
+        """Plastic strains after an increment that ended at `x`; as they were unless `ok`."""
         if plastic is None:
             return None
-        ok, after = code == status.OK, system.settle(system.motion(x))
+        after = system.settle(system.motion(x))
         return jax.tree.map(lambda new, old: jnp.where(ok, new, old), after, plastic)
 
     def leave(self, factor, motion, plastic=None):
@@ -216,8 +198,30 @@ class Ramp:
             state = copy(state, line_load=None)
             locked = state.held is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
-        loads = self.nodal_load(factor), self.element_loads(factor)
+        return self._loaded(motion, states, factor)
+
+    def _loaded(self, motion, states, factor):
+        """A `Carry` with the loads of a load factor."""
+        loads = self.nodal_load(factor), self.begin.loads, self.amounts(factor)
         return Carry(motion, states, *loads, self.begin.bearing)
+
+
+def _supported(moved, freedoms):
+    """Steps of the supports [n_row, 3 or 6]; NaN if a traced one moves what is free.
+
+    There is no such state.
+    """
+    if freedoms.rows is not None:
+        moved = moved[freedoms.rows]
+    if freedoms.inner is not None:
+        moved = jnp.where(freedoms.inner[:, None], 0.0, moved)
+    shift = moved[:, :3]
+    if freedoms.axes is not None:
+        rounding = 8 * jnp.finfo(shift.dtype).eps * jnp.max(jnp.abs(shift))
+        shift = along(freedoms.axes, shift)
+        shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
+    loose = ~freedoms.fixed[:, :3] & (shift != 0)
+    return jnp.where(jnp.any(loose), jnp.nan, moved)
 
 
 def _change_supports(nodes, groups, carry, data):
@@ -249,7 +253,8 @@ def _change_supports(nodes, groups, carry, data):
         own = jnp.where(whole, own_before, own)
         newly = now[:, part] & ~was[:, part]
         left.append(combined(own, jnp.where(newly, 0.0, along(own, load[: len(was), part]))))
-    return copy(carry, nodal_load=jnp.concatenate(left, axis=1)), jnp.concatenate(released, axis=1)
+    left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)  # no rounding
+    return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
 
 
 def make_system(nodes, groups, carry, held, freedoms, load=None):
@@ -259,12 +264,18 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
     the carry, if at hand.
     """
     if load is None:
-        load = dead_load(nodes, groups, carry)
+        load = load_stacks.dead_load(nodes, groups, carry)
     states = [
-        _shaped(number, group, state, nodes, carry.element_loads) if group.shaped_by_load else state
+        copy(
+            state,
+            line_load=load_stacks.line_load(number, group, state, nodes, carry),
+            pressed=load_stacks.pressures(number, group, carry),
+        )
+        if group.shaped_by_load
+        else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
-    followers = [pair for pair in carry.element_loads if follows(pair[0])] or None
+    followers = load_stacks.following(carry)
     if carry.motion.shape[1] == 3:
         if held is not None:
             axes = freedoms.axes
@@ -273,49 +284,6 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
     return FrameSystem(nodes, groups, states, load, held, freedoms, followers, carry.bearing)
 
 
-def follows(load):
-    """Whether a load depends on where the nodes are."""
-    return hasattr(load, "following_forces")
-
-
-def _shaped(number, group, state, nodes, element_loads):
-    """State of a group with what acts along its elements and shapes them."""
-    pressed = {}
-    for load, factor in element_loads:
-        own = load.pressing(number, group) if hasattr(load, "pressing") else None
-        if own is not None:
-            per, pressure, axis = own
-            pressed.setdefault(per, []).append((factor * pressure, axis))
-    line_load = _line_load(number, group, state, nodes, element_loads)
-    return copy(state, line_load=line_load, pressed=pressed or None)
-
-
-def _begun(load, nodes, carry):
-    """An element load that knows where the phase begins, if it asks for that."""
-    if getattr(load, "begun", None) is None:
-        return load
-    return copy(load, begun=nodes + carry.motion[:, :3])
-
-
-def _line_load(number, group, state, nodes, element_loads):
-    """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
-    loads = [
-        factor * along
-        for load, factor in element_loads
-        if not follows(load) and (along := load.per_length(number, group, state, nodes)) is not None
-    ]
-    return sum(loads) if loads else None
-
-
 def _mix(start, end, factor):
-    return (1 - factor) * start + factor * end
-
-
-def dead_load(nodes, groups, carry):
-    """All dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
-    load = carry.nodal_load
-    for element_load, factor in carry.element_loads:
-        if not follows(element_load):
-            arguments = groups, carry.states, nodes, load.shape, nodes.dtype
-            load = load + factor * element_load.element_forces(*arguments)
-    return load
+    """Between start and end; what does not change keeps every digit, and the end is met."""
+    return end - (1 - factor) * (end - start)

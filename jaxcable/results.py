@@ -1,44 +1,106 @@
 """What is read off a point of equilibrium, and the shape in which users get it."""
 
+import jax
 import jax.numpy as jnp
 
-from ._tree import copy
-from .assembly import each
+from ._tree import copy, pytree
+from .elementwise import each
 from .ramp import make_system
 from .solution import State
 from .topology import topology_of
 
 
-def state_of(frame, carry, load, number, factor, freedoms):
-    """The `State` that a carry stands for; of the freedoms only what is held matters."""
+@pytree
+class Reached:
+    """Where an analysis stands: what the last good increment belongs to.
+
+    Attributes:
+        number: of the phase, -1 before the first increment.
+        factor: load factor of that phase.
+        held: what supports hold there of what they change, by name (`Schedule.before`).
+    """
+
+    number: object
+    factor: object
+    held: object
+
+    @classmethod
+    def none(cls, schedule, dtype):
+        """Before the first increment."""
+        held = {} if schedule.before is None else schedule.before
+        first = {name: value[0] for name, value in held.items()}
+        return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
+
+    def after(self, data, factor):
+        """With a phase that has come to a load factor, 0 if it has no good increment."""
+        held = {name: getattr(data.freedoms, name) for name in self.held}
+        new = Reached(data.number, factor, held)
+        return jax.tree.map(lambda a, b: jnp.where(factor > 0, a, b), new, self)
+
+
+def state_of(frame, carry, point, reached, schedule):
+    """The `State` that a carry stands for, rows of motion put onto their nodes.
+
+    `point` are its motion without what has no derivative, and the marks of that
+    (`implicit.attach_apart`), or None.
+    """
     nodes, groups = frame
-    motion = carry.motion
-    system = make_system(nodes, groups, carry, None, freedoms, load)
+    freedoms = copy(schedule.freedoms.held, **reached.held)
+    system = make_system(nodes, groups, carry, None, freedoms)
+    (motion, marks), n_node = point, schedule.n_node
     turns = motion.shape[1] > 3
-    displacement = motion[:, :3] if turns else motion
+    beside, within = _marked(groups, marks)
+
+    def summed(values):  # a hinge passes its force to the node
+        values = values if marks is None else values + beside[:, None]
+        if freedoms.rows is None:
+            return values
+        return jnp.zeros_like(values[:n_node]).at[freedoms.rows].add(values)
+
+    displacement = carry.motion[:n_node, :3]
+    reactions, load = summed(system.reactions(motion)), summed(_acting(system, motion))
     state = State(
         displacement=displacement,
-        positions=nodes + displacement,
-        tension=system.tensions(motion),
+        positions=nodes[:n_node] + displacement,
+        tension=within(system.tensions(motion)),
         rest_length=[state.rest_length for state in carry.states],
-        reactions=system.reactions(motion),
-        load=_acting(system, motion),
-        phase=number,
-        load_factor=factor,
+        reactions=reactions[:, :3],
+        load=load[:, :3],
+        phase=reached.number,
+        load_factor=reached.factor,
         carry=None,
         fixed=None,
-        peak_tension=system.peak_tensions(motion),
+        peak_tension=within(system.peak_tensions(motion)),
     )
     if not turns:
         return state
     return copy(
         state,
-        reactions=state.reactions[:, :3],
-        load=state.load[:, :3],
-        rotation=motion[:, 3:],
-        reaction_moments=state.reactions[:, 3:],
-        section_forces=system.section_forces(motion),
+        rotation=carry.motion[:n_node, 3:],
+        reaction_moments=reactions[:, 3:],
+        section_forces=within(system.section_forces(motion)),
     )
+
+
+def _marked(groups, marks):
+    """Marks of rows [n_row] as those of rows that elements join to them, and a function.
+
+    It adds them to what is read off elements, a list of arrays [n_elem, ...] or None.
+    """
+    if marks is None:
+        return None, lambda parts: parts
+    own = [jnp.sum(marks[group.links], axis=1) for group in groups]
+    beside = marks
+    for group, mark in zip(groups, own, strict=True):
+        beside = beside.at[group.links].add(mark[:, None])
+
+    def within(parts):
+        return [
+            None if part is None else part + mark.reshape(-1, *(1,) * (part.ndim - 1))
+            for part, mark in zip(parts, own, strict=True)
+        ]
+
+    return beside, within
 
 
 def _acting(system, motion):
@@ -88,33 +150,31 @@ def on_nodes(structure, part, per_element, per_node=("displacement",)):
     return copy(part, **changes)
 
 
-def arranged(structure, solution, fixed):
-    """Put lists with an item per group into the shape of the elements, rows onto their nodes."""
-    rows = structure.rows()[0]
-    n_node = structure.n_node
+def arranged(structure, solution, task):
+    """Put lists with an item per group into the shape of the elements; topology where it belongs.
+
+    Args:
+        structure: `Structure`.
+        solution: what the compiled core gives.
+        task: `preparation.Prepared`.
+    """
 
     def arrange(part, *names):
         present = [name for name in names if getattr(part, name) is not None]
         return copy(part, **{name: structure.arrange(getattr(part, name)) for name in present})
 
-    def fold(part):
-        names = ("tension", "peak_tension", "rest_length", "section_forces")
-        part = arrange(with_peaks(part), *names)
-        if rows is None:
-            return part
-        one = ("displacement", "positions", "rotation")
-        cut = {name: getattr(part, name)[:n_node] for name in one}
-        summed = ("reactions", "reaction_moments", "load")  # a hinge passes its force to the node
-        for name in (name for name in summed if hasattr(part, name)):
-            value = getattr(part, name)
-            cut[name] = jnp.zeros_like(value[:n_node]).at[rows.node].add(value)
-        return copy(part, **cut)
-
-    phases = []
-    for phase in solution.phases:
-        names = ("tension", "peak_tension", "strain")
-        path = on_nodes(structure, with_peaks(phase.path), names)
-        phases.append(copy(arrange(fold(phase), "began"), path=path))
-    last = copy(fold(solution.last), fixed=fixed, topology=topology_of(structure))
+    names = ("tension", "peak_tension", "rest_length", "section_forces")
+    solution, last, ends = (
+        arrange(with_peaks(part), *names)
+        for part in (solution, solution.last, solution.phases.ends)
+    )
+    paths = arrange(with_peaks(solution.phases.paths), "tension", "peak_tension", "strain")
+    phases = copy(solution.phases, ends=arrange(ends, "began"), paths=paths)
+    loads = [
+        copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves))
+        for stack, leaves in zip(task.loads, last.carry.loads, strict=True)
+    ]
+    carry = copy(last.carry, loads=loads)
+    last = copy(last, carry=carry, fixed=task.fixed, topology=topology_of(structure))
     links = tuple(group.links for group in structure.groups)
-    return copy(fold(solution), phases=tuple(phases), last=last, links=links)
+    return copy(solution, phases=phases, last=last, links=links)

@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .rooted import rooted
+
 _MAX_STEPS = 120  # bisection alone halves any bracket of floats to its last digit in these
 
 
@@ -53,4 +55,4 @@ def rising_root(function, guess, low, high):
 
     guess = jnp.clip(guess, low, high)  # of a guess only: where to begin, no part of the result
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
-    return lax.custom_root(function, guess, solve, lambda g, y: y / g(jnp.ones_like(y)))
+    return rooted(function, guess, lambda g, y: y / g(jnp.ones_like(y)), solve)

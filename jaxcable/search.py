@@ -8,9 +8,58 @@ is taken unless it overshoots; then the zero of ``g`` is bracketed.
 import jax.numpy as jnp
 from jax import lax
 
-_OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
+from ._tree import pytree
+
 SHORT = 0.5  # in a bracket, come at least this close from below
+_OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
 _MAX_SEARCH = 60  # residuals per line search: a bisection of 60 exhausts float64
+
+
+@pytree
+class Search:
+    """Where a search along a step stands.
+
+    Attributes:
+        length: a, tried next, in (0, 1]; scalar.
+        slope: g(0), negative.
+        low, g_low, high, g_high: bracket of the zero of g.
+        count: lengths refused so far.
+    """
+
+    length: object
+    slope: object
+    low: object
+    g_low: object
+    high: object
+    g_high: object
+    count: object
+
+    @classmethod
+    def init(cls, slope):
+        """A search that tries the whole step first."""
+        one = jnp.ones((), slope.dtype)
+        return cls(one, slope, 0 * one, slope, one, jnp.inf * one, jnp.int32(0))
+
+    def update(self, g):
+        """What the derivative `g` at the length tried says.
+
+        Returns:
+            The search with the next length; whether the length that was tried will do; and whether
+            to try the next one. Neither: there is none that will do.
+        """
+        g = jnp.where(jnp.isfinite(g), g, jnp.inf)
+        too_far = g > -_OVERSHOOT * self.slope
+        too_short = (self.length < 1) & (g < SHORT * self.slope)
+        again = (too_far | too_short) & (self.count < _MAX_SEARCH) & (self.high > self.low)
+        below = g <= 0
+        low, g_low = jnp.where(below, self.length, self.low), jnp.where(below, g, self.g_low)
+        high, g_high = jnp.where(below, self.high, self.length), jnp.where(below, self.g_high, g)
+        # secant through the bracket, every other time bisection: neither end can stall
+        secant = low + (high - low) * (-g_low / (g_high - g_low))
+        inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (self.count % 2 == 0)
+        length = jnp.where(inside, secant, 0.5 * (low + high))
+        after = Search(length, self.slope, low, g_low, high, g_high, self.count + 1)
+        return after, ~too_far & ~again, again
 
 
 def search(evaluate, step, slope, usable):
@@ -26,34 +75,15 @@ def search(evaluate, step, slope, usable):
         The length, residual and scale there, and whether it may be used.
     """
 
-    def trial(a):
-        residual, scale = evaluate(a)
-        g = residual @ step
-        return residual, scale, jnp.where(jnp.isfinite(g) & jnp.isfinite(scale), g, jnp.inf)
+    def trial(s):
+        own, *_ = s
+        residual, scale = evaluate(own.length)
+        g = jnp.where(jnp.isfinite(scale), residual @ step, jnp.inf)
+        after, fine, again = own.update(g)
+        return after, own.length, residual, scale, fine, again
 
-    # state: a, its residual, scale and g; the bracket (low, g_low), (high, g_high); count
-    def searching(s):
-        a, _, _, g, low, _, high, _, count = s
-        too_far = g > _OVERSHOOT * -slope
-        too_short = (a < 1) & (g < -SHORT * -slope)
-        return (too_far | too_short) & (count < _MAX_SEARCH) & (high > low)
-
-    def narrow(s):
-        a, _, _, g, low, g_low, high, g_high, count = s
-        below = g <= 0
-        low, g_low = jnp.where(below, a, low), jnp.where(below, g, g_low)
-        high, g_high = jnp.where(below, high, a), jnp.where(below, g_high, g)
-        # secant through the bracket, every other time bisection: neither end can stall
-        secant = low + (high - low) * (-g_low / (g_high - g_low))
-        middle = 0.5 * (low + high)
-        inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (count % 2 == 0)
-        a = jnp.where(inside, secant, middle)
-        residual, scale, g = trial(a)
-        return a, residual, scale, g, low, g_low, high, g_high, count + 1
-
-    one = jnp.ones((), step.dtype)
-    residual, scale, g = trial(one)
-    count = jnp.where(usable, 0, _MAX_SEARCH)
-    s = (one, residual, scale, g, 0 * one, slope, one, jnp.inf * one, count)
-    a, residual, scale, g, *_ = lax.while_loop(searching, narrow, s)
-    return a, residual, scale, usable & (g <= _OVERSHOOT * -slope)
+    nothing = jnp.zeros_like(slope), jnp.zeros_like(step), jnp.zeros_like(slope)
+    s = (Search.init(slope), *nothing, jnp.zeros((), bool), jnp.ones((), bool))
+    s = lax.while_loop(lambda s: s[-1] & usable, trial, s)
+    _, length, residual, scale, fine, _ = s
+    return length, residual, scale, usable & fine

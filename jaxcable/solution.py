@@ -1,6 +1,11 @@
 """What an analysis returns, and how good it is."""
 
-from ._tree import pytree
+from collections.abc import Sequence
+
+import jax
+import numpy as np
+
+from ._tree import computed, copy, pytree
 
 PER_PHASE = (
     "displacement",
@@ -180,6 +185,110 @@ class PhaseResult:
     stable: object = None
 
 
+LOG = (
+    "status",
+    "iterations",
+    "factorizations",
+    "residual",
+    "scale",
+    "equilibrated",
+    "stable",
+    "n_slack",
+    "n_loose",
+)
+"""What is noted of an increment, numbers side by side: many small arrays take long to compile."""
+
+_KINDS = {"residual": None, "scale": None, "equilibrated": bool, "stable": bool}  # others int32
+
+
+@pytree(static=("increments", "watched"))
+class PhaseResults(Sequence):
+    """The results of all phases, a sequence of `PhaseResult`, kept as they were computed: stacked.
+
+    Attributes:
+        ends: a `PhaseResult` without path, its arrays with an axis [n_phase] after those of
+            batches.
+        paths: a `Path` of what is not in the log, likewise [n_phase, n_inc], phases of fewer
+            increments filled up.
+        log: the numbers `LOG` of every increment, [n_phase, n_inc, 9].
+        increments: of every phase, a tuple.
+        watched: whether the stability of every increment was asked for.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> results = jc.solve(structure, phases).phases
+        >>> len(results), [phase.path.load_factor.shape for phase in results]
+        (2, [(1,), (10,)])
+    """
+
+    ends: PhaseResult
+    paths: Path
+    log: object
+    increments: tuple
+    watched: bool
+
+    def __len__(self):
+        return len(self.increments)
+
+    def __getitem__(self, number):
+        if isinstance(number, slice):
+            return tuple(self[k] for k in range(*number.indices(len(self))))
+        k = range(len(self))[number]
+        batch, count = (slice(None),) * (self.log.ndim - 3), self.increments[k]
+        rows = (*batch, k, slice(count))
+        end, path = _taken(self.ends, (*batch, k)), _taken(self.paths, rows)
+        noted = {name: self._noted(name, rows) for name in LOG if name != "scale"}
+        noted["stable"] = noted["stable"] if self.watched else None
+        path = copy(
+            path,
+            load_factor=computed(lambda np, log: _factors(np, log[rows]), self.log),
+            relative_residual=computed(lambda np, log: _relative(np, log[rows]), self.log),
+            **noted,
+        )
+        last = (*batch, k, count - 1)
+        status, stable = self._noted("status", last), self._noted("stable", last)
+        return copy(end, status=status, stable=stable, path=path)
+
+    def _noted(self, name, rows):
+        kind, column = _KINDS.get(name, "int32"), LOG.index(name)
+
+        def read(np, log):
+            values = log[rows][..., column]
+            return values if kind is None else values.astype(kind)
+
+        return computed(read, self.log)
+
+    @property
+    def verdicts(self):
+        """Status and stability of every phase, two arrays [n_phase], of one analysis."""
+        last = np.arange(len(self)), np.array(self.increments) - 1
+        return self._noted("status", last), self._noted("stable", last)
+
+
+def _taken(tree, at):
+    """A part of every array in a tree; an array that stands in two places stays one."""
+    found = {}
+
+    def take(x):
+        if id(x) not in found:
+            found[id(x)] = computed(lambda np, x: x[at], x)
+        return found[id(x)]
+
+    return jax.tree.map(take, tree)
+
+
+def _factors(np, log):
+    """Load factors of increments, from their log [..., n_inc, 9]."""
+    count = log.shape[-2]
+    return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
+
+
+def _relative(np, log):
+    """Residuals over the forces that they are judged by."""
+    scale = log[..., LOG.index("scale")]
+    return log[..., LOG.index("residual")] / np.where(scale > 0, scale, 1.0)
+
+
 @pytree(static=("links",))
 class Solution:
     """Result of `solve`.
@@ -202,7 +311,7 @@ class Solution:
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
         last: the last converged `State`.
-        phases: one `PhaseResult` per phase.
+        phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).
         links: node numbers of the elements, one [n_elem, n_end] per group.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
 

@@ -1,19 +1,21 @@
 """`solve`: the phases of an analysis one after the other, each in increments by `lax.scan`."""
 
+import dataclasses
 import functools
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from . import equilibrium, implicit, incremental, plausibility, status
-from ._tree import copy, emptied, fill, refrozen
+from . import equilibrium, implicit, incremental, linear, plausibility, status
+from ._tree import copy, fill, pytree
+from .compilation import program
 from .equilibrium import Newton
-from .preparation import may_warn, prepare, ready, verdicts
+from .preparation import prepare, ready, verdicts
 from .progress import Increment, listener, tell
-from .ramp import Ramp, dead_load
-from .results import arranged, row_of, state_of
-from .solution import PER_PHASE, Path, PhaseResult, Solution
+from .ramp import Ramp, knowing
+from .results import Reached, arranged, row_of, state_of
+from .solution import LOG, PER_PHASE, Path, PhaseResult, PhaseResults, Solution
 
 
 def solve(structure, phases=None, method=None, start=None, differentiate_path=False, progress=None):
@@ -66,80 +68,107 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
         -14600.0 N/m
     """
     listen = listener(progress)
-    thawed, arrays, method, code, fixed = prepare(structure, phases, method, start)
-    solution = _analyse(thawed, arrays, method, code, differentiate_path, listen)
-    if may_warn(*thawed[1:]):  # or else nobody has to wait for the numbers
+    task = prepare(structure, phases, method, start)
+    core = task.thawed, task.arrays, task.method, task.code
+    solution = _analyse(*core, differentiate_path, listen, size=task.n_free)
+    if task.may_warn:  # or else nobody has to wait for the numbers
         plausibility.stability(solution)
-    last = copy(solution.last, carry=refrozen(solution.last.carry, arrays))
-    solution = copy(solution, last=last)
-    return arranged(structure, solution, fixed)
+    return arranged(structure, solution, task)
 
 
-@functools.partial(jax.jit, static_argnames=("differentiate_path", "listen"))
+@functools.partial(program, static=("differentiate_path", "listen"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
-    """The compiled core: the phases in turn; results per element are lists, one item per group."""
+    """The compiled core: one loop over the phases. Results per element are lists, one a group."""
     parameters = fill(thawed, arrays)
     own, codes = verdicts(parameters, method)
-    nodes, groups, carry, data = ready(parameters)
-    dtype = nodes.dtype
+    nodes, groups, carry, schedule = ready(parameters)
     # a state of numbers that are none is none: its NaN must not reach what a batch shares
     sound = _finite((nodes, groups)) & own
     frame = implicit.gate(sound, (nodes, groups))
-    reached = (
-        jnp.int32(-1),
-        jnp.zeros((), dtype),
-        (data[0].freedoms_before or data[0].freedoms).held,
+    loads, counts = carry.loads, jnp.asarray(schedule.increments, jnp.int32)
+    factors = jnp.asarray(schedule.factors, nodes.dtype)
+    teller = None if listen is None else _teller(listen, len(schedule))
+    touched = implicit.touch(parameters)
+
+    def phase(run, own):
+        row, verdict, *steps = own
+        data = schedule.of(row)
+        code = status.first_failure(run.code, verdict)
+        before = knowing(copy(run.carry, loads=loads), data.number)
+        problem = nodes, groups, before, data
+        ramp = Ramp.build(*implicit.gate(_finite(problem) & (code == status.OK), problem))
+        memory = run.memory if schedule.changes is None else linear.forgotten(run.memory)
+        tell = None if teller is None else functools.partial(teller, data.number, steps[0])
+        code, stable, carry, point, factor, path, log, memory = _run_phase(
+            ramp, before, steps, method, code, differentiate_path, memory, tell
+        )
+        path = copy(path, displacement=path.displacement[:, : schedule.n_node])
+        reached = run.reached.after(data, factor)
+        end = _unless(sound, state_of(frame, carry, point, reached, schedule), touched)
+        moved = end.displacement - run.carry.motion[: schedule.n_node, :3]
+        result = _unless(code == status.OK, copy(end, displacement=moved), touched)
+        result = {name: getattr(result, name) for name in PER_PHASE}
+        began = _plastic(ramp.begin)
+        result = PhaseResult(status=None, stable=None, path=None, began=began, **result)
+        run = _Run(code, stable, copy(carry, loads=None), end, memory, reached)
+        return run, (result, path, log)
+
+    memory = linear.no_memory(schedule.freedoms.pattern, nodes.dtype)
+    memory = memory if isinstance(method, Newton) else None
+    start, reached = copy(carry, loads=None), Reached.none(schedule, nodes.dtype)
+    end = jax.eval_shape(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
+    end = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), end)
+    run = _Run(code, jnp.zeros((), bool), start, end, memory, reached)
+    run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
+    if not differentiate_path and isinstance(method, Newton):
+        paths = implicit.undifferentiated(paths, parameters)
+    known = [stack.until(run.reached.number) for stack in loads]
+    carry = copy(run.carry, loads=[jax.tree.leaves(stack.load) for stack in known])
+    final = _unless(run.code == status.OK, run.end, touched)
+    watched = isinstance(method, Newton) and method.watch
+    return Solution(
+        status=run.code,
+        stable=run.stable,
+        last=copy(run.end, carry=carry),
+        phases=PhaseResults(ends, paths, log, schedule.increments, watched),
+        **{name: getattr(final, name) for name in (*PER_PHASE, "load")},
     )
-    results, memory = [], None
-    for number, phase in enumerate(data):
-        problem = (nodes, groups, carry, phase)
-        if phase.other_pattern:
-            memory = None  # of other matrices
-        code = status.first_failure(code, codes[number])
-        teller = None if listen is None else _teller(listen, number, data)
-        code, stable, carry, load, factor, path, memory = _run_phase(
-            problem, method, code, differentiate_path, memory, teller
-        )
-        if not differentiate_path and isinstance(method, Newton):
-            names = ("displacement", "tension", "peak_tension", "strain", "motion")
-            rows = {n: getattr(path, n) for n in names if getattr(path, n) is not None}
-            path = copy(path, **implicit.undifferentiated(rows, parameters))
-        now = (jnp.int32(number), factor, phase.freedoms.held)
-        reached = jax.tree.map(lambda a, b, f=factor: jnp.where(f > 0, a, b), now, reached)
-        end = state_of(frame, carry, load, *reached)
-        began = problem[2].motion[:, :3] if end.rotation is not None else problem[2].motion
-        own = copy(end, displacement=end.displacement - began)
-        values = _unless(code == status.OK, own, PER_PHASE, parameters)
-        results.append(
-            PhaseResult(status=code, stable=stable, path=path, began=_plastic(problem[2]), **values)
-        )
-    names = (*PER_PHASE, "load")
-    slots = [] if thawed[2] is None else thawed[2].element_loads
-    added = [(load, None) for phase in thawed[3] for load in phase.element_loads]
-    slots = [
-        (emptied(load, own), factor)
-        for (load, factor), (own, _) in zip(carry.element_loads, [*slots, *added], strict=True)
-    ]
-    carry = copy(carry, element_loads=slots)
-    last = copy(end, carry=carry, **_unless(sound, end, names, parameters))
-    final = _unless(code == status.OK, end, names, parameters)
-    return Solution(status=code, stable=stable, last=last, phases=tuple(results), **final)
 
 
-def _unless(ok, end, names, parameters):
-    """Results of a state by name, NaN unless `ok`."""
-    values = [getattr(end, name) for name in names]
-    return dict(zip(names, implicit.nan_unless(ok, values, parameters), strict=True))
+@pytree
+class _Run:
+    """What the loop over the phases carries.
+
+    Attributes:
+        code, stable: status so far, and whether the end of the last phase is stable.
+        carry: `Carry`, without the loads, which do not change.
+        end: the `State` that it stands for.
+        memory: of sparse solves, see `linear.solve_next`.
+        reached: `results.Reached`.
+    """
+
+    code: object
+    stable: object
+    carry: object
+    end: object
+    memory: object
+    reached: object
 
 
-def _teller(listen, number, data):
+def _unless(ok, end, touched):
+    """A `State` with its results NaN unless `ok`."""
+    values = {name: getattr(end, name) for name in (*PER_PHASE, "load")}
+    return copy(end, **implicit.nan_beside(ok, values, touched))
+
+
+def _teller(listen, phases):
     """A function that tells of the increments of a phase."""
-    count = data[number].increments
-    known = {"phase": number + 1, "phases": len(data), "count": count}
 
-    def news(factor, outcome):
+    def news(number, count, factor, outcome):
         relative = outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0)
         traced = {
+            "phase": number + 1,
+            "count": count,
             "number": jnp.round(factor * count).astype(jnp.int32),
             "load_factor": factor,
             "iterations": outcome.steps,
@@ -147,57 +176,64 @@ def _teller(listen, number, data):
             "relative_residual": relative,
             "status": outcome.code,
         }
-        tell(listen, Increment, known, lax.stop_gradient(traced))
+        tell(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
 
     return news
 
 
-def _run_phase(problem, method, code, differentiate_path, memory, teller):
-    """One phase: status, stability, carry, load at its end, load factor reached, path, memory."""
-    carry, data = problem[2:]
-    dtype, n_inc = carry.motion.dtype, data.increments
-    factors = jnp.arange(1, n_inc + 1, dtype=dtype) / n_inc
-    if isinstance(method, Newton):
-        ramp = Ramp.build(*lax.stop_gradient(problem))
-        start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
-        outcome, memory = equilibrium.march(ramp, start, factors, method, code, memory, teller)
-    else:
-        ramp = Ramp.build(*implicit.gate(_finite(problem) & (code == status.OK), problem))
-        start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
-        outcome = incremental.march(ramp, start, factors, method, code, teller)
-    good = outcome.code == status.OK
-    n_good = jnp.sum(good)
-    valid, factor = n_good > 0, (n_good / n_inc).astype(dtype)
-    xs, x = outcome.x, outcome.x[-1]  # the point stays where it was when an increment fails
-    converges = isinstance(method, Newton)
+def _run_phase(ramp, before, steps, method, code, differentiate_path, memory, teller):
+    """One phase: status, stability, carry and point at its end, load factor, path, log, memory.
+
+    `before` is the carry that it begins with, `steps` the number of its increments and the load
+    factors of all, those beyond 1 for phases with more of them.
+    """
+    count, factors = steps
+    dtype, converges = ramp.begin.motion.dtype, isinstance(method, Newton)
+    live = factors <= 1
+    factors = jnp.minimum(factors, 1)  # what passes by stays at the end, and is cut off in results
     if converges:
-        ramp = Ramp.build(*implicit.gate(valid, problem))
-    plastic = None
+        frozen = lax.stop_gradient(ramp)
+        start = frozen.at(factors[0]).unknowns(frozen.begin.motion)
+        xs, log, memory = equilibrium.march(
+            frozen, start, (factors, live), method, code, memory, teller
+        )
+    else:
+        start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
+        xs, log = incremental.march(ramp, start, (factors, live), method, code, teller)
+    code = log[-1, 0].astype(jnp.int32)
+    good = (log[:, 0] == status.OK) & live
+    n_good = jnp.sum(good)
+    valid, factor = n_good > 0, (n_good / count).astype(dtype)
+    x = xs[-1]  # the point stays where it was when an increment fails
+    if converges:
+        ramp = implicit.gate(valid, ramp)
+    plastic, bare, marks = None, x, None
     if ramp.plastic is not None:
-        rows, plastic, x = _follow(ramp, factors, xs, outcome.code, converges)
-        carry, load = _end(ramp, factor, x, valid, problem, plastic)
+        rows, plastic, x = _follow(ramp, factors, xs, good, converges)
+        bare = x
     else:
         if converges:
             tol, worth = equilibrium.adjoint_effort(method, ramp.at(factor), dtype)
-            x = implicit.attach(ramp.at(factor), x, valid, memory, tol, worth)
+            x, bare, marks = implicit.attach_apart(ramp.at(factor), x, valid, memory, tol, worth)
             if differentiate_path:
                 attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
                 xs = attach(factors, xs, good)
-        carry, load = _end(ramp, factor, x, valid, problem)
         rows = jax.vmap(lambda f, x: row_of(ramp, ramp.at(f), x))(factors, xs)
-    path = _path(rows, factors, outcome, good)
+    carry, bare = _end(ramp, factor, (x, bare), valid, before, plastic)
+    path, counts = _path(rows, good, good | ~live)
     if carry.motion.shape[1] > 3:  # else displacements say it all
         path = copy(path, motion=jnp.where(good[:, None, None], xs, jnp.nan))
-    stable = outcome.stable[-1]
-    if converges and method.watch:
-        path = copy(path, stable=outcome.stable)
-    elif not (converges or ramp.at(factor).convex):
-        end = lax.stop_gradient(ramp.at(factor, plastic))
-        stable = equilibrium.is_stable(end, lax.stop_gradient(x)) & good[-1]
-    return outcome.code[-1], stable, carry, load, factor, path, memory
+    stable = LOG.index("stable")
+    if not converges:
+        end, here = lax.stop_gradient((ramp.at(factor, plastic), x))
+        judged = equilibrium.is_stable(end, here) & (code == status.OK)
+        log = log.at[count - 1, stable].set(judged.astype(dtype))
+    log = lax.stop_gradient(jnp.concatenate([log, counts.astype(dtype)], axis=1))
+    stable = jnp.take(log[:, stable], count - 1) > 0
+    return code, stable, carry, (bare, marks), factor, path, log, memory
 
 
-def _follow(ramp, factors, xs, codes, converges):
+def _follow(ramp, factors, xs, good, converges):
     """Go through the increments of a phase with memory again, to differentiate them.
 
     Every increment depends on the plastic strains that the one before left, so that the end of the
@@ -207,30 +243,28 @@ def _follow(ramp, factors, xs, codes, converges):
     @jax.checkpoint
     def step(carry, increment):
         plastic, last = carry
-        factor, x, code = increment
-        ok = code == status.OK
+        factor, x, ok = increment
         system = ramp.at(factor, plastic)
         if converges:
             x = implicit.attach(system, x, ok)
         last = jnp.where(ok, x, last)
-        return (ramp.settle(system, x, code, plastic), last), row_of(ramp, system, x)
+        return (ramp.settle(system, x, ok, plastic), last), row_of(ramp, system, x)
 
     start = (ramp.plastic, lax.stop_gradient(xs[0]))
-    (plastic, last), rows = lax.scan(step, start, (factors, xs, codes))
+    (plastic, last), rows = lax.scan(step, start, (factors, xs, good))
     return rows, plastic, last
 
 
-def _end(ramp, factor, x, valid, problem, plastic=None):
-    """Carry and load at the end of a phase; those before it if it has no good increment."""
-    nodes, groups, before, data = problem
-    system = ramp.at(factor, plastic)
-    after = ramp.leave(factor, system.motion(x), plastic)
-    nothing = [
-        (jax.tree.map(jnp.zeros_like, load), jnp.zeros_like(factor)) for load in data.element_loads
-    ]
-    before = copy(before, element_loads=[*before.element_loads, *nothing])
-    carry = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
-    return carry, jnp.where(valid, system.load, dead_load(nodes, groups, before))
+def _end(ramp, factor, points, valid, before, plastic=None):
+    """Carry at the end of a phase; that `before` it if it has no good increment.
+
+    Of two points, see `implicit.attach_apart`; and the motion of the second.
+    """
+    motion, bare = map(ramp.at(factor, plastic).motion, points)
+    after = copy(ramp.leave(factor, motion, plastic), loads=None), bare
+    before = copy(before, loads=None), before.motion
+    carry, bare = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
+    return copy(carry, loads=ramp.begin.loads), bare
 
 
 def _plastic(carry):
@@ -239,27 +273,27 @@ def _plastic(carry):
     return None if all(p is None for p in plastic) else plastic
 
 
-def _path(rows, factors, outcome, good):
-    """The increments of a phase; NaN where they are not good."""
+def _path(rows, good, finite):
+    """The increments of a phase: `Path`, NaN unless `finite`, and counts [n_inc, 2]."""
     displacement, tension, peak, n_slack, n_loose, strain = rows
-    nan = jnp.where(good, 1.0, jnp.nan).astype(factors.dtype)
-    if strain is not None:
-        strain = jax.tree.map(lambda e: e * nan.reshape(-1, *(1,) * (e.ndim - 1)), strain)
-    return Path(
-        load_factor=factors,
-        displacement=displacement * nan[:, None, None],
-        tension=[t * nan[:, None] for t in tension],
-        status=outcome.code,
-        iterations=outcome.steps,
-        factorizations=outcome.factorizations,
-        residual=outcome.residual,
-        relative_residual=outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0),
-        n_slack=jnp.where(good, n_slack, -1).astype(jnp.int32),
-        n_loose=jnp.where(good, n_loose, -1).astype(jnp.int32),
-        equilibrated=outcome.equilibrated,
-        strain=strain,
-        peak_tension=[None if p is None else p * nan[:, None] for p in peak],
+
+    def known(x):
+        return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
+
+    path = Path(*(None,) * len(dataclasses.fields(Path)))
+    path = copy(
+        path,
+        **jax.tree.map(
+            known,
+            {
+                "displacement": displacement,
+                "tension": tension,
+                "strain": strain,
+                "peak_tension": peak,
+            },
+        ),
     )
+    return path, jnp.where(good[:, None], jnp.stack([n_slack, n_loose], axis=1), -1)
 
 
 def _finite(tree):

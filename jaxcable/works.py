@@ -11,15 +11,16 @@ from jax import lax
 
 from . import status
 from ._tree import copy, fill, pytree
-from .assembly import each
+from .compilation import program
+from .elementwise import each
 from .preparation import ready
-from .ramp import Ramp
+from .ramp import Ramp, knowing
 from .rotations import angles, inverse, product, stereographic
 
 _FIRST = 1e-6  # part of the first increment's load that stands for none: it has a direction
 
 
-@jax.jit
+@program
 def works(thawed, arrays, paths):
     """Works and energies of all increments.
 
@@ -33,10 +34,10 @@ def works(thawed, arrays, paths):
             stored energy at its end.
         end: `marks` of the end.
     """
-    nodes, groups, carry, data = ready(fill(thawed, arrays))
+    nodes, groups, carry, schedule = ready(fill(thawed, arrays))
     rows, end = [], marks(carry)
-    for phase, (codes, path) in zip(data, paths, strict=True):
-        ramp = Ramp.build(nodes, groups, carry, phase)
+    for k, (codes, path) in enumerate(paths):
+        ramp = Ramp.build(nodes, groups, knowing(carry, k), schedule.phase(k))
         terms, level, carry = _phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
         end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks(carry), end)

@@ -11,8 +11,8 @@ from test_gradients import slope
 
 import jaxcable as jc
 from jaxcable._tree import copy
-from jaxcable.assembly import each
 from jaxcable.elements.hanging import hang
+from jaxcable.elementwise import each
 from jaxcable.roots import rising_root
 
 mp.mp.dps = 60

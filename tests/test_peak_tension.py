@@ -10,8 +10,8 @@ from test_gradients import slope
 
 import jaxcable as jc
 from jaxcable._tree import copy
-from jaxcable.assembly import each
 from jaxcable.cli.solve import highlights
+from jaxcable.elementwise import each
 from jaxcable.plots import members, stages
 
 EA, WEIGHT, STRENGTH = 80e6, 500.0, 1e6

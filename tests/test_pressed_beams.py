@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 from test_gradients import TIGHT, slope
 
 import jaxcable as jc
-from jaxcable._tree import copy, fill, thaw
-from jaxcable.freedoms import number_freedoms
-from jaxcable.ramp import PhaseData, Ramp, unloaded
+from jaxcable._tree import copy, fill
+from jaxcable.preparation import prepare, ready
+from jaxcable.ramp import Ramp
 
 UP = (0.0, -1.0, 0.0)  # a beam along x is pressed up, along axis x d
 LENGTH, SIDE, MODULUS = 2.0, 0.05, 10e9
@@ -128,15 +128,10 @@ def test_ring_under_pressure():
 
 def system_at(structure, phase):
     """The system at the end of a phase of frames, and a point a little out of place."""
-    links = tuple((g.links, 6, ()) for g in structure.groups)
-    freedoms = number_freedoms(structure.fixed(structure.supports), None, links, "dense", False)
-    load = phase.loads.among(structure)
-    data = PhaseData(phase.inputs(structure), [], [load], [], freedoms, None)
-    groups, data = fill(*thaw((structure.groups, data)))
-    nodes = jnp.asarray(structure.nodes)
-    carry = unloaded(nodes, groups)
-    system = Ramp.build(nodes, groups, carry, data).at(1.0)
-    step = 0.1 * np.random.default_rng(0).normal(size=len(freedoms.free))
+    task = prepare(structure, phase, jc.Newton(linear_solver="dense"), None)
+    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays))
+    system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
+    step = 0.1 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
     return system, system.move(system.place(carry.motion), jnp.asarray(step))
 
 

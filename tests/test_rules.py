@@ -35,8 +35,8 @@ LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
 def code(structure, phases=None, method=None):
     """The verdict of `solve` on numbers, as its compiled core finds it: no analysis is compiled."""
     phases = jc.Phase(loads=PULL) if phases is None else phases
-    thawed, arrays, method, _, _ = prepare(structure, phases, method, None)
-    return jnp.max(jnp.stack(verdicts(fill(thawed, arrays), method)[1]))
+    task = prepare(structure, phases, method, None)
+    return jnp.max(verdicts(fill(task.thawed, task.arrays), task.method)[1])
 
 
 def net(nodes=NODES, kind=jc.Cables, links=LINKS, **numbers):
@@ -72,8 +72,8 @@ def settings(name):
     def make(v):
         numbers = {"until": 1.0, "down_to": -1.0, "step": 0.1, "largest": 0.1, "tol": 1e-9}
         own = _settings(net(), *(numbers | {name: v}).values(), True)
-        thawed, arrays, method, _, _ = prepare(net(), jc.Phase(loads=PULL), None, None)
-        return verdicts(fill(thawed, arrays), method, own)[1][0]
+        task = prepare(net(), jc.Phase(loads=PULL), None, None)
+        return verdicts(fill(task.thawed, task.arrays), task.method, own)[1][0]
 
     return make
 
@@ -441,7 +441,8 @@ def test_a_number_that_is_refused_when_known_fails_when_traced(row):
 MAKERS = ("Rule", "positive", "not_negative")
 
 OTHERWISE = {
-    "preparation.py:may_warn": "no rule: whether a warning can be given",
+    "preparation.py:_may_warn": "no rule: whether a warning can be given",
+    "loads/groups.py:scattered": "no rule: which library computes",
     "elements/beam.py:idle": "no rule: layers on one line have nothing across it",
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",

@@ -135,7 +135,7 @@ def _stated(phase, structure, name):
         if s is None
         else s.values
         if s.chosen is None or name in INCREMENTS
-        else only(s.chosen.array, s.values[s.chosen.array])
+        else only(s.chosen, s.values[s.chosen])
         for s in stated
     ]
 

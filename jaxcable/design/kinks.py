@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from .. import implicit, status
 from .._tree import copy
-from ..assembly import each
+from ..elementwise import each
 from ..solution import Solution
 from .objectives import smooth_min
 

@@ -19,7 +19,7 @@ these members. Of the whole group:
 - ``restate(state, ends, inputs)``, if it can be prestressed, ``lock(state, ends, motion)``, if by
   a jack; ``capacity()``: the forces between which it can be (`prestress` has the common part);
 - ``tension_only``, ``rising``: whether it holds only in tension, and whether its force is known not
-  to fall with strain; ``convex(state)``: whether its energy is convex in the positions (both);
+  to fall with strain (both);
 - ``breaks``: whether its curve can end; ``continued()``: the group for an iteration, without ends;
 - ``remembers``: whether its state has plastic strains; ``virgin()``: those of an unused group.
 

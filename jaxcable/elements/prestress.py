@@ -5,6 +5,7 @@ import numpy as np
 
 from .. import _check
 from .._tree import Indices, copy, pytree
+from ..vectors import dot, norm
 
 
 @pytree
@@ -52,7 +53,7 @@ class AxialState:
         return self.rest_length if self.loaded_length is None else self.loaded_length
 
 
-@pytree(indices=("chosen",))
+@pytree
 class Stated:
     """One statement of prestress for a group.
 
@@ -84,10 +85,6 @@ class Prestressed:
     def rules_at(self, nodes):
         """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
         return []
-
-    def convex(self, state):
-        """Whether its energy is known to be convex in the positions."""
-        return self.tension_only and self.rising
 
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
@@ -167,8 +164,8 @@ def stretch(ends, motion):
     """Current vector, current length, change of length (without subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
-    start, length = jnp.sqrt(chord @ chord), jnp.sqrt(vector @ vector)
-    return vector, length, (2 * chord + w) @ w / (length + start), start
+    start, length = norm(chord), norm(vector)
+    return vector, length, dot(2 * chord + w, w) / (length + start), start
 
 
 def held_or(state, held, free):

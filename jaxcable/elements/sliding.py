@@ -78,10 +78,6 @@ class SlidingCables(Cables):
 
         return [Rule("nodes", (nodes[links], links), same, text)]
 
-    def convex(self, state):
-        """As a cable; the potential of a load that slides is not."""
-        return state.line_load is None and super().convex(state)
-
     def chord(self, ends):
         """Length over all nodes [n_elem, n_end, 3], [n_elem], m."""
         return jnp.sum(_pieces(ends)[1], axis=-1)

@@ -86,6 +86,11 @@ class OnForm:
                 own = group.properties(), group.virgin(), states[number], load.part
                 yield _on_element(load, number, group), own, group.links
 
+    @property
+    def acts(self):
+        """They do act."""
+        return jnp.ones((), bool)
+
     def following_forces(self, groups, states, nodes, moved):
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         total = jnp.zeros_like(moved)

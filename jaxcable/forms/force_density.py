@@ -180,7 +180,7 @@ def _loaded(thawed, arrays, net, freedoms, method):
         lengths = [own.chord(nodes[own.links]) for own in strings]
         pairs = zip(densities, lengths, strict=True)
         states = [StringState(jnp.zeros_like(q), q, length) for q, length in pairs]
-        followers = [(others, jnp.ones((), dtype))]
+        followers = [others]
         held = jnp.zeros(nodes.size, dtype)
         return System(nodes, strings, states, load, held, freedoms, followers)
 
@@ -200,7 +200,7 @@ def _loaded(thawed, arrays, net, freedoms, method):
     valid = valid & (verdict(nodes, groups, others) == status.OK)
     attached = system(implicit.gate(valid, data))
     tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
-    x = implicit.attach(attached, found.x, valid, memory, tol, worth)
+    x, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
     moved = implicit.nan_unless(valid, attached.motion(x), parameters)
     free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)
     return jnp.where(free, nodes + moved, nodes)

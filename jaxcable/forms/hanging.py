@@ -6,9 +6,9 @@ from jax import lax
 
 from .. import _check
 from .._rules import or_nan, positive
-from ..assembly import motion_of
 from ..elements import hanging
 from ..elements.prestress import element
+from ..elementwise import motion_of
 from ..ramp import make_system
 from ..tangent import filled, prepared
 

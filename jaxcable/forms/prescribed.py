@@ -196,7 +196,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
         tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
-        x = implicit.attach(attached, found.x, valid, memory, tol, worth)
+        x, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
         forces, motion = [state.force for state in attached.states], attached.motion(x)
     else:
         struts = not all(group.tension_only for group in groups)
@@ -236,7 +236,7 @@ def _system(groups, data, freedoms, convex, stiffness=None):
         states.append(StringState(force, spring, excess))
         strings.append(Strings(group.links, convex))
     held = jnp.zeros(nodes.size, nodes.dtype)
-    followers = None if others is None else [(others, jnp.ones((), nodes.dtype))]
+    followers = None if others is None else [others]
     return System(nodes, strings, states, load, held, freedoms, followers)
 
 

@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 
 from .._tree import pytree
-from ..assembly import each
 from ..elements.prestress import element
+from ..elementwise import each
 from ..ramp import make_system
 from ..tangent import filled, prepared
 

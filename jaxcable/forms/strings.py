@@ -53,10 +53,6 @@ class Strings:
         """Length between the ends, [n_elem], m."""
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
-    def convex(self, state):
-        """Whether all forces are known to be tensions."""
-        return self.tension_only
-
     def softened(self, compliance):
         """Itself: a held force has no stiffness to soften."""
         return self

@@ -11,7 +11,7 @@ from .bordered import solve_bordered
 from .choice import check, is_dense
 from .dense import Factor, solve_definite
 from .pattern import Pattern, Sparse, assemble, make_pattern
-from .sparse import SparseFactor, no_memory
+from .sparse import SparseFactor, forgotten, no_memory
 from .spectrum import NOT_COUNTED, is_symmetric, spectrum
 
 __all__ = [
@@ -24,6 +24,8 @@ __all__ = [
     "check",
     "diagonal",
     "factorize",
+    "forgotten",
+    "held_at",
     "is_definite",
     "is_dense",
     "is_symmetric",
@@ -59,6 +61,18 @@ def plus_entry(matrix, place, value):
     if isinstance(matrix, Sparse):
         return matrix.plus_entry(place, value)
     return matrix.at[place, place].add(value)
+
+
+def held_at(matrix, held):
+    """A matrix whose unknowns `held`, [n] bool, have no part in it but a stiffness of their own.
+
+    It is as large as the largest on the diagonal, so that it spoils no scale.
+    """
+    stiffness = jnp.max(jnp.abs(diagonal(matrix)))
+    if isinstance(matrix, Sparse):
+        return matrix.held_at(held, stiffness)
+    touched = held[:, None] | held[None, :]
+    return jnp.where(touched, jnp.diag(jnp.where(held, stiffness, 0.0)), matrix)
 
 
 def or_identity(matrix, valid):

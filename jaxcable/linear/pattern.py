@@ -95,7 +95,7 @@ def make_pattern(numbers, size, symmetric, solver):
     if solver is None:
         solver = choose(size, arrays[-1] is not None)
     with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
-        arrays = [None if array is None else jnp.asarray(array) for array in arrays]
+        arrays = [None if array is None else jax.device_put(array) for array in arrays]
     return Pattern(*arrays, size, symmetric, solver)
 
 
@@ -149,6 +149,13 @@ class Sparse:
     def plus_entry(self, place, value):
         """This matrix and `value` on one place of its diagonal."""
         return copy(self, values=self.values.at[self.pattern.diagonal[place]].add(value))
+
+    def held_at(self, held, stiffness):
+        """This matrix with rows and columns `held`, [n] bool, empty but for the diagonal."""
+        touched = held[self._rows()] | held[self.pattern.indices]
+        values = jnp.where(touched, 0.0, self.values)
+        diagonal = jnp.where(held, stiffness, values[self.pattern.diagonal])
+        return copy(self, values=values.at[self.pattern.diagonal].set(diagonal))
 
     def or_identity(self, valid):
         """This matrix where `valid`, else the identity."""

@@ -114,6 +114,11 @@ def no_memory(pattern, dtype):
     return Memory(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
+def forgotten(memory):
+    """A `Memory` whose matrix is not to be used any more, or None."""
+    return None if memory is None else copy(memory, usable=jnp.zeros((), bool))
+
+
 @custom_vmap
 def solve_next(matrix, rhs, memory, tol, limit, wanted):
     """See `linear.solve_next`; `matrix` is `Sparse`, `memory` a `Memory`, or None if dense."""

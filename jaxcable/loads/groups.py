@@ -1,7 +1,10 @@
 """Which groups, and which elements of one, a load along elements acts on."""
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
+from .. import _check
 from .._tree import copy
 from ..selection import Selection
 
@@ -60,3 +63,31 @@ def partly(load, amounts):
         return amounts
     part = load.part.astype(amounts.dtype)
     return amounts * part.reshape(-1, *(1,) * (amounts.ndim - 1))
+
+
+def scattered(nodes, parts, shape, dtype):
+    """Vectors added at their nodes, NumPy unless they are being traced.
+
+    Args:
+        nodes: `Indices` [n], or an array that is being traced.
+        parts: the vector on all of them [3], or on each [n, 3], of the first three columns, and of
+            the last three, or None.
+        shape: of the result, [n_node, 3 or 6].
+        dtype: of the result.
+    """
+    nodes = getattr(nodes, "array", nodes)
+    known = [None if part is None else _check.concrete(part) for part in parts]
+    traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
+    traced = traced or isinstance(nodes, jax.core.Tracer)
+    total = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)
+    for k, part in enumerate((parts if traced else known)[: shape[1] // 3]):
+        if part is None:
+            continue
+        columns = slice(3 * k, 3 * k + 3)
+        own = jnp if traced else np
+        values = own.broadcast_to(own.asarray(part, dtype), (len(nodes), 3))
+        if traced:
+            total = total.at[nodes, columns].add(values)
+        else:
+            np.add.at(total[:, columns], nodes, values)
+    return total

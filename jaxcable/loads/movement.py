@@ -1,10 +1,10 @@
 """Prescribed movement of supports."""
 
-import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
 from .._tree import Indices, copy, pytree
+from .groups import scattered
 
 
 @pytree(indices=("nodes",))
@@ -97,9 +97,4 @@ class SupportMovement:
 
     def steps(self, shape, dtype):
         """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
-        step = jnp.broadcast_to(self.displacements.astype(dtype), (len(self.nodes), 3))
-        if shape[1] == 6:
-            turn = 0.0 if self.rotations is None else self.rotations
-            turn = jnp.broadcast_to(jnp.asarray(turn, dtype), step.shape)
-            step = jnp.concatenate([step, turn], axis=1)
-        return jnp.zeros(shape, dtype).at[self.nodes].add(step)
+        return scattered(self.nodes, (self.displacements, self.rotations), shape, dtype)

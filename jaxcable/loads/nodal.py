@@ -1,9 +1,8 @@
 """Dead forces and moments on nodes."""
 
-import jax.numpy as jnp
-
 from .. import _check
 from .._tree import Indices, copy, pytree
+from .groups import scattered
 
 
 @pytree(indices=("nodes",))
@@ -71,10 +70,4 @@ class NodalLoads:
 
     def nodal_forces(self, shape, dtype):
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
-        each = jnp.broadcast_to(self.forces.astype(dtype), (len(self.nodes), 3))
-        if shape[1] == 3:
-            return jnp.zeros(shape, dtype).at[self.nodes].add(each)
-        moments = 0.0 if self.moments is None else self.moments
-        moments = jnp.broadcast_to(jnp.asarray(moments, dtype), each.shape)
-        both = jnp.concatenate([each, moments], axis=1)
-        return jnp.zeros(shape, dtype).at[self.nodes].add(both)
+        return scattered(self.nodes, (self.forces, self.moments), shape, dtype)

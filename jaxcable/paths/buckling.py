@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import _check, linear
 from .._tree import Indices, copy, pytree
-from ..ramp import follows, make_system, unloaded
+from ..ramp import make_system, unloaded
 from ..solution import Solution, State
 from ..tangent import displaced_by, filled, prepared, tangent_at
 
@@ -99,7 +99,7 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     _refuse_following(thawed[2], "state")
     catenary = any(hasattr(group, "end_tensions") for group in structure.groups)
-    if reference is None and catenary and thawed[2].element_loads:
+    if reference is None and catenary and thawed[2].loads:
         raise ValueError(
             "reference: missing; catenaries under load have no stiffness in common with those "
             "without, give the state before the loads to be multiplied"
@@ -134,7 +134,7 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
 
 def _refuse_following(carry, name):
     """Raise ValueError if loads follow the nodes."""
-    if any(follows(load) for load, _ in carry.element_loads):
+    if any(stack.follows for stack in carry.loads):
         raise ValueError(
             f"{name}: loads that follow act on it; linear buckling multiplies loads that keep "
             "their direction, trace_path takes any"
@@ -154,8 +154,8 @@ def _without_stress(thawed, arrays, slack):
     It has the loads of the state times zero: one program serves for both tangents.
     """
     bare, carry = _bare(thawed, arrays, slack), thawed[2]
-    loads = [(load, 0.0 * factor) for load, factor in carry.element_loads]
-    return copy(bare, element_loads=loads)
+    amounts = [copy(own, factors=0.0 * own.factors) for own in carry.amounts]
+    return copy(bare, loads=carry.loads, amounts=amounts)
 
 
 @jax.jit

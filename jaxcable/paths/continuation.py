@@ -19,7 +19,7 @@ from jax import lax
 
 from .. import equilibrium, linear, status
 from .._tree import copy
-from ..assembly import each
+from ..elementwise import each
 from ..results import row_of
 from . import events
 from .correction import Condition, by_load, correct, loose_unknowns
@@ -71,7 +71,7 @@ def march(ramp, method, settings, code, capacity):
         factor = jnp.where(run.mode == FINISH, end, factor)
         along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
         guess, newton_code = ramp.at(factor, a.plastic).move(a.x, along), jnp.int32(status.OK)
-        if begin.convex:  # else equilibrium is not unique, and it might go anywhere
+        if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
             found, newton_code = by_load(ramp, a.plastic, a.x, factor, method, by_newton)
             guess = jnp.where(by_newton, found, guess)
         free = run.mode == ARC
@@ -91,7 +91,7 @@ def march(ramp, method, settings, code, capacity):
         point = _point(ramp, a, found, turn / size, rise / size, closing)
         bent = (cosine(a, point) < _BEND) & free
         far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * extent
-        regular = found.regular | (by_newton & begin.convex)
+        regular = found.regular | (by_newton & begin.always_convex)
         gone = jnp.sqrt(jnp.sum((found.moved / weight) ** 2) + (found.factor - a.factor) ** 2)
         leapt = free & ~fresh & (gone > _LEAP * jnp.maximum(jnp.sqrt(2.0) * settings.largest, ds))
         sound = found.converged & regular & ~far & ~leapt
@@ -212,7 +212,7 @@ def march(ramp, method, settings, code, capacity):
         again = ~usable & ~far
         shorter = 0.25 * ds
         exhausted = again & (shorter < 0.1 * settings.tol)
-        rescue = exhausted & (run.mode != LOAD) & begin.convex
+        rescue = exhausted & (run.mode != LOAD) & begin.always_convex
         ds_next = jnp.where(again, shorter, ds_next)
         mode = jnp.where(outside, FINISH, ARC)
         mode = jnp.where(accept & ~found.regular, LOAD, mode)
@@ -269,7 +269,7 @@ def march(ramp, method, settings, code, capacity):
 
     def settled(p, a):
         system = ramp.at(p.factor, a.plastic)
-        return copy(p, plastic=ramp.settle(system, p.x, status.OK, a.plastic))
+        return copy(p, plastic=ramp.settle(system, p.x, jnp.ones((), bool), a.plastic))
 
     zero = jnp.zeros((), dtype)
     nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)

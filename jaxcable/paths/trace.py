@@ -11,6 +11,7 @@ from jax import lax
 from .. import implicit, status
 from .._rules import refuse
 from .._tree import copy, fill
+from ..compilation import program
 from ..equilibrium import Newton
 from ..preparation import as_phases, prepare, ready, verdicts
 from ..ramp import Ramp
@@ -106,11 +107,11 @@ def trace_path(
             raise ValueError(f"{name} = {count!r}: expected a whole number of at least 2")
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start)
-    thawed, arrays, method, code, _ = prepare(
-        structure, phases[-1:], method, start, len(phases) - 1
-    )
+    task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     room = int(steps), int(events)
-    path, n_row, n_event = _trace(thawed, arrays, method, settings, code, room)
+    path, n_row, n_event = _trace(
+        task.thawed, task.arrays, task.method, settings, task.code, room, size=task.n_free
+    )
     path = on_nodes(structure, with_peaks(path), ("tension", "peak_tension", "strain"))
     happened = on_nodes(structure, path.events, ("elements",), ("displacement", "mode"))
     if not isinstance(n_row, jax.core.Tracer):
@@ -130,17 +131,16 @@ def _settings(structure, until, down_to, step, largest, tol, through):
     return Settings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
-@functools.partial(jax.jit, static_argnames=("room",))
+@functools.partial(program, static=("room",))
 def _trace(thawed, arrays, method, settings, code, room):
     """The compiled core: path and events with room to spare, and the numbers of both."""
     parameters = fill(thawed, arrays)
-    _, (verdict,) = verdicts(parameters, method, settings)
-    code = status.first_failure(code, verdict)
-    nodes, groups, carry, (data,) = ready(parameters)
+    code = status.first_failure(code, verdicts(parameters, method, settings)[1][0])
+    nodes, groups, carry, schedule = ready(parameters)
     # a bracket cannot be closer than neighbouring numbers allow
     closest = 64 * jnp.finfo(settings.tol.dtype).eps
     settings = copy(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
-    problem = nodes, groups, carry, data
+    problem = nodes, groups, carry, schedule.phase(0)
     ramp = Ramp.build(*lax.stop_gradient(problem))
     method, settings = lax.stop_gradient((method, settings))
     run = lax.stop_gradient(march(ramp, method, settings, code, room))

@@ -10,9 +10,9 @@ from jax import lax
 from .. import _check, linear
 from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
-from ..assembly import each
 from ..elements import Catenaries
 from ..elements.prestress import element
+from ..elementwise import each
 from ..ramp import make_system
 from ..tangent import displaced_by, filled, prepared, tangent_at
 

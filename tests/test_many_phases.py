@@ -1,0 +1,215 @@
+"""Phases are data: as many as there are, one program; and each as if it were analysed by itself."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+
+STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=15.0)
+FREE = [3, 4, 7, 8]
+TIGHT = jc.Newton(tol=1e-13)
+
+
+def push(force, nodes=FREE):
+    return jc.NodalLoads(nodes, (0.0, 0.0, -force))
+
+
+def lines(phases, gradient=False):
+    """Lines of StableHLO of an analysis of the flat net, by its nodes."""
+
+    def deflection(nodes):
+        return jc.solve(jc.replace(STRUCTURE, nodes=nodes), phases).displacement[3, 2]
+
+    function = jax.value_and_grad(deflection) if gradient else deflection
+    return jax.jit(function).lower(jnp.asarray(STRUCTURE.nodes)).as_text().count("\n")
+
+
+@pytest.mark.parametrize("gradient", [False, True])
+def test_their_number_does_not_enter_the_size_of_the_program(gradient):
+    sizes = [lines([PRESTRESS] + [jc.Phase(loads=push(1.0))] * n, gradient) for n in (1, 7, 31)]
+    assert sizes[0] == sizes[1] == sizes[2]
+    # another kind of load is another piece of program
+    wind = jc.CablePressure(1.0, axis=(0.0, 1.0, 0.0))
+    assert lines([PRESTRESS, jc.Phase(loads=[push(1.0), wind])], gradient) > sizes[0]
+
+
+def carrier():
+    """A rope over a mast and cables, and phases of every kind: a building site."""
+    nodes = np.array(
+        [[-4.0, 0, 3], [0.1, 0, 0], [4.0, 0, 3], [0, 3.0, 2.0], [0.0, -3.0, 2.0], [1.0, 1.0, -3.0]]
+    )
+    links = [[0, 1], [1, 2], [1, 3], [1, 4], [1, 5]]
+    cables = jc.Cables(links, axial_stiffness=1e5, weight=2.0, expansion=1e-5)
+    ends = jc.pinned([0, 2, 3, 4, 5])
+    structure = jc.Structure(nodes, cables, supports=ends)
+    line = jc.LineLoads((0.0, 0.0, -3.0), per="initial")
+    return structure, [
+        jc.Phase(pretension=500.0, increments=2),
+        jc.Phase(loads=[jc.SelfWeight(), push(20.0, [1])], supports=ends + jc.restrained([1], "y")),
+        jc.Phase(shortening=jc.only([0, 2], 0.002), loads=line, increments=3),
+        jc.Phase(loads=[line, jc.CablePressure(5.0, axis=(0.0, 1.0, 0.0))], supports=ends),
+        jc.Phase(jacking=jc.only([4], 700.0), increments=2),
+        jc.Phase(temperature=15.0),
+        jc.Phase(loads=jc.SupportMovement([5], (0.0, 0.0, -0.01)), supports=ends),
+        jc.Phase(
+            loads=[push(-5.0, [1]), jc.LineLoads((1.0, 0.0, 0.0))], supports=jc.pinned(range(6))
+        ),
+    ]
+
+
+@pytest.mark.parametrize(
+    "method", [TIGHT, pytest.param(jc.Incremental(corrections=3), marks=pytest.mark.slow)]
+)
+def test_all_at_once_is_one_after_the_other(method):
+    structure, phases = carrier()
+    whole = jc.solve(structure, phases, method)
+    assert int(whole.status) == 0
+    step = None
+    for k, phase in enumerate(phases):
+        step = jc.solve(structure, phase, method, start=step)
+        assert int(step.status) == 0
+        own, (alone,) = whole.phases[k], step.phases
+        assert own.path.load_factor.shape == (phase.increments,)
+        for name in ("displacement", "tension", "rest_length", "reactions", "positions"):
+            found, expected = getattr(own, name), getattr(alone, name)
+            # equilibrium to 1e-13 of some kN at stiffnesses of 1e4 N/m
+            tol = {"tension": 1e-8, "reactions": 1e-8}.get(name, 1e-11)
+            np.testing.assert_allclose(found, expected, atol=tol, err_msg=f"{k} {name}")
+        np.testing.assert_allclose(own.path.tension, alone.path.tension, atol=1e-8)
+    np.testing.assert_allclose(whole.load, step.load, atol=1e-9)
+    np.testing.assert_allclose(whole.positions, step.positions, atol=1e-11)
+
+
+def test_gradients_through_a_building_site():
+    structure, phases = carrier()
+
+    def end(nodes):
+        solution = jc.solve(jc.replace(structure, nodes=nodes), phases[:-1], TIGHT)
+        return jnp.sum(solution.tension) + 1e3 * solution.displacement[1, 2]
+
+    nodes = jnp.asarray(structure.nodes)
+    direction = jnp.asarray(np.random.default_rng(0).normal(size=nodes.shape))
+    rate = jnp.sum(jax.grad(end)(nodes) * direction)
+    steps = np.array([1e-2, 5e-3, 2.5e-3])
+    left = [abs(end(nodes + h * direction) - end(nodes) - h * rate) for h in steps]
+    slopes = np.diff(np.log(left)) / np.diff(np.log(steps))
+    assert np.abs(slopes - 2).max() < 0.1  # Taylor
+    left = [abs(end(nodes + h * direction) - end(nodes) - 1.01 * h * rate) for h in steps]
+    assert (np.diff(np.log(left)) / np.diff(np.log(steps))).max() < 1.6  # a gradient 1 % off
+
+
+def test_loads_of_later_phases_are_not_known_before():
+    """A NaN in the third phase: the second stands, and so do its derivatives."""
+    line = jc.LineLoads((0.0, 0.0, -3.0))
+
+    def analyse(forces, factor):
+        bad = jc.LineLoads(forces)
+        phases = [PRESTRESS, jc.Phase(loads=line), jc.Phase(loads=bad)]
+        lighter = jc.Phase(loads=[jc.LineLoads((0.0, 0.0, -factor))])
+        return jc.solve(STRUCTURE, [*phases[:1], lighter, *phases[1:]])
+
+    solution = analyse(jnp.array([jnp.nan, 0.0, 0.0]), 2.0)
+    assert int(solution.status) == jc.status.NONFINITE
+    assert [int(phase.status) for phase in solution.phases][:3] == [0, 0, 0]
+    assert int(solution.last.phase) == 2 and np.isfinite(solution.last.displacement).all()
+    good = analyse(jnp.zeros(3), 2.0)
+    np.testing.assert_allclose(solution.last.displacement, good.displacement, atol=1e-12)
+    bad = jnp.array([jnp.nan, 0.0, 0.0])
+    rate = jax.grad(lambda f: analyse(bad, f).last.displacement[3, 2])(2.0)
+    expected = jax.grad(lambda f: analyse(jnp.zeros(3), f).displacement[3, 2])(2.0)
+    assert float(rate) == pytest.approx(float(expected), rel=1e-9)
+
+
+def test_results_of_phases_are_a_sequence():
+    solution = jc.solve(STRUCTURE, [PRESTRESS, LOADING])
+    _, last = solution.phases
+    assert len(solution.phases) == 2 and len(solution.phases[1:]) == 1
+    np.testing.assert_array_equal(solution.phases[-1].tension, last.tension)
+    with pytest.raises(IndexError):
+        solution.phases[2]
+    assert isinstance(last.tension, jax.Array)
+    np.testing.assert_array_equal(last.tension, solution.tension)
+    assert last.path.status.dtype == np.int32 and last.path.equilibrated.dtype == bool
+
+    def load(factor):
+        phases = [PRESTRESS, jc.Phase(loads=push(factor), increments=3)]
+        return jc.solve(STRUCTURE, phases)
+
+    batch = jax.jit(jax.vmap(load))(jnp.array([5.0, 10.0]))
+    alone = load(10.0)
+    own = batch.phases[1]
+    assert own.displacement.shape == (2, 12, 3) and own.path.tension.shape == (2, 3, 12)
+    assert own.path.load_factor.shape == own.path.status.shape == (2, 3)
+    np.testing.assert_allclose(own.path.tension[1], alone.phases[1].path.tension, rtol=1e-9)
+    picked = jax.tree.map(lambda x: x[1], batch)
+    np.testing.assert_array_equal(picked.phases[1].path.residual, own.path.residual[1])
+    inside = jax.jit(lambda f: load(f).phases[1].path.displacement[-1, 3, 2])(10.0)
+    assert float(inside) == pytest.approx(float(alone.displacement[3, 2]), rel=1e-9)
+
+
+def wedge(**law):
+    """Two cables that hold a node, each to its support."""
+    nodes = np.array([[-4.0, 0.0, 3.0], [0.2, 0.0, 0.0], [4.0, 0.0, 3.0]])
+    return jc.Structure(nodes, jc.Cables([[0, 1], [1, 2]], **law), supports=jc.pinned([0, 2]))
+
+
+YIELDING = jc.Polygonal([0.0, 0.004, 0.05], [0.0, 4e8, 6e8], "elastic")
+
+
+@pytest.mark.parametrize(
+    ("structure", "method"),
+    [
+        (wedge(area=1e-4, law=YIELDING), TIGHT),
+        pytest.param(
+            *(wedge(axial_stiffness=1e7), jc.Incremental(corrections=2)), marks=pytest.mark.slow
+        ),
+    ],
+    ids=["yielded", "first increment iterated"],
+)
+def test_second_derivatives_within_increments(structure, method):
+    """Increments with derivatives of their own are scanned: see `test_rooted`.
+
+    The oracle is differences of first derivatives.
+    """
+
+    def analyse(p):
+        phases = [
+            jc.Phase(pretension=1e4, loads=push(4e4 * p[0], [1]), increments=3),
+            jc.Phase(loads=push(-2e4 * p[1], [1]), increments=2),
+        ]
+        return jc.solve(structure, phases, method)
+
+    def sag(p):
+        return 1e3 * jnp.sum(analyse(p).displacement[1])
+
+    at, h = jnp.array([1.5, 1.0]), 1e-4
+    assert int(analyse(at).status) == 0
+    gradient, hessian = jax.jit(jax.grad(sag)), jax.jit(jax.hessian(sag))(at)
+    differences = [(gradient(at + h * e) - gradient(at - h * e)) / (2 * h) for e in np.eye(2)]
+    largest = np.abs(hessian).max()
+    assert largest > 1e-3
+    np.testing.assert_allclose(hessian, differences, rtol=1e-5, atol=1e-5 * largest)
+
+
+@pytest.mark.parametrize(
+    "method", [TIGHT, pytest.param(jc.Incremental(corrections=2), marks=pytest.mark.slow)]
+)
+def test_paths_of_phases_of_unlike_length_have_derivatives(method):
+    """Of a phase of 2 increments beside one of 5: what fills it up is not in them."""
+    structure = wedge(axial_stiffness=1e7)
+
+    def half_way(force):
+        phases = [
+            jc.Phase(pretension=1e4, loads=push(4e4 * force, [1]), increments=2),
+            jc.Phase(loads=push(2e4, [1]), increments=5),
+        ]
+        first, second = jc.solve(structure, phases, method, differentiate_path=True).phases
+        return first.path.displacement[0, 1, 2] + second.path.tension[2, 0] / 1e6
+
+    at, h = 1.5, 1e-4
+    difference = (half_way(at + h) - half_way(at - h)) / (2 * h)
+    assert abs(float(difference)) > 1e-3
+    for rate in (jax.grad(half_way)(at), jax.jit(jax.jacfwd(half_way))(at)):
+        assert float(rate) == pytest.approx(float(difference), rel=1e-6)

@@ -1,0 +1,111 @@
+"""Derivatives of roots inside of scans: second and third ones, in every order of the modes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+from jaxcable.rooted import rooted
+
+AT, ALONG = jnp.array([1.0, 2.0]), jnp.array([0.3, 0.7])
+LOADS = jnp.array([1.0, 2.0, 0.5])
+
+
+def solve(linearized, rhs):
+    """Of a residual that acts on each entry by itself."""
+    return rhs / linearized(jnp.ones_like(rhs))
+
+
+def by_jax(residual, x, solve):
+    return lax.custom_root(residual, lax.stop_gradient(x), lambda f, x: x, solve)
+
+
+def cubic(q):
+    """The root of x^3 + x = q, by Newton's method in a loop without derivative."""
+    x = lax.fori_loop(0, 60, lambda _, x: x - (x**3 + x - q) / (3 * x**2 + 1), jnp.zeros_like(q))
+    return lax.stop_gradient(x)
+
+
+def chain(p, scan=True, attach=rooted):
+    """Roots one after the other, each from the one before."""
+
+    def step(x, load):
+        q = 0.5 * x + p * load
+        y = attach(lambda y: y**3 + y - q, cubic(lax.stop_gradient(q)), solve)
+        return y, y
+
+    if scan:
+        x, _ = lax.scan(step, jnp.zeros(2), LOADS)
+    else:
+        x = jnp.zeros(2)
+        for load in LOADS:
+            x, _ = step(x, load)
+    return jnp.sum(x**2)
+
+
+def second(function):
+    """Hessian times a direction, by all orders of forward and reverse mode."""
+    gradient = jax.grad(function)
+    return {
+        "forward over reverse": jax.jvp(gradient, (AT,), (ALONG,))[1],
+        "reverse over reverse": jax.jacrev(gradient)(AT) @ ALONG,
+        "reverse over forward": jax.jacrev(jax.jacfwd(function))(AT) @ ALONG,
+        "forward over forward": jax.jacfwd(jax.jacfwd(function))(AT) @ ALONG,
+    }
+
+
+@pytest.mark.parametrize("scan", [True, False])
+def test_second_derivatives(scan):
+    """By differences, whose first derivatives are those of jax's own roots without a loop."""
+    h = 1e-5
+    gradient = jax.grad(lambda p: chain(p, False, by_jax))
+    expected = (gradient(AT + h * ALONG) - gradient(AT - h * ALONG)) / (2 * h)
+    for order, found in second(lambda p: chain(p, scan)).items():
+        # h^2 and rounding over h
+        np.testing.assert_allclose(found, expected, rtol=1e-8, err_msg=order)
+
+
+def test_third_derivatives_and_batches():
+    def third(function):
+        return jax.jit(jax.jacfwd(jax.hessian(function)))(AT)
+
+    expected = third(lambda p: chain(p, False, by_jax))
+    np.testing.assert_allclose(third(chain), expected, rtol=1e-11)
+
+    def several(p, *options):
+        return jnp.sum(jax.vmap(lambda p: chain(p, *options))(jnp.stack([p, 2 * p])))
+
+    expected = jax.hessian(lambda p: several(p, False, by_jax))(AT)
+    np.testing.assert_allclose(jax.hessian(several)(AT), expected, rtol=1e-12)
+    found = jax.jit(jax.vmap(jax.hessian(chain)))(jnp.stack([AT, 2 * AT]))
+    np.testing.assert_allclose(found[0] + 4 * found[1], expected, rtol=1e-11)
+
+
+def test_roots_of_jax_lose_them():
+    """Why there is `rooted`; where this fails, jax has mended it, and it can go."""
+    gradient = jax.grad(lambda p: chain(p, True, by_jax))
+    assert np.abs(jax.jvp(gradient, (AT,), (ALONG,))[1]).max() == 0.0
+
+
+def test_values_first_derivatives_and_the_loop_that_finds_the_root():
+    expected = jax.value_and_grad(lambda p: chain(p, False, by_jax))(AT)
+    found = jax.value_and_grad(chain)(AT)
+    for own, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(own, other, rtol=1e-13)
+
+    def square_root(p):
+        def newton(f, x):
+            def unfinished(s):
+                return s[0] < 40
+
+            def step(s):
+                return s[0] + 1, s[1] - f(s[1]) / jax.grad(f)(s[1])
+
+            return lax.while_loop(unfinished, step, (0, x))[1]
+
+        return rooted(lambda x: x * x - p, jnp.ones(()), solve, newton)
+
+    found = [float(f(2.0)) for f in (square_root, jax.grad(square_root), jax.hessian(square_root))]
+    expected = [2**0.5, 0.5 * 2**-0.5, -0.25 * 2**-1.5]
+    np.testing.assert_allclose(found, expected, rtol=1e-14)
