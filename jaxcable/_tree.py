@@ -130,6 +130,17 @@ def _holds_indices(obj):
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
+def places(array):
+    """An index array as places in another one: unsigned, so that no program asks for negative ones.
+
+    Only integers that are none are changed; what is not an integer stays as it is.
+    """
+    array = np.asarray(array)
+    if array.dtype.kind != "i" or (array < 0).any():
+        return array
+    return array.astype(np.uint32)
+
+
 def thaw(tree):
     """Split `tree` into (the same tree with slots for its indices, list of index arrays)."""
     arrays = []
@@ -142,7 +153,7 @@ def thaw(tree):
             value = getattr(obj, name)
             if value is not None:
                 slots[name] = _Slot(len(arrays))
-                arrays.append(value.array)
+                arrays.append(places(value.array))
         return copy(obj, **slots)
 
     return jax.tree.map(visit, tree, is_leaf=_holds_indices), arrays

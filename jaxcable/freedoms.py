@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import linear
-from ._tree import Indices, pytree
+from ._tree import Indices, places, pytree
 from .supports import N_FREEDOM
 
 
@@ -166,14 +166,14 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
             numbers.append(number[:, 3:])
         pattern = linear.make_pattern(numbers, n_free, symmetric and not turning, solver)
     return Freedoms(
-        free,
-        None if turning else source,
-        number,
+        places(free),
+        None if turning else places(source),
+        places(number),
         fixed.array,
         None if fixed.axes is None else fixed.axes.array,
-        None if rows is None else rows.node,
+        None if rows is None else places(rows.node),
         rows.inner if rows is not None and rows.inner.any() else None,
-        carried,
+        None if carried is None else tuple(map(places, carried)),
         pattern,
         None if spins is None else (spins.rows, spins.piece, spins.ends),
     )

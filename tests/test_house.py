@@ -15,7 +15,7 @@ FLOORS = [
     ["_rules"],
     ["selection", "status"],
     ["plausibility"],
-    ["linear", "search", "rotations", "vectors", "progress", "compilation", "rooted"],
+    ["linear", "search", "rotations", "progress", "compilation", "rooted"],
     ["roots"],
     ["implicit"],
     ["materials"],

@@ -5,7 +5,6 @@ import numpy as np
 
 from .. import _check
 from .._tree import Indices, copy, pytree
-from ..vectors import dot, norm
 
 
 @pytree
@@ -164,8 +163,8 @@ def stretch(ends, motion):
     """Current vector, current length, change of length (without subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
-    start, length = norm(chord), norm(vector)
-    return vector, length, dot(2 * chord + w, w) / (length + start), start
+    start, length = jnp.sqrt(chord @ chord), jnp.sqrt(vector @ vector)
+    return vector, length, (2 * chord + w) @ w / (length + start), start
 
 
 def held_or(state, held, free):

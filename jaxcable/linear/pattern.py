@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import copy, pytree
+from .._tree import copy, places, pytree
 from .choice import choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones
@@ -84,11 +84,11 @@ def make_pattern(numbers, size, symmetric, solver):
     indptr, indices = indptr.astype(np.int32), indices.astype(np.int32)
     digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
     arrays = (
-        np.concatenate(sources)[order].astype(np.int32),
-        (np.cumsum(first) - 1).astype(np.int32),
+        places(np.concatenate(sources)[order]),
+        places(np.cumsum(first) - 1),
         indptr,
         indices,
-        diagonal.astype(np.int32),
+        places(diagonal),
         np.frombuffer(digest, np.uint32),
         *(_band(row, indices, size) if symmetric else (None, None)),
     )
