@@ -142,7 +142,10 @@ def places(array):
 
 
 def thaw(tree):
-    """Split `tree` into (the same tree with slots for its indices, list of index arrays)."""
+    """Split `tree` into (the same tree with slots for its indices, list of index arrays).
+
+    These may be there in the place of `Indices` already, by `fill`.
+    """
     arrays = []
 
     def visit(obj):
@@ -153,7 +156,7 @@ def thaw(tree):
             value = getattr(obj, name)
             if value is not None:
                 slots[name] = _Slot(len(arrays))
-                arrays.append(places(value.array))
+                arrays.append(places(value.array) if isinstance(value, Indices) else value)
         return copy(obj, **slots)
 
     return jax.tree.map(visit, tree, is_leaf=_holds_indices), arrays

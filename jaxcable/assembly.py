@@ -78,12 +78,16 @@ class System(Elementwise):
             return residual
         return residual + jnp.where(bound, numbers - jax.lax.stop_gradient(numbers), 0.0)
 
-    def internal_force(self, motion):
-        """Sum of the end forces at every node, [n_node, 3], and of their norms, [n_node], N."""
+    def internal_force(self, motion, end_forces=None):
+        """Sum of the end forces at every node, [n_node, 3], and of their norms, [n_node], N.
+
+        `end_forces` are those of every group, if they are at hand.
+        """
         force = jnp.zeros_like(motion)
         size = jnp.zeros_like(motion[:, 0])
-        for group, state in zip(self.groups, self.states, strict=True):
-            ends = each("end_forces", group, state, self.nodes, motion)
+        if end_forces is None:
+            end_forces = self.reading(motion, "end_forces")["end_forces"]
+        for group, state, ends in zip(self.groups, self.states, end_forces, strict=True):
             force = force.at[group.links].add(ends)
             size = size.at[group.links].add(jnp.sqrt(jnp.sum(ends**2, axis=-1)))
             if group.remembers:
@@ -112,9 +116,9 @@ class System(Elementwise):
         arguments = self.groups, self.states, self.nodes, moved
         return sum(own.following_forces(*arguments) for own in self.followers)
 
-    def unbalanced(self, motion):
+    def unbalanced(self, motion, end_forces=None):
         """Internal force minus load at every node, [n_node, 3], N."""
-        return self.internal_force(motion)[0] - self.all_load(motion)
+        return self.internal_force(motion, end_forces)[0] - self.all_load(motion)
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N."""
@@ -262,18 +266,19 @@ class System(Elementwise):
         motion = self.motion(x)
         return self.stored_energy(motion) - jnp.sum(self.load * motion)
 
-    def reactions(self, motion):
+    def reactions(self, motion, end_forces=None):
         """Forces of the supports on the structure, [n_node, 3], N; zero where free."""
-        force, axes = self.unbalanced(motion), self.freedoms.axes
+        force, axes = self.unbalanced(motion, end_forces), self.freedoms.axes
         if axes is None:
             return jnp.where(self.freedoms.fixed, force, 0.0)
         return combined(axes, jnp.where(self.freedoms.fixed, along(axes, force), 0.0))
 
-    def loose_nodes(self, motion):
+    def loose_nodes(self, motion, slack=None):
         """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
+        slack = self.slack(motion) if slack is None else slack
         held_up = jnp.zeros(self.nodes.shape[0], bool)
-        for group, slack in zip(self.groups, self.slack(motion), strict=True):
-            held_up = held_up.at[group.links].max(~slack[:, None])
+        for group, own in zip(self.groups, slack, strict=True):
+            held_up = held_up.at[group.links].max(~own[:, None])
         if self.freedoms.rows is not None:
             held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)

@@ -16,31 +16,35 @@ class Elementwise:
             for group, state in zip(self.groups, self.states, strict=True)
         )
 
+    def reading(self, motion, *names):
+        """What is read off the elements, each of them evaluated once for all of it.
+
+        Args:
+            motion: of all rows.
+            names: of element methods.
+
+        Returns:
+            By name a list with an array for every group, or None where it has no such result: the
+            strains of a mere stiffness, section forces of a cable; a peak tension without load
+            along the element, where its axial force is the same everywhere.
+        """
+        found = []
+        for group, state in zip(self.groups, self.states, strict=True):
+            own = [name for name in names if _has(group, state, name)]
+
+            def read(one, *at, own=own):
+                return one.reading(*at, own)
+
+            found.append(_over(read, group, state, self.nodes, motion))
+        return {name: [own.get(name) for own in found] for name in names}
+
     def tensions(self, motion):
         """Axial forces, one array [n_elem] per group, N."""
-        return [
-            each("tension", group, state, self.nodes, motion)
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
-
-    def peak_tensions(self, motion):
-        """Axial forces of largest size along the elements; None where they are the `tensions`.
-
-        Without load along an element its axial force is the same everywhere.
-        """
-        return [
-            each("peak_tension", group, state, self.nodes, motion)
-            if hasattr(group, "peak_tension") and state.line_load is not None
-            else None
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
+        return self.reading(motion, "tension")["tension"]
 
     def slack(self, motion):
         """Slack elements, one boolean array [n_elem] per group."""
-        return [
-            each("is_slack", group, state, self.nodes, motion)
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
+        return self.reading(motion, "is_slack")["is_slack"]
 
     @property
     def remembers(self):
@@ -74,15 +78,6 @@ class Elementwise:
             for group, state in zip(self.groups, self.states, strict=True)
         ]
 
-    def strains(self, motion):
-        """Strains of the elements of every group whose law is not a mere stiffness, else None."""
-        return [
-            each("section_strain", group, state, self.nodes, motion)
-            if getattr(group, "section", None) is not None or group.breaks
-            else None
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
-
     def length_scale(self):
         """A length to measure steps by: the mean initial element length, m."""
         return jnp.mean(jnp.concatenate([g.chord(self.nodes[g.links]) for g in self.groups]))
@@ -94,12 +89,26 @@ class Elementwise:
 
 def each(method, group, state, nodes, motion):
     """Evaluate an element method for all elements of a group by vmap."""
+    return _over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, motion)
 
-    def one(properties, state, ends, motion):
-        return getattr(element(group, properties), method)(state, ends, motion)
+
+def _over(function, group, state, nodes, motion):
+    """``function(element, state, ends, motion)`` for all elements of a group."""
+
+    def one(properties, *at):
+        return function(element(group, properties), *at)
 
     ends, motion = nodes[group.links], motion_of(group, motion)
     return jax.vmap(one)(group.properties(), state, ends, motion)
+
+
+def _has(group, state, name):
+    """Whether a group has a result of this name."""
+    if name == "peak_tension":
+        return hasattr(group, name) and state.line_load is not None
+    if name == "section_strain":
+        return getattr(group, "section", None) is not None or group.breaks
+    return name != "section_forces" or group.n_freedom == 6
 
 
 def motion_of(group, motion):

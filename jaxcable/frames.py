@@ -219,38 +219,37 @@ class FrameSystem(System):
 
     # --- forces
 
-    def internal_force(self, motion):
-        """Sum of end forces and moments at every node, [n_node, 6], and their sizes, [n_node]."""
-        return self._internal_about(motion, None)
+    def internal_force(self, motion, end_forces=None):
+        """Sum of end forces and moments at every node, [n_node, 6], and their sizes, [n_node].
 
-    def _internal_about(self, motion, step):
+        `end_forces` are those of every group, if they are at hand.
+        """
         force = jnp.zeros_like(motion[:, :6])
         size = jnp.zeros_like(motion[:, 0])
-        arm = self.arm
-        for group, state in zip(self.groups, self.states, strict=True):
+        if end_forces is None:
+            end_forces = self.reading(motion, "end_forces")["end_forces"]
+        for group, state, ends in zip(self.groups, self.states, end_forces, strict=True):
             if group.remembers:
                 size = size.at[group.links].add(self.part_sizes(group, state, motion))
-            if group.n_freedom == 3:
-                moved = motion if step is None else motion[:, :3] + step[:, :3]
-                ends = each("end_forces", group, state, self.nodes, moved)
-                force = force.at[group.links, :3].add(ends)
-                size = size.at[group.links].add(_norm(ends))
-                continue
-            if step is None:
-                ends = each("end_forces", group, state, self.nodes, motion)
-            else:
-                ends = jax.vmap(
-                    lambda p, *args, group=group: element(group, p).end_forces_about(*args)
-                )(
-                    group.properties(),
-                    state,
-                    self.nodes[group.links],
-                    motion_of(group, motion),
-                    step[group.links],
-                )
-            force = force.at[group.links].add(ends)
-            size = size.at[group.links].add(_norm(ends[..., :3]) + _norm(ends[..., 3:]) / arm)
+            force = force.at[group.links, : ends.shape[-1]].add(ends)
+            own = _norm(ends[..., :3])
+            if group.n_freedom == 6:
+                own = own + _norm(ends[..., 3:]) / self.arm
+            size = size.at[group.links].add(own)
         return force, size
+
+    def _end_forces_about(self, motion, step):
+        """End forces of every group conjugate to a step of all rows, [n_row, 6], from a motion."""
+        found = []
+        for group, state in zip(self.groups, self.states, strict=True):
+            if group.n_freedom == 3:
+                moved = motion[:, :3] + step[:, :3]
+                found.append(each("end_forces", group, state, self.nodes, moved))
+                continue
+            ends, own = self.nodes[group.links], (motion_of(group, motion), step[group.links])
+            about = jax.vmap(lambda p, *at, group=group: element(group, p).end_forces_about(*at))
+            found.append(about(group.properties(), state, ends, *own))
+        return found
 
     def _residual_about(self, x, step):
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
@@ -260,7 +259,8 @@ class FrameSystem(System):
         if self.followers is not None:
             force = force + self.following(self.nodes + x[:, :3] + spread[:, :3])
         load = jnp.concatenate([force, moment], axis=1)
-        return self._collected(self._internal_about(x, spread)[0] - load, x, spread)
+        internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
+        return self._collected(internal - load, x, spread)
 
     def residual(self, x):
         """Unbalanced force at every free freedom, [n_free], N (moments over the arm)."""
@@ -368,9 +368,10 @@ class FrameSystem(System):
 
     # --- results
 
-    def reactions(self, motion):
+    def reactions(self, motion, end_forces=None):
         """Forces and moments of the supports on the structure, [n_row, 6]; zero where free."""
-        force, freedoms = self._handed_on(self.unbalanced(motion), motion), self.freedoms
+        force, freedoms = self.unbalanced(motion, end_forces), self.freedoms
+        force = self._handed_on(force, motion)
         fixed = freedoms.fixed
         if freedoms.inner is not None:
             fixed = fixed & ~freedoms.inner[:, None]
@@ -380,15 +381,6 @@ class FrameSystem(System):
         shift = jnp.where(fixed[:, :3], along(freedoms.axes, force[:, :3]), 0.0)
         turn = jnp.where(fixed[:, 3:], along(spins, force[:, 3:]), 0.0)
         return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, turn)], axis=1)
-
-    def section_forces(self, motion):
-        """Section forces at the integration points of beams, per group; None for others."""
-        return [
-            each("section_forces", group, state, self.nodes, motion)
-            if group.n_freedom == 6
-            else None
-            for group, state in zip(self.groups, self.states, strict=True)
-        ]
 
 
 def _norm(vectors):

@@ -11,6 +11,7 @@ import numpy as np
 from jax import lax
 
 from . import linear
+from ._tree import fill, thaw
 from .rooted import rooted
 
 
@@ -52,31 +53,38 @@ def attach_apart(system, x, valid, memory=None, tol=0.0, limit=0):
             second derivatives would meet it times the zero of who does not ask.
     """
     x = lax.stop_gradient(x)
-    frozen = lax.stop_gradient(system)
-    residual, numbers, back = system.chart(system.carried(x))
+    _, numbers, back = system.chart(system.carried(x))
     if not numbers.size:  # nothing is free
         return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
-
-    def build():
-        motion = frozen.motion(x)
-        matrix = linear.or_identity(frozen.tangent(x), valid)
-        matrix = linear.or_nan(matrix, ~(frozen.kinked(motion) & valid))
-        node = frozen.freedoms.free // frozen.freedoms.number.shape[1]
-        return matrix, frozen.loose_nodes(motion)[node] & valid
-
-    def both(found):
-        return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
-
-    def tangent_solve(linearized, rhs):
-        return linear.solve_marked(build, rhs, linearized, memory, tol, limit)
-
     # What has no derivative is marked beside the root: its NaN goes out to whoever asks, and not
     # into the residual at the root, where second derivatives would meet it times zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
-    found = rooted(both, start, tangent_solve)
+    problem = thaw((system, x, valid, memory, tol, limit))
+    found = rooted(_marked, start, problem, _solved)
     found, mark = jnp.split(found, 2)
-    marks = jnp.sum(jnp.append(mark, 0.0)[frozen.freedoms.number], axis=1)
+    marks = jnp.sum(jnp.append(mark, 0.0)[system.freedoms.number], axis=1)
     return back(found + mark), back(found), marks
+
+
+def _marked(found, problem):
+    """Residual of the system, and the marks themselves, at numbers of the unknowns and marks."""
+    system, x, *_ = fill(*problem)
+    residual, numbers, _ = system.chart(system.carried(x))
+    return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
+
+
+def _solved(problem, linearized, rhs):
+    """Solve with the derivative of `_marked`."""
+    system, x, valid, memory, tol, limit = fill(*lax.stop_gradient(problem))
+
+    def build():
+        motion = system.motion(x)
+        matrix = linear.or_identity(system.tangent(x), valid)
+        matrix = linear.or_nan(matrix, ~(system.kinked(motion) & valid))
+        node = system.freedoms.free // system.freedoms.number.shape[1]
+        return matrix, system.loose_nodes(motion)[node] & valid
+
+    return linear.solve_marked(build, rhs, linearized, memory, tol, limit)
 
 
 def undifferentiated(tree, parameters):

@@ -58,11 +58,14 @@ def state_of(frame, carry, point, reached, schedule):
         return jnp.zeros_like(values[:n_node]).at[freedoms.rows].add(values)
 
     displacement = carry.motion[:n_node, :3]
-    reactions, load = summed(system.reactions(motion)), summed(_acting(system, motion))
+    names = ("tension", "peak_tension", "end_forces") + (("section_forces",) if turns else ())
+    read = system.reading(motion, *names)
+    reactions = summed(system.reactions(motion, read["end_forces"]))
+    load = summed(_acting(system, motion))
     state = State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
-        tension=within(system.tensions(motion)),
+        tension=within(read["tension"]),
         rest_length=[state.rest_length for state in carry.states],
         reactions=reactions[:, :3],
         load=load[:, :3],
@@ -70,7 +73,7 @@ def state_of(frame, carry, point, reached, schedule):
         load_factor=reached.factor,
         carry=None,
         fixed=None,
-        peak_tension=within(system.peak_tensions(motion)),
+        peak_tension=within(read["peak_tension"]),
     )
     if not turns:
         return state
@@ -78,7 +81,7 @@ def state_of(frame, carry, point, reached, schedule):
         state,
         rotation=carry.motion[:n_node, 3:],
         reaction_moments=reactions[:, 3:],
-        section_forces=within(system.section_forces(motion)),
+        section_forces=within(read["section_forces"]),
     )
 
 
@@ -116,16 +119,16 @@ def _acting(system, motion):
 def row_of(ramp, system, x):
     """One increment of a path."""
     motion = system.motion(x)
-    n_slack = sum(jnp.sum(slack) for slack in system.slack(motion))
-    n_loose = jnp.sum(system.loose_nodes(motion))
+    names = ("tension", "peak_tension", "section_strain", "is_slack")
+    tension, peak, strain, slack = system.reading(motion, *names).values()
+    n_slack = sum(jnp.sum(own) for own in slack)
+    n_loose = jnp.sum(system.loose_nodes(motion, slack))
     moved = motion - ramp.begin.motion
     if motion.shape[1] > 3:
         moved = moved[:, :3]
-    strain = system.strains(motion)
     if all(own is None for own in strain):
         strain = None
-    forces = system.tensions(motion), system.peak_tensions(motion)
-    return moved, *forces, n_slack, n_loose, strain
+    return moved, tension, peak, n_slack, n_loose, strain
 
 
 def with_peaks(part):

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
 from .rooted import rooted
 
@@ -55,4 +56,10 @@ def rising_root(function, guess, low, high):
 
     guess = jnp.clip(guess, low, high)  # of a guess only: where to begin, no part of the result
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
-    return rooted(function, guess, lambda g, y: y / g(jnp.ones_like(y)), solve)
+    equation = jax.make_jaxpr(function)(guess)
+
+    def given(x, parameters):
+        return jaxpr_as_fun(ClosedJaxpr(equation.jaxpr, parameters))(x)[0]
+
+    root = solve(lambda x: given(x, lax.stop_gradient(equation.consts)), guess)
+    return rooted(given, root, equation.consts, lambda p, g, y: y / g(jnp.ones_like(y)))

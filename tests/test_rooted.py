@@ -7,18 +7,21 @@ import pytest
 from jax import lax
 
 from jaxcable.rooted import rooted
+from jaxcable.roots import rising_root
 
 AT, ALONG = jnp.array([1.0, 2.0]), jnp.array([0.3, 0.7])
 LOADS = jnp.array([1.0, 2.0, 0.5])
 
 
-def solve(linearized, rhs):
+def solve(_, linearized, rhs):
     """Of a residual that acts on each entry by itself."""
     return rhs / linearized(jnp.ones_like(rhs))
 
 
-def by_jax(residual, x, solve):
-    return lax.custom_root(residual, lax.stop_gradient(x), lambda f, x: x, solve)
+def by_jax(residual, x, p, solve):
+    return lax.custom_root(
+        lambda x: residual(x, p), lax.stop_gradient(x), lambda f, x: x, lambda *at: solve(p, *at)
+    )
 
 
 def cubic(q):
@@ -32,7 +35,7 @@ def chain(p, scan=True, attach=rooted):
 
     def step(x, load):
         q = 0.5 * x + p * load
-        y = attach(lambda y: y**3 + y - q, cubic(lax.stop_gradient(q)), solve)
+        y = attach(lambda y, q: y**3 + y - q, cubic(lax.stop_gradient(q)), q, solve)
         return y, y
 
     if scan:
@@ -95,17 +98,24 @@ def test_values_first_derivatives_and_the_loop_that_finds_the_root():
         np.testing.assert_allclose(own, other, rtol=1e-13)
 
     def square_root(p):
-        def newton(f, x):
-            def unfinished(s):
-                return s[0] < 40
-
-            def step(s):
-                return s[0] + 1, s[1] - f(s[1]) / jax.grad(f)(s[1])
-
-            return lax.while_loop(unfinished, step, (0, x))[1]
-
-        return rooted(lambda x: x * x - p, jnp.ones(()), solve, newton)
+        return rising_root(lambda x: x * x - p, 1.0 + 0 * p, 0.1, 10.0)
 
     found = [float(f(2.0)) for f in (square_root, jax.grad(square_root), jax.hessian(square_root))]
     expected = [2**0.5, 0.5 * 2**-0.5, -0.25 * 2**-1.5]
     np.testing.assert_allclose(found, expected, rtol=1e-14)
+
+
+def test_an_equation_is_traced_only_for_derivatives():
+    traced = []
+
+    def equation(x, p):
+        traced.append(1)
+        return x * x - p
+
+    def square_root(p):
+        return rooted(equation, jnp.sqrt(lax.stop_gradient(p)), p, solve)
+
+    jax.make_jaxpr(square_root)(2.0)
+    assert not traced
+    jax.make_jaxpr(jax.grad(square_root))(2.0)
+    assert traced

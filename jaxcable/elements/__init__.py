@@ -34,6 +34,7 @@ ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (u
 - ``tension``: axial force, N; ``peak_tension``, where a load along an element makes that vary: the
   one of largest size along it, with its sign;
 - ``is_slack``: whether it has gone slack and holds nothing;
+- ``reading(state, ends, motion, names)``: these results by name, with what they share found once;
 - ``section_strain``: strains of its fibres; ``beyond``: whether they have left their curve;
 - ``settle``: plastic strains after an increment that ended here; ``size``: sum of the forces in it
   that can balance each other, N;

@@ -111,13 +111,24 @@ class Catenaries(Cables):
         """Tensions at the first and the second end, [2], N."""
         if state.line_load is None:
             return jnp.repeat(super().tension(state, ends, motion), 2)
-        force = self._hang(state, ends, motion)[0]
-        half = 0.5 * state.rest_length * state.line_load
-        return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
+        return _end_tensions(self._hang(state, ends, motion)[0], state)
 
     def peak_tension(self, state, ends, motion):
         """The larger of the tensions at both ends, N; between them it is smaller."""
         return jnp.max(self.end_tensions(state, ends, motion))
+
+    def reading(self, state, ends, motion, names):
+        """Results by name: the shape, which takes an iteration, is found once for all of them."""
+        if state.line_load is None:
+            return super().reading(state, ends, motion, names)
+        force, tau, *_ = self._hang(state, ends, motion)
+        known = {
+            "tension": tau,
+            "peak_tension": jnp.max(_end_tensions(force, state)),
+            "end_forces": jnp.stack([-force, force]),
+        }
+        others = super().reading(state, ends, motion, [name for name in names if name not in known])
+        return others | {name: known[name] for name in names if name in known}
 
     def depth(self, state, ends, motion):
         """How far the middle of the cable hangs below that of its chord, along the load, m."""
@@ -148,6 +159,12 @@ class Catenaries(Cables):
         weight = jnp.asarray(self.weight, ends.dtype) / warmth
         stiffness = jnp.asarray(self._stiffness, ends.dtype)
         return jax.vmap(one)(ends, weight, stiffness, sag)
+
+
+def _end_tensions(force, state):
+    """Tensions at both ends, [2], N, of an element with a tension vector in the middle, [3]."""
+    half = 0.5 * state.rest_length * state.line_load
+    return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 
 
 def excess(state, ends, motion):

@@ -85,6 +85,10 @@ class Prestressed:
         """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
         return []
 
+    def reading(self, state, ends, motion, names):
+        """Results of one element by the names of its methods, a dict."""
+        return {name: getattr(self, name)(state, ends, motion) for name in names}
+
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
