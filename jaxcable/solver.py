@@ -218,7 +218,9 @@ def _run_phase(ramp, before, steps, method, code, differentiate_path, memory, te
             if differentiate_path:
                 attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
                 xs = attach(factors, xs, good)
-        rows = jax.vmap(lambda f, x: row_of(ramp, ramp.at(f), x))(factors, xs)
+        # derivatives of rows that nobody has asked for are not even traced
+        seen = ramp if differentiate_path or not converges else frozen
+        rows = jax.vmap(lambda f, x: row_of(seen, seen.at(f), x))(factors, xs)
     carry, bare = _end(ramp, factor, (x, bare), valid, before, plastic)
     path, counts = _path(rows, good, good | ~live)
     if carry.motion.shape[1] > 3:  # else displacements say it all
