@@ -46,7 +46,7 @@ __all__ = [
 
 def diagonal(matrix):
     """Diagonal of a matrix, [n]."""
-    return matrix.diagonal() if isinstance(matrix, Sparse) else jnp.diagonal(matrix)
+    return matrix.diagonal() if isinstance(matrix, Sparse) else dense.diagonal(matrix)
 
 
 def plus_diagonal(matrix, shift):

@@ -11,6 +11,12 @@ from jax import lax
 from .._tree import copy, pytree
 
 
+def diagonal(matrix):
+    """Diagonal of a matrix, [n]: a slice with steps (`jnp.diagonal` is a search for indices)."""
+    n = len(matrix)
+    return matrix.reshape(-1)[:: n + 1]
+
+
 def solve_definite(matrix, rhs):
     """Solve with a symmetric matrix by Cholesky.
 
@@ -23,7 +29,7 @@ def solve_definite(matrix, rhs):
         solution is not to be used.
     """
     factor = jnp.linalg.cholesky(lax.stop_gradient(matrix))
-    pivots = jnp.diagonal(factor)
+    pivots = diagonal(factor)
     definite = jnp.all(jnp.isfinite(pivots)) & jnp.all(pivots > 0)
 
     def back_substitute(_, b):
@@ -114,10 +120,10 @@ def factorize(matrix, loose=None):
     if loose is None:
         loose = jnp.zeros(n, bool)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
-    size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
+    size = jnp.sqrt(jnp.abs(diagonal(matrix)))
     size = jnp.where(size > 0, size, 1.0)
     lu, pivot = jsl.lu_factor(matrix / size[:, None] / size[None, :])
-    pivots = jnp.abs(jnp.diagonal(lu))
+    pivots = jnp.abs(diagonal(lu))
     limit = n * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
     regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
     return Factor(lu, pivot, size, loose, regular)

@@ -31,6 +31,7 @@ class Pattern:
             is too large.
         band: where the values of ``A[order][:, order]`` are, by columns from the diagonal down,
             [n, b + 1]; n_value for a zero.
+        table: where the values of a whole row are, [n, n], likewise; of solver "dense" only.
         size: n.
         symmetric: only the upper triangle is stored.
         solver: "dense", "banded", "superlu" or "pardiso".
@@ -44,6 +45,7 @@ class Pattern:
     digest: object
     order: object = None
     band: object = None
+    table: object = None
     size: int = 0
     symmetric: bool = False
     solver: str = "superlu"
@@ -94,8 +96,9 @@ def make_pattern(numbers, size, symmetric, solver):
     )
     if solver is None:
         solver = choose(size, arrays[-1] is not None)
+    table = _table(row, indices, size, symmetric) if solver == "dense" else None
     with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
-        arrays = [None if array is None else jax.device_put(array) for array in arrays]
+        arrays = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
     return Pattern(*arrays, size, symmetric, solver)
 
 
@@ -117,6 +120,15 @@ def _band(rows, columns, size):
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
     return order.astype(np.int32), band
+
+
+def _table(rows, columns, size, symmetric):
+    """`Pattern.table`."""
+    table = np.full((size, size), len(rows), np.uint32)
+    table[rows, columns] = np.arange(len(rows))
+    if symmetric:
+        table[columns, rows] = table[rows, columns]
+    return table
 
 
 @pytree
@@ -164,6 +176,8 @@ class Sparse:
 
     def dense(self):
         """This matrix as an array [n, n]."""
+        if self.pattern.table is not None:
+            return jnp.append(self.values, 0.0)[self.pattern.table]
         rows, columns = self._rows(), self.pattern.indices
         full = (
             jnp.zeros(self.shape, self.values.dtype)
