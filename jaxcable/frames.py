@@ -14,6 +14,8 @@ unsymmetric (of the order of the moment). Plain Newton steps and derivatives of 
 of it, searched steps the symmetric part.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -342,19 +344,17 @@ class FrameSystem(System):
         See `rotations.conjugate`. For one node after the other, by its spins.
         """
         zero = jnp.zeros_like(x[:, :3])
-        load = self._handed_on(self.load, x)
-        change = -jax.vmap(jax.jacfwd(conjugate))(zero, load[:, 3:])
+        load, first = self._handed_on(self.load, x), partial(conjugate, order=1)
+        change = -jax.vmap(jax.jacfwd(first))(zero, load[:, 3:])
         if self.freedoms.carried is not None:
             nodes, by = self.freedoms.carried
             pull, arm = self.unbalanced(x)[nodes, :3], self._arms(x)
             # the moment of loads on arms is in `load` already
-            own = jax.vmap(jax.jacfwd(conjugate))(
-                zero[by], jax.vmap(cross)(arm, self.load[nodes, :3])
-            )
+            own = jax.vmap(jax.jacfwd(first))(zero[by], jax.vmap(cross)(arm, self.load[nodes, :3]))
             change = change.at[by].add(own)
 
             def turning(spin, arm, pull):
-                return conjugate(spin, cross(rotate(turn_by(spin), arm), pull))
+                return first(spin, cross(rotate(turn_by(spin, order=1), arm), pull))
 
             change = change.at[by].add(jax.vmap(jax.jacfwd(turning))(zero[by], arm, pull))
         if self.freedoms.axes is not None:

@@ -6,7 +6,7 @@ against their nodes, has inner numbers beside the motion of its ends: unknowns o
 rows of motion of its own, after those of the ends (`Structure.rows`).
 """
 
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -131,10 +131,10 @@ class Member:
     @jax.jit  # as above
     def _resistance(self, state, ends, motion):
         """Pull on the second end [3], moments on both ends [2, 3], forces of inner numbers [k]."""
-        return self._balance(state, ends, motion)
+        return self._balance(state, motion, self._bent(state, ends, motion))
 
-    def _balance(self, state, ends, motion, forces=None):
-        axes, pose, field, load = self._bent(state, ends, motion)
+    def _balance(self, state, motion, bent, forces=None):
+        axes, pose, field, load = bent
         length, rotations = state.rest_length, pose.rotations
         following = None
         if state.pressed is not None:
@@ -171,7 +171,7 @@ class Member:
         pull, moments, inner = (
             self._resistance(state, ends, new)
             if forces is None
-            else self._balance(state, ends, new, forces)
+            else self._balance(state, new, self._bent(state, ends, new), forces)
         )
         moments = jax.vmap(conjugate)(spins, moments)
         return jnp.concatenate([pull, moments.ravel(), inner])
@@ -201,7 +201,9 @@ class Member:
 
         [n_end, 6]: the two ends, then the rows of its inner numbers.
         """
-        pull, moments, inner = self._resistance(state, ends, motion)
+        return self._joined(*self._resistance(state, ends, motion))
+
+    def _joined(self, pull, moments, inner):
         return self._spread(jnp.concatenate([pull, moments.ravel(), inner]))
 
     @jax.jit  # as above
@@ -270,13 +272,34 @@ class Member:
             total = total + 0.5 * jnp.sum(self.springs * turned**2)
         return total
 
+    def reading(self, state, ends, motion, names):
+        """Results by name: pose and strains are found once for all of them."""
+        if len(names) < 2:
+            return super().reading(state, ends, motion, names)
+        bent = self._bent(state, ends, motion)
+        resistance = cache(lambda: self._balance(state, motion, bent))
+        known = {
+            "tension": lambda: self._tension(state, bent[2]),
+            "peak_tension": lambda: self._peak(state, ends, motion, self._tension(state, bent[2])),
+            "section_strain": lambda: self._strains(bent[2]),
+            "section_forces": lambda: self._section_forces(state, bent, resistance()),
+            "end_forces": lambda: self._joined(*resistance()),
+        }
+        others = super().reading(state, ends, motion, [name for name in names if name not in known])
+        return others | {name: known[name]() for name in names if name in known}
+
     def tension(self, state, ends, motion):
         """Axial force, mean over the element, N."""
-        return self._sums(state, self._bent(state, ends, motion)[2])[0, 0]
+        return self._tension(state, self._bent(state, ends, motion)[2])
+
+    def _tension(self, state, field):
+        return self._sums(state, field)[0, 0]
 
     def peak_tension(self, state, ends, motion):
         """Axial force of largest size along the element, N: at an end, where a load acts along."""
-        force = self.tension(state, ends, motion)
+        return self._peak(state, ends, motion, self.tension(state, ends, motion))
+
+    def _peak(self, state, ends, motion, force):
         vector, length, _, _ = stretch(ends, motion[:2, :3])
         half = 0.5 * state.rest_length * jnp.abs(state.line_load @ vector / length)
         return force + jnp.where(force < 0, -half, half)
@@ -292,12 +315,15 @@ class Member:
         whatever the laws of the fibres. In the axes of the section there, which follows the
         deflected axis. N and N m.
         """
+        bent, resistance = (f(state, ends, motion) for f in (self._bent, self._resistance))
+        return self._section_forces(state, bent, resistance, places)
+
+    def _section_forces(self, state, bent, resistance, places=None):
         places = bending.lobatto(self.points)[0] if places is None else places
-        s = jnp.asarray(places, ends.dtype)
-        _, pose, field, load = self._bent(state, ends, motion)
-        length = state.rest_length
-        pull, moments, _ = self._resistance(state, ends, motion)
-        load = jnp.zeros(3, ends.dtype) if load is None else load * length
+        _, pose, field, load = bent
+        pull, moments, _ = resistance
+        length, s = state.rest_length, jnp.asarray(places, pull.dtype)
+        load = jnp.zeros(3, pull.dtype) if load is None else load * length
         start = -(pose.axes @ pull) - load / 2  # of the node on the element
         twist = pose.axes @ moments[0]
         place, area, turn = bending.curve(field, pose.rotations, length, pose.length, s)
