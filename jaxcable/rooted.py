@@ -3,8 +3,11 @@
 `lax.custom_root` is a custom rule, which jax 0.10 drops while it takes a reverse-mode derivative of
 a `lax.scan`: derivatives of such a derivative are then silently zero. Primitives it leaves alone.
 What the equation depends on is handed over, so that nothing of it is traced unless somebody takes a
-derivative.
+derivative; and the derivative is a primitive, too, so that reverse mode keeps what the equation
+depends on, and nothing of how it is linearised.
 """
+
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +16,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
 _ROOT = Primitive("rooted")
+_CHANGE = Primitive("root_change")  # of a root: linear in the changes of what it depends on
 
 
 def rooted(function, root, parameters, tangent_solve):
@@ -52,11 +56,22 @@ def _shape(root, *leaves, equation, solver):
 def _derivative(primals, tangents, *, equation, solver):
     _, *leaves = primals
     found = _ROOT.bind(*primals, equation=equation, solver=solver)
-    changes = dict(enumerate(tangents[1:]))
-    floats = [k for k, x in enumerate(leaves) if jnp.issubdtype(x.dtype, jnp.inexact)]
-    moving = [k for k in floats if not isinstance(changes[k], ad.Zero)]
-    if not moving:
+    pairs = enumerate(zip(leaves, tangents[1:], strict=True))
+    changes = {
+        k: change
+        for k, (x, change) in pairs
+        if jnp.issubdtype(x.dtype, jnp.inexact) and not isinstance(change, ad.Zero)
+    }
+    if not changes:
         return found, ad.Zero.from_primal_value(found)
+    given = {"equation": equation, "solver": solver, "moving": tuple(changes)}
+    return found, _CHANGE.bind(found, *leaves, *changes.values(), **given)
+
+
+def _change(found, *leaves_and_changes, equation, solver, moving):
+    """``-f_x^-1 f_p dp`` for the changes of some leaves, which come after all leaves."""
+    count = len(leaves_and_changes) - len(moving)
+    leaves, changes = leaves_and_changes[:count], leaves_and_changes[count:]
 
     def residual(*some):
         at = list(leaves)
@@ -64,9 +79,45 @@ def _derivative(primals, tangents, *, equation, solver):
             at[k] = x
         return equation(found, *at)
 
-    start, direction = [leaves[k] for k in moving], [changes[k] for k in moving]
-    rhs = jax.jvp(residual, start, direction)[1]
-    return found, -solver(found, rhs, *leaves)
+    rhs = jax.jvp(residual, [leaves[k] for k in moving], list(changes))[1]
+    return -solver(found, rhs, *leaves)
+
+
+def _shape_of_change(found, *_, **__):
+    return found
+
+
+def _change_of_change(primals, tangents, *, moving, **given):
+    count = len(primals) - len(moving)
+    evaluate = partial(_change, moving=moving, **given)
+    out = _CHANGE.bind(*primals, moving=moving, **given)
+    if all(isinstance(t, ad.Zero) for t in tangents[:count]):
+        further = [ad.instantiate_zeros(t) for t in tangents[count:]]
+        return out, _CHANGE.bind(*primals[:count], *further, moving=moving, **given)
+    places = [k for k, t in enumerate(tangents) if not isinstance(t, ad.Zero)]
+
+    def some(*values):
+        at = list(primals)
+        for k, x in zip(places, values, strict=True):
+            at[k] = x
+        return evaluate(*at)
+
+    start, direction = [primals[k] for k in places], [tangents[k] for k in places]
+    return out, jax.jvp(some, start, direction)[1]
+
+
+def _transposed(back, *arguments, moving, **given):
+    count = len(arguments) - len(moving)
+    if isinstance(back, ad.Zero):
+        return [None] * len(arguments)
+    known, changes = arguments[:count], arguments[count:]
+    evaluate = partial(_change, *known, moving=moving, **given)
+    pulled = jax.linear_transpose(evaluate, *(c.aval for c in changes))(back)
+    return [None] * count + list(pulled)
+
+
+def _change_batched(arguments, axes, **given):
+    return jax.vmap(partial(_change, **given), axes)(*arguments), 0
 
 
 def _batched(arguments, axes, *, equation, solver):
@@ -90,3 +141,9 @@ def _batched(arguments, axes, *, equation, solver):
 ad.primitive_jvps[_ROOT] = _derivative
 batching.primitive_batchers[_ROOT] = _batched
 mlir.register_lowering(_ROOT, lambda ctx, root, *leaves, **_: [root])
+_CHANGE.def_impl(_change)
+_CHANGE.def_abstract_eval(_shape_of_change)
+ad.primitive_jvps[_CHANGE] = _change_of_change
+ad.primitive_transposes[_CHANGE] = _transposed
+batching.primitive_batchers[_CHANGE] = _change_batched
+mlir.register_lowering(_CHANGE, mlir.lower_fun(_change, multiple_results=False))
