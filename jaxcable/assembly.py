@@ -83,16 +83,21 @@ class System(Elementwise):
 
         `end_forces` are those of every group, if they are at hand.
         """
-        force = jnp.zeros_like(motion)
-        size = jnp.zeros_like(motion[:, 0])
         if end_forces is None:
             end_forces = self.reading(motion, "end_forces")["end_forces"]
-        for group, state, ends in zip(self.groups, self.states, end_forces, strict=True):
-            force = force.at[group.links].add(ends)
-            size = size.at[group.links].add(jnp.sqrt(jnp.sum(ends**2, axis=-1)))
+        rows, ends = self._at_ends(end_forces)
+        force = jnp.zeros_like(motion).at[rows].add(ends)
+        size = jnp.zeros_like(motion[:, 0]).at[rows].add(jnp.sqrt(jnp.sum(ends**2, axis=-1)))
+        for group, state in zip(self.groups, self.states, strict=True):
             if group.remembers:
                 size = size.at[group.links].add(self.part_sizes(group, state, motion))
         return force, size
+
+    def _at_ends(self, values):
+        """Rows of the ends of all groups one after the other, and values [n_elem, n_end, ...]."""
+        rows = [group.links.reshape(-1) for group in self.groups]
+        values = [own.reshape(-1, *own.shape[2:]) for own in values]
+        return (own[0] if len(own) == 1 else jnp.concatenate(own) for own in (rows, values))
 
     def part_sizes(self, group, state, motion):
         """Forces inside elements that can balance each other there, at both ends, [n_elem, 2], N.
@@ -276,9 +281,9 @@ class System(Elementwise):
     def loose_nodes(self, motion, slack=None):
         """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
-        held_up = jnp.zeros(self.nodes.shape[0], bool)
-        for group, own in zip(self.groups, slack, strict=True):
-            held_up = held_up.at[group.links].max(~own[:, None])
+        pairs = zip(self.groups, slack, strict=True)
+        rows, taut = self._at_ends([jnp.repeat(~s[:, None], g.links.shape[1], 1) for g, s in pairs])
+        held_up = jnp.zeros(self.nodes.shape[0], bool).at[rows].max(taut)
         if self.freedoms.rows is not None:
             held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
