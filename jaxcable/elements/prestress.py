@@ -69,7 +69,15 @@ class Stated:
         return new if self.chosen is None else jnp.where(self.chosen, new, old)
 
 
-class Prestressed:
+class Readable:
+    """An element whose results are its methods, each by itself."""
+
+    def reading(self, state, ends, motion, names):
+        """Results of one element by the names of its methods, a dict."""
+        return {name: getattr(self, name)(state, ends, motion) for name in names}
+
+
+class Prestressed(Readable):
     """Members of a group (see `elements`) that only need its unstressed length.
 
     The group has `links`, `rest_length`, `weight`, `expansion`, and gives `strain_at(force,
@@ -84,10 +92,6 @@ class Prestressed:
     def rules_at(self, nodes):
         """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
         return []
-
-    def reading(self, state, ends, motion, names):
-        """Results of one element by the names of its methods, a dict."""
-        return {name: getattr(self, name)(state, ends, motion) for name in names}
 
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from .._tree import Indices, pytree
 from ..elements import Bars
-from ..elements.prestress import stretch
+from ..elements.prestress import Readable, stretch
 
 
 @pytree
@@ -27,7 +27,7 @@ class StringState:
 
 
 @pytree(static=("tension_only",), indices=("links",))
-class Strings:
+class Strings(Readable):
     """A group of such members; see `elements` for what a group has to give.
 
     Attributes:

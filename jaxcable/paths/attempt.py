@@ -1,0 +1,136 @@
+"""One step of a continuation is tried: what it leads to, before anything is made of it."""
+
+import jax.numpy as jnp
+
+from .. import equilibrium, linear, status
+from .._tree import pytree
+from ..elementwise import each
+from .correction import Condition, Corrected, by_load, correct, loose_unknowns
+from .run import Point, Settings
+from .steps import cosine, scale_of
+
+ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
+_BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
+_LEAP = 4.0  # longest steps that a correction may go; further off is another part of the path
+_UNSURE = 64  # roundings in a strain, which tell neither taut nor slack
+_FAR = 100.0  # displacement, in structure sizes, of a structure that nothing holds
+
+
+@pytree(static=("capacity",))
+class Course:
+    """What stays the same along a path.
+
+    Attributes:
+        ramp: the phase.
+        begin: `System` at no load.
+        method: `Newton`.
+        settings: `Settings`.
+        tol: relative residual of an equilibrium.
+        extent: size of the structure, m.
+        capacity: (rows, events) that there is room for.
+    """
+
+    ramp: object
+    begin: object
+    method: object
+    settings: Settings
+    tol: object
+    extent: object
+    capacity: tuple
+
+    @classmethod
+    def of(cls, ramp, method, settings, capacity):
+        """The course of a phase."""
+        dtype = ramp.begin.motion.dtype
+        begin = ramp.at(jnp.zeros((), dtype))
+        tol = equilibrium.limit(method, dtype)
+        return cls(ramp, begin, method, settings, tol, begin.extent(), capacity)
+
+
+@pytree
+class Tried:
+    """What a step has led to.
+
+    Attributes:
+        found: `Corrected`.
+        point: `Point`.
+        fresh: whether it is the first of the path.
+        by_newton: whether it was made by a step of the load factor.
+        newton_code: status of that.
+        sound: whether there is an equilibrium with a tangent, where it may be looked for.
+        bent: whether the path turns a corner on the way.
+        far: whether the structure has gone off.
+        weight: `Run.weight` after it.
+    """
+
+    found: Corrected
+    point: Point
+    fresh: object
+    by_newton: object
+    newton_code: object
+    sound: object
+    bent: object
+    far: object
+    weight: object
+
+
+def attempt(course, run):
+    """Try a step from the anchor of a `Run`; returns `Tried`."""
+    ramp, begin, settings = course.ramp, course.begin, course.settings
+    a, ds = run.anchor, run.ds
+    fresh, by_newton, free = run.n_row == 0, run.mode == LOAD, run.mode == ARC
+    factor = a.factor + ds * jnp.where(by_newton, 1.0, a.rise)
+    factor = jnp.where(by_newton, jnp.minimum(factor, settings.until), factor)
+    end = jnp.where(a.rise > 0, settings.until, settings.down_to)
+    factor = jnp.where(run.mode == FINISH, end, factor)
+    along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
+    guess, newton_code = ramp.at(factor, a.plastic).move(a.x, along), jnp.int32(status.OK)
+    if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
+        found, newton_code = by_load(ramp, a.plastic, a.x, factor, course.method, by_newton)
+        guess = jnp.where(by_newton, found, guess)
+    sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
+    condition = Condition(
+        jnp.where(free, a.turn / jnp.where(free, run.weight, 1.0), 0.0),
+        jnp.where(free, a.rise, sense),
+        jnp.where(free, ds, sense * (factor - a.factor)),
+    )
+    active = ~by_newton | (newton_code == status.OK)
+    found = correct(ramp, a.plastic, guess, along, factor, a.factor, condition, course.tol, active)
+    weight = jnp.where(run.weight > 0, run.weight, scale_of(found, begin))
+    turn, rise = found.turn / weight, found.rise
+    size = jnp.sqrt(turn @ turn + rise**2)
+    size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
+    closing = run.hunting & run.beyond.branch
+    point = _point(ramp, a, found, turn / size, rise / size, closing)
+    bent = (cosine(a, point) < _BEND) & free
+    far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * course.extent
+    regular = found.regular | (by_newton & begin.always_convex)
+    gone = jnp.sqrt(jnp.sum((found.moved / weight) ** 2) + (found.factor - a.factor) ** 2)
+    leapt = free & ~fresh & (gone > _LEAP * jnp.maximum(jnp.sqrt(2.0) * settings.largest, ds))
+    sound = found.converged & regular & ~far & ~leapt
+    weight = jnp.where(found.regular, weight, run.weight)
+    return Tried(found, point, fresh, by_newton, newton_code, sound, bent & ~fresh, far, weight)
+
+
+def _point(ramp, a, found, turn, rise, closing):
+    """The `Point` that an iteration from `a` ended in; `closing` in on a bifurcation."""
+    system = ramp.at(found.factor, a.plastic)
+    loose = loose_unknowns(system, found.x)
+    # loads that follow and moments of frames can make the tangent unsymmetric
+    general = system.followers is not None or system.turning
+    found_out = linear.spectrum(found.matrix, loose, general, closing)
+    slack = _slack(system, system.motion(found.x), a.slack)
+    return Point(found.x, found.factor, turn, rise, a.plastic, *found_out, found.pull, slack)
+
+
+def _slack(system, motion, before):
+    """Slack elements, all groups one after the other; as before where strain is all rounding."""
+    rows, at = [], 0
+    for group, state, own in zip(system.groups, system.states, system.slack(motion), strict=True):
+        was, at = before[at : at + len(own)], at + len(own)
+        if group.tension_only and hasattr(group, "strain"):
+            strain = each("strain", group, state, system.nodes, motion)
+            unsure = jnp.abs(strain) <= _UNSURE * jnp.finfo(strain.dtype).eps
+            own = jnp.where(unsure, was, own)
+        rows.append(own)
+    return jnp.concatenate(rows)

@@ -1,0 +1,161 @@
+"""What a continuation makes of a step: whether it is taken, what comes next, when it is over."""
+
+import jax
+import jax.numpy as jnp
+
+from .. import status
+from .._tree import copy, pytree
+from .attempt import ARC, FINISH, LOAD
+from .detection import NEAR
+from .steps import cosine, guess_ahead, stride
+
+_EASY = 3  # iterations of a step that may be followed by one as long
+_STRAIGHT = 0.999  # cosine of the angle between tangents where a soft path counts as straight
+_SOFT = 0.05  # stiffness along the path over that at its start which little is left of
+_TURNS = 30  # tries for each row of the path, on average, before giving up
+
+
+@pytree
+class Decided:
+    """What is made of a step, all bool.
+
+    Attributes:
+        outside: it passes the end of the path, and is tried again onto that.
+        accept: it is taken, and its end the next anchor.
+        last: with it the path is at its end.
+        stopping: the path stops at the event in it.
+        record: it gets a row.
+        again: it has failed, and is tried again shorter.
+        exhausted: it is as short as it gets.
+        rescue: then it is tried by a step of the load factor.
+        soft: little is left of the stiffness along the path.
+    """
+
+    outside: object
+    accept: object
+    last: object
+    stopping: object
+    record: object
+    again: object
+    exhausted: object
+    rescue: object
+    soft: object
+
+
+def decide(course, run, tried, seen):
+    """`Decided` of a step that was tried, by what was `Seen` in it."""
+    settings, p = course.settings, tried.point
+    outside = seen.usable & ~seen.crossing & (run.mode == ARC) & ~tried.fresh
+    outside = outside & ((p.factor >= settings.until) | (p.factor <= settings.down_to))
+    accept = seen.usable & ~outside & ~seen.wide & ~seen.fatal & ~seen.astray
+    reached = tried.by_newton & (p.factor >= settings.until)
+    last = accept & ((run.mode == FINISH) | reached)
+    record = (accept & (~run.hunting | seen.hit | last)) | (seen.fatal & run.hunting)
+    critical = seen.limit | seen.branch | seen.astray
+    stopping = seen.hit & critical & ~seen.failed & ~settings.through
+    # a step that fails is tried again, shorter; where equilibrium is unique, by load at last
+    again = ~seen.usable & ~tried.far
+    exhausted = again & (0.25 * run.ds < 0.1 * settings.tol)
+    rescue = exhausted & (run.mode != LOAD) & course.begin.always_convex
+    soft = (p.rise > 0) & (p.rise < _SOFT) & (p.negative == 0)
+    return Decided(outside, accept, last, stopping, record, again, exhausted, rescue, soft)
+
+
+def proceed(course, run, tried, seen, decided):
+    """The `Run` after a step, but for its records and outcome: anchor, hunt, way and length."""
+    settings, a, p, accept = course.settings, run.anchor, tried.point, decided.accept
+    anchor = jax.tree.map(lambda new, old: jnp.where(accept, new, old), _settled(course, p, a), a)
+    # the path itself goes straight on, beyond the bifurcation that has been noted
+    passed = {
+        of: jnp.where(seen.hit & seen.astray, getattr(run.beyond, of), getattr(anchor, of))
+        for of in ("negative", "stiffness")
+    }
+    anchor = copy(anchor, **passed)
+    nominal = _nominal(course, run, tried, seen, decided)
+    bracket = jnp.where(accept & run.hunting, run.bracket - run.ds, run.bracket)
+    bracket = jnp.where(seen.wide, run.ds, bracket)
+    beyond = jax.tree.map(
+        lambda new, old: jnp.where(seen.wide & ~seen.astray, new, old), seen.now, run.beyond
+    )
+    close = jnp.where(beyond.branch, NEAR * settings.step, run.tol)
+    over = accept & run.hunting & (bracket <= close)
+    hunting = (run.hunting | seen.wide) & ~seen.hit & ~over & ~decided.last
+    ahead = guess_ahead(anchor, beyond, bracket, run.turns, close)
+    ds = jnp.where(decided.again, 0.25 * run.ds, jnp.where(hunting, ahead, nominal))
+    mode = jnp.where(decided.outside, FINISH, ARC)
+    mode = jnp.where(accept & ~tried.found.regular, LOAD, mode)
+    mode = jnp.where((decided.again | seen.wide) & tried.by_newton, LOAD, mode)
+    mode = jnp.where(decided.rescue, LOAD, mode)
+    reach = jnp.where(p.factor >= settings.until, settings.until, settings.down_to)
+    span = (reach - a.factor) / jnp.where(a.rise == 0, 1.0, a.rise)
+    ds = jnp.where(decided.outside, jnp.abs(span), ds)
+    by_load = (mode == LOAD) & accept & ~hunting
+    return copy(
+        run,
+        anchor=anchor,
+        mode=mode.astype(jnp.int32),
+        ds=jnp.where(decided.rescue | by_load, settings.step, ds),
+        nominal=nominal,
+        reference=jnp.where(seen.wide & ~run.hunting, seen.stiffness, run.reference),
+        weight=tried.weight,
+        hunting=hunting & ~decided.rescue,
+        bracket=bracket,
+        beyond=beyond,
+        # rounding moves events by more than the tolerance: be content with a larger one
+        tol=jnp.where(seen.hit, settings.tol, run.tol * jnp.where(over, 4.0, 1.0)),
+        turns=run.turns + 1,
+    )
+
+
+def _settled(course, p, a):
+    """A point with the plastic strains that an increment from there begins with."""
+    system = course.ramp.at(p.factor, a.plastic)
+    return copy(p, plastic=course.ramp.settle(system, p.x, jnp.ones((), bool), a.plastic))
+
+
+def _nominal(course, run, tried, seen, decided):
+    """Length of an ordinary step: longer where the last was easy; no part of the result."""
+    settings, a, p, accept = course.settings, run.anchor, tried.point, decided.accept
+    ease = jnp.sqrt(_EASY / jnp.maximum(tried.found.steps, 1).astype(run.ds.dtype))
+    plain = accept & ~run.hunting & ~seen.hit & (run.mode == ARC)
+    nominal = run.nominal * jnp.where(plain, jnp.clip(ease, 0.5, 2.0), 1.0)
+    first = tried.fresh | (run.weight == 0)
+    nominal = jnp.where(accept & first, jnp.sqrt(2.0) * settings.step, nominal)
+    longest = jnp.sqrt(2.0) * settings.largest
+    straight = plain & decided.soft & (cosine(a, p) > _STRAIGHT)
+    wide_step = stride(p, tried.weight, course.extent, settings.largest)
+    longest = jnp.where(straight, jnp.maximum(longest, wide_step), longest)
+    return jnp.minimum(nominal, longest)
+
+
+def outcome(course, run, tried, seen, decided, count):
+    """Status after a step, and whether the path is over.
+
+    `run` has the rows with it, `count` is the number of events, also of those without room.
+    """
+    n_row, n_event = course.capacity
+    found, code = tried.found, tried.newton_code
+    done = decided.last | decided.stopping | seen.fatal
+    full = ~done & ((run.n_row >= n_row) | (count > n_event))
+    lost = ~done & (run.turns > _TURNS * n_row)
+    stopped = jnp.where(seen.limit, status.LIMIT_POINT, status.BIFURCATION)
+    exhausted, failed = decided.exhausted & ~decided.rescue, code != status.OK
+    first, refused = decided.again & tried.fresh, seen.usable & ~decided.accept & tried.fresh
+    outcomes = (
+        (decided.stopping, stopped),
+        (seen.fatal, status.MATERIAL_FAILURE),
+        (refused & seen.failed, status.MATERIAL_FAILURE),
+        (~seen.usable & tried.far, status.MECHANISM),
+        (exhausted & tried.by_newton & failed, code),
+        (first & ~jnp.isfinite(found.scale), status.NONFINITE),
+        (first & found.converged & ~found.regular, status.SINGULAR),
+        (exhausted, status.NOT_CONVERGED),
+        (tried.by_newton & tried.fresh & failed, code),
+        (lost, status.NOT_CONVERGED),
+        (full & decided.soft & (count == 0), status.EXCESSIVE_DEFORMATION),
+        (full, status.OUT_OF_STEPS),
+    )
+    code = jnp.int32(status.OK)
+    for happened, own in reversed(outcomes):
+        code = jnp.where(happened, own, code)
+    return code.astype(jnp.int32), done

@@ -1,0 +1,94 @@
+"""What is recorded along a path: rows of points, and events."""
+
+import jax
+import jax.numpy as jnp
+
+from ..results import row_of
+from . import events
+from .inertia import multiplicity
+from .run import Noted
+
+
+def record(course, run, tried, seen, decided):
+    """Rows and their number after a step."""
+    fatal, a = seen.fatal, run.anchor
+    shown = jax.tree.map(lambda new, old: jnp.where(fatal, old, new), tried.point, a)
+    row = row_at(course.ramp, shown, a.plastic, tried.found)
+    return put(run.rows, run.n_row, row, decided.record), run.n_row + decided.record
+
+
+def note(course, run, tried, seen):
+    """Events after a step, and their number, which may exceed what there is room for."""
+    a, p = run.anchor, tried.point
+    kinds = (
+        (seen.limit & ~seen.failed, events.LIMIT_POINT),
+        ((seen.branch | seen.astray) & ~seen.limit & ~seen.failed, events.BIFURCATION),
+        (seen.slackened, events.SLACKENING),
+        (seen.tightened, events.TIGHTENING),
+        (seen.failed, events.MATERIAL_FAILURE),
+    )
+    noted, count = run.noted, run.n_event
+    beside = jax.tree.map(lambda far, new: jnp.where(seen.astray, far, new), run.beyond, seen.now)
+    many = multiplicity(beside, a, tried.fresh)
+    for happened, kind in kinds:
+        own = _elements(course, kind, a, p)
+        on_line = seen.line & (kind == events.BIFURCATION)
+        at = jnp.where(on_line, _zero_between(a, p), p.factor)
+        number = many[kind == events.LIMIT_POINT] if kind in events.CRITICAL else jnp.int32(0)
+        entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own, seen.null, number)
+        noted = put(noted, count, entry, seen.hit & happened & (count < course.capacity[1]))
+        count = count + (seen.hit & happened)
+    return noted, count
+
+
+def _elements(course, kind, a, p):
+    """The elements that an event is about, bool."""
+    if kind == events.SLACKENING:
+        return p.slack & ~a.slack
+    if kind == events.TIGHTENING:
+        return a.slack & ~p.slack
+    system = course.ramp.at(p.factor, a.plastic)
+    if kind == events.MATERIAL_FAILURE and system.breaks:
+        return system.broken(system.motion(p.x))
+    return jnp.zeros_like(p.slack)
+
+
+def _zero_between(a, p):
+    """Load factor at which the stiffness is zero, on the line between two points."""
+    part = a.stiffness / jnp.where(a.stiffness == p.stiffness, 1.0, a.stiffness - p.stiffness)
+    return a.factor + part * (p.factor - a.factor)
+
+
+def row_at(ramp, p, plastic, found):
+    """What is recorded of a point."""
+    system = ramp.at(p.factor, plastic)
+    return (
+        p.factor,
+        row_of(ramp, system, p.x),
+        p.negative,
+        p.stiffness,
+        p.rise,
+        found.steps,
+        found.residual,
+        found.scale,
+    )
+
+
+def nothing(p):
+    """Stands for `Corrected` where only shapes are asked for."""
+    zero = jnp.zeros((), p.rise.dtype)
+
+    class Shapes:
+        steps, residual, scale = jnp.int32(0), zero, zero
+
+    return Shapes
+
+
+def put(rows, number, row, wanted):
+    """Write `row` at `number` where `wanted`."""
+
+    def one(column, value):
+        at = jnp.minimum(number, len(column) - 1)
+        return column.at[at].set(jnp.where(wanted, value, column[at]))
+
+    return jax.tree.map(one, rows, row)
