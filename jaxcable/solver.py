@@ -96,7 +96,8 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
         code = status.first_failure(run.code, verdict)
         before = knowing(copy(run.carry, loads=loads), data.number)
         problem = nodes, groups, before, data
-        ramp = Ramp.build(*implicit.gate(_finite(problem) & (code == status.OK), problem))
+        sane = sound & _finite((before, data)) & (code == status.OK)
+        ramp = Ramp.build(*implicit.gate(sane, problem))
         memory = run.memory if schedule.changes is None else linear.forgotten(run.memory)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         code, stable, carry, point, factor, path, log, memory = _run_phase(
@@ -301,4 +302,5 @@ def _path(rows, good, finite):
 def _finite(tree):
     """Whether every float in `tree` is finite."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
-    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in floats]))
+    # side by side: one test, and not one for each of many small arrays
+    return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))
