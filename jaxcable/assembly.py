@@ -64,6 +64,10 @@ class System(Elementwise):
         """The unknowns after a step [n_free]."""
         return x + step
 
+    def reach(self, x):
+        """Largest displacement of a point, m."""
+        return jnp.max(jnp.abs(x), initial=0.0)
+
     def chart(self, x):
         """Residual as a function of numbers [n_free], the numbers of `x`, and the way back.
 

@@ -178,7 +178,7 @@ def march(ramp, x, increments, method, code, memory, tell=None):
 
     Args:
         ramp: the phase, `ramp.at(factor)` a `System`; not differentiated.
-        x: start, [n_free].
+        x: start, a point of the system.
         increments: load factors, and which of them there are, both [n_inc]; others pass by.
         method: `Newton`.
         code: status so far; if it is a failure, or from the first failure on, nothing moves.
@@ -186,7 +186,7 @@ def march(ramp, x, increments, method, code, memory, tell=None):
         tell: function of a load factor and its `Outcome` that is called after each, or None.
 
     Returns:
-        Points, [n_inc, n_free]; the log of each (`Outcome.log`), codes latched; and the memory.
+        Points, [n_inc, ...]; the log of each (`Outcome.log`), codes latched; and the memory.
     """
 
     def step(carry, increment):

@@ -104,6 +104,10 @@ class FrameSystem(System):
         """The motion after a step [n_free]."""
         return self._carried_along(jax.vmap(turned)(x, self._spread(x, step)))
 
+    def reach(self, x):
+        """Largest displacement of a point, m: what is said of rotations is no length."""
+        return jnp.max(jnp.abs(x[:, :3]), initial=0.0)
+
     def _carried_along(self, x):
         """`x` with the nodes that others carry put where these take them."""
         if self.freedoms.carried is None:

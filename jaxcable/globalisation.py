@@ -66,17 +66,17 @@ class Sprint:
         """They are tried first."""
         return cls(jnp.ones((), bool))
 
-    def update(self, found, x, steps, extent, converged):
+    def update(self, found, reach, steps, extent, converged):
         """The sprint after a step, and whether to begin again.
 
         Args:
             found: whether there was a step that leads to numbers.
-            x: where it led, a point of the system.
+            reach: largest displacement where it led, m.
             steps: Newton steps so far, with it.
             extent: size of the structure, m.
             converged: whether that is an equilibrium.
         """
-        astray = jnp.max(jnp.abs(x), initial=0.0) > _ASTRAY * extent
+        astray = reach > _ASTRAY * extent
         on = self.on & found & ~astray & (steps < _SPRINT)
         return Sprint(on), self.on & ~on & ~converged
 

@@ -168,12 +168,13 @@ class Task:
         again = jnp.zeros((), bool)
         shift = _where(moved, it.shift.update(found, taken), it.shift)
         x, sprint, softening = it.x, it.sprint, it.softening
+        reach = self.system.reach(x)
         if self.sprints:
-            own, again = sprint.update(found, x, it.steps, self.extent, converged)
+            own, again = sprint.update(found, reach, it.steps, self.extent, converged)
             sprint, again = _where(moved, own, sprint), moved & again
             x = jnp.where(again, self.begin, x)
             shift = _where(again, Shift.init(x.dtype), shift)
-        runaway = over & (jnp.max(jnp.abs(x), initial=0.0) > _RUNAWAY * self.extent)
+        runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
         aside = again & ~stop

@@ -50,9 +50,9 @@ class Phase:
         increments: number of equal steps of the load factor.
 
     Raises:
-        ValueError: `increments` no positive integer, no loads or supports; in an analysis, two
-            absolute statements for one element, or a value that its element cannot take; names
-            both.
+        ValueError: `increments` no positive integer; what is no load, or no supports; in an
+            analysis, two absolute statements for one element, or a value that its element cannot
+            take; names both.
 
     Example:
         A flat net with 200 N in every cable, then loads on its free nodes in ten increments:

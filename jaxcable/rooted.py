@@ -4,7 +4,7 @@
 a `lax.scan`: derivatives of such a derivative are then silently zero. Primitives it leaves alone.
 What the equation depends on is handed over, so that nothing of it is traced unless somebody takes a
 derivative; and the derivative is a primitive, too, so that reverse mode keeps what the equation
-depends on, and nothing of how it is linearised.
+depends on, and nothing of how it is linearised (but in batches of changes, which are written out).
 """
 
 from functools import partial

@@ -369,3 +369,29 @@ def test_wrong_arguments(change, message):
 
 def test_kinds_have_names():
     assert set(paths.FAILURES) < set(paths.NAMES)
+
+
+def test_paths_of_frames_do_not_depend_on_their_size():
+    """A toggle of 2.6 mm has the path of one of 26 m: quaternions are no lengths.
+
+    Lengths times s, forces times s^2.
+    """
+
+    def limit(size):
+        half_span, rise, side, n = 13.0, 0.4, 0.4, 2
+        x = np.linspace(-half_span, half_span, 2 * n + 1)
+        nodes = size * np.column_stack([x, 0 * x, rise * (1 - np.abs(x) / half_span)])
+        section = jc.Section.rectangle(side * size, side * size, jc.Elastic(1e7))
+        links = np.column_stack([np.arange(2 * n), np.arange(1, 2 * n + 1)])
+        beams = jc.Beams(links, section=section)
+        structure = jc.Structure(nodes, beams, supports=jc.clamped([0, 2 * n]))
+        push = jc.NodalLoads([n], (0.0, 0.0, -3000.0 * size**2))
+        path = jc.trace_path(structure, jc.Phase(loads=push), step=0.05)
+        return int(path.status), float(path.load_factor[-1]), float(path.displacement[-1, n, 2])
+
+    status, factor, sunk = limit(1.0)
+    assert status == 0 and sunk < -0.1
+    small = limit(1e-4)
+    assert small[0] == status
+    # the same steps, whose corrections end at 1e-10 of the forces
+    np.testing.assert_allclose(small[1:], [factor, 1e-4 * sunk], rtol=1e-7)

@@ -23,8 +23,9 @@ these members. Of the whole group:
 - ``breaks``: whether its curve can end; ``continued()``: the group for an iteration, without ends;
 - ``remembers``: whether its state has plastic strains; ``virgin()``: those of an unused group.
 
-Of one element, vmapped over the group by `assembly`, from its state, the initial positions of its
-ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (unit quaternions):
+Of one element, vmapped over the group by `elementwise` and `assembly`, from its state, the initial
+positions of its ends and their motion, [n_end, 3] displacements, or with rotations [n_end, 7] (unit
+quaternions):
 
 - ``end_forces``: internal force at each end, [n_end, 3], N, or with moments [n_end, 6], and of
   inner numbers in the rows after them;

@@ -56,8 +56,9 @@ class Tried:
         point: `Point`.
         fresh: whether it is the first of the path.
         by_newton: whether it was made by a step of the load factor.
-        newton_code: status of that.
-        sound: whether there is an equilibrium with a tangent, where it may be looked for.
+        newton_code: status of that; OK where the energy is not convex, and corrections do it alone.
+        sound: whether there is an equilibrium where it may be looked for; with a tangent, but for
+            steps of the load factor of a convex energy.
         bent: whether the path turns a corner on the way.
         far: whether the structure has gone off.
         weight: `Run.weight` after it.
@@ -86,8 +87,8 @@ def attempt(course, run):
     along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
     guess, newton_code = ramp.at(factor, a.plastic).move(a.x, along), jnp.int32(status.OK)
     if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
-        found, newton_code = by_load(ramp, a.plastic, a.x, factor, course.method, by_newton)
-        guess = jnp.where(by_newton, found, guess)
+        held, newton_code = by_load(ramp, a.plastic, a.x, factor, course.method, by_newton)
+        guess = jnp.where(by_newton, held, guess)
     sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
     condition = Condition(
         jnp.where(free, a.turn / jnp.where(free, run.weight, 1.0), 0.0),
@@ -103,7 +104,7 @@ def attempt(course, run):
     closing = run.hunting & run.beyond.branch
     point = _point(ramp, a, found, turn / size, rise / size, closing)
     bent = (cosine(a, point) < _BEND) & free
-    far = jnp.max(jnp.abs(found.x), initial=0.0) > _FAR * course.extent
+    far = begin.reach(found.x) > _FAR * course.extent
     regular = found.regular | (by_newton & begin.always_convex)
     gone = jnp.sqrt(jnp.sum((found.moved / weight) ** 2) + (found.factor - a.factor) ** 2)
     leapt = free & ~fresh & (gone > _LEAP * jnp.maximum(jnp.sqrt(2.0) * settings.largest, ds))

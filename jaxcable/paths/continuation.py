@@ -7,10 +7,10 @@ not taken but hunted: it is shortened by secants of what is smooth and by halves
 end in the old state are taken, until the event lies in a step as short as the tolerance. Then it
 is noted, and the path goes on beyond it.
 
-In a structure whose equilibrium is unique (`System.convex`), a step of the load factor is made by
-Newton's method where the tangent does not exist (slack cables at the start, a mechanism before its
-first load) and where corrections fail. In others such a step could end anywhere: there a start
-without a tangent is refused (SINGULAR).
+In a structure whose equilibrium is unique (`System.always_convex`), a step of the load factor is
+made by Newton's method where the tangent does not exist (slack cables at the start, a mechanism
+before its first load) and where corrections fail. In others such a step could end anywhere: there a
+start without a tangent is refused (SINGULAR).
 """
 
 import jax
@@ -58,13 +58,13 @@ def _start(course, code):
     ramp, begin, settings = course.ramp, course.begin, course.settings
     n_row, n_event = course.capacity
     dtype = ramp.begin.motion.dtype
-    zero, no, none = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
+    zero, no, number = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
     x = begin.place(begin.unknowns(ramp.begin.motion))
     nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1
-    nowhere = Point(x, zero, *tangent, ramp.plastic, none, zero, still, still, still, nobody)
-    entry = Noted(none, zero, zero, zero, none, nowhere, nobody, no, none)
+    nowhere = Point(x, zero, *tangent, ramp.plastic, number, zero, still, still, still, nobody)
+    entry = Noted(number, zero, zero, zero, number, nowhere, nobody, no, number)
     row = jax.eval_shape(lambda p: row_at(ramp, p, ramp.plastic, nothing(p)), nowhere)
     return Run(
         anchor=nowhere,
@@ -75,13 +75,13 @@ def _start(course, code):
         weight=zero,
         hunting=no,
         bracket=zero,
-        beyond=Beyond(zero, zero, none, no, no),
+        beyond=Beyond(zero, zero, number, no, no),
         tol=settings.tol,
-        turns=none,
+        turns=number,
         rows=jax.tree.map(lambda a: jnp.zeros((n_row, *a.shape), a.dtype), row),
-        n_row=none,
+        n_row=number,
         noted=jax.tree.map(lambda a: jnp.zeros((n_event, *jnp.shape(a)), a.dtype), entry),
-        n_event=none,
+        n_event=number,
         code=code,
         done=no,
     )

@@ -89,12 +89,12 @@ def proceed(course, run, tried, seen, decided):
     reach = jnp.where(p.factor >= settings.until, settings.until, settings.down_to)
     span = (reach - a.factor) / jnp.where(a.rise == 0, 1.0, a.rise)
     ds = jnp.where(decided.outside, jnp.abs(span), ds)
-    by_load = (mode == LOAD) & accept & ~hunting
+    onward_by_load = (mode == LOAD) & accept & ~hunting
     return copy(
         run,
         anchor=anchor,
         mode=mode.astype(jnp.int32),
-        ds=jnp.where(decided.rescue | by_load, settings.step, ds),
+        ds=jnp.where(decided.rescue | onward_by_load, settings.step, ds),
         nominal=nominal,
         reference=jnp.where(seen.wide & ~run.hunting, seen.stiffness, run.reference),
         weight=tried.weight,
@@ -139,18 +139,16 @@ def outcome(course, run, tried, seen, decided, count):
     full = ~done & ((run.n_row >= n_row) | (count > n_event))
     lost = ~done & (run.turns > _TURNS * n_row)
     stopped = jnp.where(seen.limit, status.LIMIT_POINT, status.BIFURCATION)
-    exhausted, failed = decided.exhausted & ~decided.rescue, code != status.OK
-    first, refused = decided.again & tried.fresh, seen.usable & ~decided.accept & tried.fresh
+    given_up, by_newton = decided.exhausted & ~decided.rescue, tried.by_newton & (code != status.OK)
+    first = decided.again & tried.fresh
     outcomes = (
         (decided.stopping, stopped),
         (seen.fatal, status.MATERIAL_FAILURE),
-        (refused & seen.failed, status.MATERIAL_FAILURE),
         (~seen.usable & tried.far, status.MECHANISM),
-        (exhausted & tried.by_newton & failed, code),
+        (given_up & by_newton, code),
         (first & ~jnp.isfinite(found.scale), status.NONFINITE),
         (first & found.converged & ~found.regular, status.SINGULAR),
-        (exhausted, status.NOT_CONVERGED),
-        (tried.by_newton & tried.fresh & failed, code),
+        (given_up, status.NOT_CONVERGED),
         (lost, status.NOT_CONVERGED),
         (full & decided.soft & (count == 0), status.EXCESSIVE_DEFORMATION),
         (full, status.OUT_OF_STEPS),

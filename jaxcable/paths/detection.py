@@ -18,7 +18,7 @@ class Seen:
     """What a step shows; bool unless said otherwise.
 
     Attributes:
-        usable: whether one can go on from its end.
+        usable: whether its end says anything; one may go on from there unless it is astray.
         limit, branch, slackened, tightened, failed: what lies in it: a limit point, a bifurcation,
             elements that go slack or taut, one strained beyond its curve.
         astray: close to a bifurcation it has ended on the other branch.
@@ -58,7 +58,8 @@ class Seen:
 def detect(course, run, tried):
     """`Seen` of a step that was tried."""
     settings, a, p, ds = course.settings, run.anchor, tried.point, run.ds
-    # close to a bifurcation corrections can end on the other branch: no point to go on from
+    # close to a bifurcation corrections can end on the other branch: what is there still tells
+    # of the bifurcation
     astray = tried.sound & tried.bent & run.hunting & run.beyond.branch
     usable = tried.sound & ~(tried.bent & ~astray & (ds > _SHORT * settings.step))
     known = usable & ~tried.fresh & ~astray

@@ -28,7 +28,7 @@ def note(course, run, tried, seen):
         (seen.failed, events.MATERIAL_FAILURE),
     )
     noted, count = run.noted, run.n_event
-    beside = jax.tree.map(lambda far, new: jnp.where(seen.astray, far, new), run.beyond, seen.now)
+    beside = jax.tree.map(lambda old, new: jnp.where(seen.astray, old, new), run.beyond, seen.now)
     many = multiplicity(beside, a, tried.fresh)
     for happened, kind in kinds:
         own = _elements(course, kind, a, p)
