@@ -293,6 +293,11 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
     code = jnp.where(end.size <= limit, status.OK, status.NOT_CONVERGED)
     gone = jnp.max(jnp.abs(end.x - nodes)) > _AWAY * extent
     code = jnp.where(gone, status.MECHANISM, code)
+    return _ended(members, rests, end, code, parameters)
+
+
+def _ended(members, rests, end, code, parameters):
+    """The `Form` that the motion `end` stands for, `code` what its size and place say of it."""
     code = jnp.where(jnp.isfinite(end.size) & jnp.isfinite(end.scale), code, status.NONFINITE)
     found = [(m, m.vectors(end.x)[1], rest) for m, rest in zip(members, rests, strict=True)]
     torn = jnp.any(jnp.stack([m.beyond(length, rest) for m, length, rest in found]))
