@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._check import concrete
+from ._tree import Each
 
 
 class Rule(NamedTuple):
@@ -92,6 +93,8 @@ def or_nan(rule):
 
 def rules_of(tree):
     """The rules of all objects in a tree of pytree objects, lists, tuples and dicts: a list."""
+    if isinstance(tree, Each):
+        return [_of_each(tree)]
     own = tree.rules() if hasattr(tree, "rules") else []
     if dataclasses.is_dataclass(tree):
         inner = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
@@ -102,6 +105,16 @@ def rules_of(tree):
     else:
         inner = []
     return [*own, *(rule for part in inner for rule in rules_of(part))]
+
+
+def _of_each(tree):
+    """The rules of every one of `Each` as one."""
+    leaves, shape = jax.tree.flatten(tree.every)
+
+    def broken(*leaves):
+        return jax.vmap(lambda *own: ~kept(rules_of(jax.tree.unflatten(shape, own))))(*leaves)
+
+    return Rule("every", tuple(leaves), broken, "breaks a rule of its kind")
 
 
 def _all(values):

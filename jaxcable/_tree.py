@@ -73,6 +73,7 @@ def pytree(cls=None, *, static=(), indices=()):
     meta = tuple(static) + tuple(indices)
     data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
     cls._index_fields = tuple(indices)
+    cls._static_fields = tuple(static)
 
     def flatten(obj):
         return [getattr(obj, n) for n in data], tuple(getattr(obj, n) for n in meta)
@@ -97,6 +98,29 @@ def copy(obj, **changes):
     for field in dataclasses.fields(obj):
         object.__setattr__(new, field.name, changes.get(field.name, getattr(obj, field.name)))
     return new
+
+
+@pytree
+class Each:
+    """An object of one kind for every element; the leaves have a leading axis, [n_elem].
+
+    It stands in an element group where its elements share one object otherwise: a law, a section.
+
+    Attributes:
+        every: all of these objects as one.
+    """
+
+    every: object
+
+
+def kind(obj):
+    """What has the static members of an object that elements share, or have one each (`Each`)."""
+    return obj.every if isinstance(obj, Each) else obj
+
+
+def changed(function, obj):
+    """``function(obj)``; of `Each`, that of every one."""
+    return Each(jax.vmap(function)(obj.every)) if isinstance(obj, Each) else function(obj)
 
 
 def replace(obj, **changes):
@@ -184,6 +208,20 @@ def stacked(trees):
     return jax.tree.map(one, *trees)
 
 
+def joined(arrays):
+    """Arrays one after the other: by NumPy unless they are traced, or on another device."""
+    if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):
+        return np.concatenate([np.asarray(x) for x in arrays])
+    return jnp.concatenate([jnp.asarray(x) for x in arrays])
+
+
+def _at_hand(x):
+    """Whether a `jax.Array` is known, and in the memory of the host."""
+    if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
+        return False
+    return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
+
+
 def computed(function, x):
     """``function(numpy, x)`` of a known array on the host, else ``function(jax.numpy, x)``.
 
@@ -192,7 +230,6 @@ def computed(function, x):
     """
     if not isinstance(x, jax.Array):
         return function(np, np.asarray(x))
-    known = not isinstance(x, jax.core.Tracer)
-    if known and len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu":
+    if _at_hand(x):
         return jax.device_put(function(np, np.asarray(x)), x.sharding)
     return function(jnp, x)

@@ -134,7 +134,8 @@ def energy_balance(structure, phases, solution, start=None):
         if count != len(path.status):
             raise ValueError(f"phases[{k}]: {count} increments, in the solution {len(path.status)}")
     points = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
-    rows, end = jax.tree.map(np.asarray, works(task.thawed, task.arrays, points, size=task.n_free))
+    core = task.thawed, task.arrays, points, task.bundles
+    rows, end = jax.tree.map(np.asarray, works(*core, size=task.n_free))
     for own, their in zip(end, marks(solution.last.carry), strict=True):
         apart = np.abs(own - np.asarray(their)).max()
         if apart > np.sqrt(np.finfo(own.dtype).eps) * np.abs(own).max():

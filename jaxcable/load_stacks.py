@@ -40,6 +40,19 @@ class LoadStack:
 
         return copy(self, load=jax.tree.map(known, self.load))
 
+    def bundled(self, bundles):
+        """The same on bundles of groups, of loads that act on elements of groups."""
+        if bundles.plain or not hasattr(self.load, "bundled"):
+            return self
+        return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
+
+    def touches(self, groups, bundles):
+        """Nodes whose forces depend on each other, list of [n, k], on groups of bundles."""
+        load = self.load
+        if hasattr(load, "on"):
+            load = copy(load, on=bundles.numbers(load.on))
+        return load.touches(groups)
+
     def idle(self, begun, dtype):
         """The `Amounts` before the first phase; `begun` are the nodes then, [n_row, 3]."""
         m = self.phase.shape[0]

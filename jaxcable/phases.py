@@ -1,12 +1,14 @@
 """A phase: what is added to the structure, in how many increments."""
 
+import functools
+
 import jax
 import numpy as np
 
 from . import _check, plausibility
 from ._rules import Rule, kept, not_negative, positive, refuse
 from ._tree import pytree
-from .elements.prestress import Stated
+from .elements.prestress import Stated, of_each
 from .loads import as_list
 from .selection import Only, Selection
 from .supports import Supports
@@ -226,7 +228,7 @@ def _checked(value, group, name):
         chosen = None
         value = given = _check.per_element(value, count, name)
     refuse(_sign_rules(name, given, group))
-    refuse(_capacity_rules(name, value, group))
+    refuse(_capacity_rules(name, value, group, group.capacity))
     return Stated(value, chosen)
 
 
@@ -241,7 +243,8 @@ def keeps_rules(inputs, groups):
     for group, own in zip(groups, inputs, strict=True):
         for name, stated in own.items():
             rules = _sign_rules(name, stated.values, group)
-            rules += _capacity_rules(name, stated.values, group)
+            each = functools.partial(of_each, "capacity", group)
+            rules += _capacity_rules(name, stated.values, group, each)
             whole = whole & kept(rules, stated.chosen)
     return whole
 
@@ -261,8 +264,11 @@ def _sign_rules(name, values, group):
     return []
 
 
-def _capacity_rules(name, values, group):
-    """The rule that a law can carry what is stated for every element of its group, [n_elem]."""
+def _capacity_rules(name, values, group, capacity):
+    """The rule that a law can carry what is stated for every element of its group, [n_elem].
+
+    `capacity` gives the smallest and largest forces between which they can be.
+    """
     if name not in ("pretension", "jacking") or not group.breaks:
         return []
     text = "above what its law can carry; a pretension must lie within the curve"
@@ -271,4 +277,4 @@ def _capacity_rules(name, values, group):
         more = 1 + 8 * np.finfo(force.dtype).eps  # a law reaches its own peak
         return (force < low * more) | (force > high * more)
 
-    return [Rule(name, (values, *group.capacity()), beyond, text)]
+    return [Rule(name, (values, *capacity()), beyond, text)]

@@ -10,6 +10,7 @@ import numpy as np
 from . import _check, load_stacks, plausibility, spins, status
 from ._rules import kept, rules_of
 from ._tree import copy, thaw
+from .bundles import Bundles
 from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
@@ -32,6 +33,7 @@ class Prepared(NamedTuple):
         code: status that `start` ended with.
         fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
         loads: element loads of the analysis, those that `start` brings first, list of `LoadStack`.
+        bundles: which groups are evaluated together.
         n_free: number of unknowns.
         may_warn: whether a tangent that is not definite says that a state is unstable, and can
             happen. It cannot where the energy is convex (`System.always_convex`), and does not
@@ -44,6 +46,7 @@ class Prepared(NamedTuple):
     code: object
     fixed: tuple
     loads: list
+    bundles: Bundles
     n_free: int
     may_warn: bool
 
@@ -63,6 +66,7 @@ def prepare(structure, phases, method, start, earlier=0):
     plausibility.precision(structure.nodes)
     carry, code, fixed = _begin(structure, start)
     rows, groups = structure.rows()
+    bundles = Bundles.of(groups)
     sets = _support_sets(structure, phases, fixed)
     loads = [_loads(structure, phase, own) for phase, own in zip(phases, sets[1:], strict=True)]
     nodal, movements, along = ([own[k] for own in loads] for k in range(3))
@@ -76,12 +80,14 @@ def prepare(structure, phases, method, start, earlier=0):
             plausibility.held(earlier + k, mask, groups)
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
-    freedoms, changes, before = numbering(sets, _numbered(structure, method, everything))
+    bundled = bundles.groups(groups)
+    numbered = _numbered(structure, method, everything, bundled, bundles)
+    freedoms, changes, before = numbering(sets, numbered)
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), 6 if structure.turning else 3), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
-        inputs=stated(inputs, groups),
+        inputs=stated([bundles.inputs(own) for own in inputs], bundled),
         added_load=on_rows(nodal, "nodal_forces", shape, dtype),
         moved=on_rows(movements, "steps", shape, dtype),
         freedoms=freedoms,
@@ -91,10 +97,10 @@ def prepare(structure, phases, method, start, earlier=0):
         increments=tuple(int(phase.increments) for phase in phases),
         n_node=structure.n_node,
     )
-    thawed, arrays = thaw((nodes, groups, carry, schedule))
-    warns = _may_warn(groups, carry, everything, nodal)
+    thawed, arrays = thaw((nodes, bundled, carry, schedule))
+    warns = _may_warn(bundled, carry, everything, nodal)
     count = len(freedoms.free)
-    return Prepared(thawed, arrays, method, code, tuple(sets), everything, count, warns)
+    return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
 
 
 def _method(structure, method):
@@ -128,14 +134,14 @@ def _loads(structure, phase, fixed):
     return [load for load in loads if isinstance(load, NodalLoads)], movements, own
 
 
-def _numbered(structure, method, stacks):
-    """A function that numbers the unknowns which a `Fixed` leaves."""
-    rows, groups = structure.rows()
-    followers = [stack.load for stack in stacks if stack.follows]
+def _numbered(structure, method, stacks, groups, bundles):
+    """A function that numbers the unknowns which a `Fixed` leaves, for the groups of bundles."""
+    rows, _ = structure.rows()
+    followers = [stack for stack in stacks if stack.follows]
     if followers and getattr(method, "stiffness", None) == "secant":
         raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
     links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
-    pressed = tuple((own, 3, ()) for load in followers for own in load.touches(groups))
+    pressed = tuple((own, 3, ()) for stack in followers for own in stack.touches(groups, bundles))
 
     def number(fixed):
         solver, symmetric = method.linear_solver, not followers
@@ -211,29 +217,52 @@ def _no_method(method):
     return _check.kind(method, "Newton()")
 
 
-def ready(parameters):
-    """Nodes, groups, carry and schedule to compute with, from those that were handed over.
-
-    Floats are as exact as the nodes. The iteration may pass through where the curve of a law has
-    ended (the answer may not): laws go on there.
-    """
+def exact(parameters):
+    """Nodes, groups, carry and schedule as they were handed over, floats as exact as the nodes."""
     dtype = jnp.asarray(parameters[0]).dtype
-    nodes, groups, carry, schedule = jax.tree.map(
+    return jax.tree.map(
         lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
         jax.tree.map(jnp.asarray, parameters),
     )
+
+
+def ready(parameters, bundles):
+    """Nodes, groups, carry and schedule to compute with, from those that were handed over.
+
+    Everything is that of bundles of groups. The iteration may pass through where the curve of a law
+    has ended (the answer may not): laws go on there.
+    """
+    nodes, groups, carry, schedule = exact(parameters)
+    dtype = nodes.dtype
     if carry is None:
         carry = unloaded(nodes, groups)
+    else:
+        carry = copy(carry, states=_warm(groups, bundles, carry.states))
     if carry.bearing is None and carry.motion.shape[1] > 3 and schedule.freedoms.axes is not None:
         carry = copy(carry, bearing=carry.motion[:, 3:])
     begun = nodes + carry.motion[:, :3]
+    loads = [stack.bundled(bundles) for stack in (*carry.loads, *schedule.loads)]
     carry = copy(
         carry,
-        loads=[*carry.loads, *schedule.loads],
+        loads=loads,
         amounts=[*carry.amounts, *(stack.idle(begun, dtype) for stack in schedule.loads)],
     )
-    groups = [group.continued() if group.breaks else group for group in groups]
+    groups = [group.continued() for group in groups]
     return nodes, groups, carry, schedule
+
+
+def _warm(groups, bundles, states):
+    """States of bundles from those of their groups; all that expand know how warm they are.
+
+    Some expand only since the states were, and some stand in a bundle with others that do.
+    """
+    found = list(states)
+    for group, own in zip(groups, bundles.members, strict=True):
+        if group.expansion is not None or any(states[k].warmth is not None for k in own):
+            for k in own:
+                if states[k].warmth is None:
+                    found[k] = copy(states[k], warmth=jnp.ones_like(states[k].rest_length))
+    return bundles.together(found)
 
 
 def verdicts(parameters, *others):
@@ -276,15 +305,5 @@ def _begin(structure, start):
                 "start: which supports a traced .last had is not known; use the solution itself"
             )
         fixed = last.fixed[int(last.phase) + 1]
-    return _warm(structure, last.carry), code, fixed
-
-
-def _warm(structure, carry):
-    """A carry whose groups that expand all know how warm they are; some expand only since then."""
-    states = [
-        copy(state, warmth=jnp.ones_like(state.rest_length))
-        if state.warmth is None and getattr(group, "expansion", None) is not None
-        else state
-        for group, state in zip(structure.groups, carry.states, strict=True)
-    ]
-    return copy(carry, states=states, loads=[continued(stack) for stack in carry.loads])
+    carry = copy(last.carry, loads=[continued(stack) for stack in last.carry.loads])
+    return carry, code, fixed

@@ -9,6 +9,9 @@ from .ramp import make_system
 from .solution import State
 from .topology import topology_of
 
+PER_ELEMENT = ("tension", "peak_tension", "rest_length", "section_forces", "strain", "began")
+"""What results have for every element, a list with an item a group."""
+
 
 @pytree
 class Reached:

@@ -11,10 +11,10 @@ from . import equilibrium, implicit, incremental, linear, plausibility, status
 from ._tree import copy, fill, pytree
 from .compilation import program
 from .equilibrium import Newton
-from .preparation import prepare, ready, verdicts
+from .preparation import exact, prepare, ready, verdicts
 from .progress import Increment, listener, tell
 from .ramp import Ramp, knowing
-from .results import Reached, arranged, row_of, state_of
+from .results import PER_ELEMENT, Reached, arranged, row_of, state_of
 from .solution import LOG, PER_PHASE, Path, PhaseResult, PhaseResults, Solution
 
 
@@ -70,18 +70,19 @@ def solve(structure, phases=None, method=None, start=None, differentiate_path=Fa
     listen = listener(progress)
     task = prepare(structure, phases, method, start)
     core = task.thawed, task.arrays, task.method, task.code
-    solution = _analyse(*core, differentiate_path, listen, size=task.n_free)
+    asked = differentiate_path, listen, task.bundles
+    solution = _analyse(*core, *asked, size=task.n_free)
     if task.may_warn:  # or else nobody has to wait for the numbers
         plausibility.stability(solution)
     return arranged(structure, solution, task)
 
 
-@functools.partial(program, static=("differentiate_path", "listen"))
-def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
+@functools.partial(program, static=("differentiate_path", "listen", "bundles"))
+def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
     """The compiled core: one loop over the phases. Results per element are lists, one a group."""
     parameters = fill(thawed, arrays)
     own, codes = verdicts(parameters, method)
-    nodes, groups, carry, schedule = ready(parameters)
+    nodes, groups, carry, schedule = ready(parameters, bundles)
     # a state of numbers that are none is none: its NaN must not reach what a batch shares
     sound = _finite((nodes, groups)) & own
     frame = implicit.gate(sound, (nodes, groups))
@@ -123,17 +124,33 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen=None):
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.undifferentiated(paths, parameters)
-    known = [stack.until(run.reached.number) for stack in loads]
-    carry = copy(run.carry, loads=[jax.tree.leaves(stack.load) for stack in known])
+    known = [stack.until(run.reached.number) for stack in _given(parameters)]
+    states = bundles.apart(run.carry.states)
+    carry = copy(run.carry, states=states, loads=[jax.tree.leaves(own.load) for own in known])
     final = _unless(run.code == status.OK, run.end, touched)
+    end, final = (_apart(bundles, own) for own in (run.end, final))
+    ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
     return Solution(
         status=run.code,
         stable=run.stable,
-        last=copy(run.end, carry=carry),
+        last=copy(end, carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
         **{name: getattr(final, name) for name in (*PER_PHASE, "load")},
     )
+
+
+def _given(parameters):
+    """Element loads of all phases, as they were handed over, list of `LoadStack`."""
+    _, _, carry, schedule = exact(parameters)
+    return [*(() if carry is None else carry.loads), *schedule.loads]
+
+
+def _apart(bundles, part, axis=0):
+    """Results of bundles as those of their groups; `axis` is that of the elements."""
+    own = {name: getattr(part, name, None) for name in PER_ELEMENT}
+    own = {name: x for name, x in own.items() if x is not None}
+    return copy(part, **{name: bundles.apart(x, axis) for name, x in own.items()})
 
 
 @pytree

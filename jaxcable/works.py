@@ -4,6 +4,8 @@ From forces and displacements at both ends of an increment, by the trapezoidal r
 those of the elements.
 """
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,13 +22,14 @@ from .rotations import angles, inverse, product, stereographic
 _FIRST = 1e-6  # part of the first increment's load that stands for none: it has a direction
 
 
-@program
-def works(thawed, arrays, paths):
+@functools.partial(program, static=("bundles",))
+def works(thawed, arrays, paths, bundles):
     """Works and energies of all increments.
 
     Args:
         thawed, arrays: structure and phases, as `preparation.prepare` gives them.
         paths: by phase its codes, [n_inc], and displacements, or motions in a structure with beams.
+        bundles: as `preparation.prepare` gives them.
 
     Returns:
         rows: by phase the terms of its increments, [6, n_inc], J: work of dead loads, of following
@@ -34,13 +37,17 @@ def works(thawed, arrays, paths):
             stored energy at its end.
         end: `marks` of the end.
     """
-    nodes, groups, carry, schedule = ready(fill(thawed, arrays))
-    rows, end = [], marks(carry)
+    nodes, groups, carry, schedule = ready(fill(thawed, arrays), bundles)
+
+    def seen(carry):
+        return marks(copy(carry, states=bundles.apart(carry.states)))
+
+    rows, end = [], seen(carry)
     for k, (codes, path) in enumerate(paths):
         ramp = Ramp.build(nodes, groups, knowing(carry, k), schedule.phase(k))
         terms, level, carry = _phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
-        end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks(carry), end)
+        end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), seen(carry), end)
         rows.append((terms, level))
     return rows, end
 

@@ -26,7 +26,7 @@ FLOORS = [
     ["structure"],
     ["parts", "topology"],
     ["loads"],
-    ["load_stacks", "elementwise"],
+    ["load_stacks", "elementwise", "bundles"],
     ["assembly"],
     ["frames"],
     ["newton_step", "globalisation"],

@@ -14,19 +14,9 @@ import jax.numpy as jnp
 
 from .. import _check
 from .._rules import Rule, not_negative, positive, refuse
-from .._tree import copy, pytree
+from .._tree import changed, copy, kind, pytree
 from ..materials import Parallel
 from .prestress import Prestressed, checked_links, held_or, stretch
-
-_PROPERTIES = (
-    "axial_stiffness",
-    "area",
-    "rest_length",
-    "weight",
-    "expansion",
-    "strength",
-    "compliance",
-)
 
 
 @pytree(indices=("links",))
@@ -83,11 +73,20 @@ class Bars(Prestressed):
 
     tension_only = False
     n_freedom = 3
+    per_element = (
+        "axial_stiffness",
+        "area",
+        "rest_length",
+        "weight",
+        "expansion",
+        "strength",
+        "compliance",
+    )
 
     def __post_init__(self):
         links = checked_links(self.links)
         object.__setattr__(self, "links", links)
-        for name in _PROPERTIES:
+        for name in self.per_element:
             value = _check.per_element(getattr(self, name), len(links), name)
             object.__setattr__(self, name, value)
         given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
@@ -113,7 +112,7 @@ class Bars(Prestressed):
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
-        laws = () if self.compliance is None or self.section is None else self.section.laws
+        laws = () if self.compliance is None or self.section is None else self._laws
         for k, law in enumerate(laws if len(laws) > 1 else ()):
             stress = None if law.rising else getattr(law, "stress", None)
             if stress is not None:
@@ -126,17 +125,11 @@ class Bars(Prestressed):
 
     def _check_compliance(self):
         """Raise ValueError where a spring in series has no one answer."""
-        laws = self.section.laws if self.section is not None else (self.law,)
-        if len(laws) == 1 and len(self.links) > 1 and laws[0] is not None and laws[0].breaks:
+        if len(self._laws) == 1 and len(self.links) > 1 and self.breaks:
             raise ValueError(
                 "compliance: beside a law of points only in groups of one element; give the law "
                 "itself the softness: strain + compliance area stress"
             )
-
-    def properties(self):
-        """The arrays with one value per element, by name."""
-        values = {name: getattr(self, name) for name in _PROPERTIES}
-        return {name: value for name, value in values.items() if value is not None}
 
     # --- the cross-section: force from strain, energy from strain, strain from force
 
@@ -168,20 +161,26 @@ class Bars(Prestressed):
         return None, law if self.compliance is None else law.softened(self.compliance * area), area
 
     @property
+    def _laws(self):
+        """The laws of its material, for what all elements have in common of them."""
+        if self.section is not None:
+            return kind(self.section).laws
+        return () if self.law is None else (kind(self.law),)
+
+    @property
     def remembers(self):
         """Whether its elements have plastic strains."""
-        return self.section.remembers if self.section is not None else _any(self.law, "n_plastic")
+        return any(law.n_plastic for law in self._laws)
 
     @property
     def breaks(self):
         """Whether an element can be strained beyond its curve."""
-        return self.section.breaks if self.section is not None else _any(self.law, "breaks")
+        return any(law.breaks for law in self._laws)
 
     @property
     def rising(self):
         """Whether its force is known not to fall with strain."""
-        laws = self.section.laws if self.section is not None else [self.law]
-        return all(law is None or law.rising for law in laws)
+        return all(law.rising for law in self._laws)
 
     def softened(self, compliance):
         """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
@@ -194,14 +193,17 @@ class Bars(Prestressed):
         """Plastic strains of unused elements, [n_elem, n_plastic], or None."""
         if not self.remembers:
             return None
-        _, law, area = self._section()
-        return jnp.zeros((len(self.links), law.n_plastic), jnp.asarray(area).dtype)
+        area = self.area if self.section is None else kind(self.section).area
+        count = sum(law.n_plastic for law in self._laws)
+        return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
     def continued(self):
         """The group for an iteration: its law goes on beyond its ends."""
         if self.section is not None:
-            return copy(self, section=self.section.continued())
-        return self if self.law is None else copy(self, law=self.law.continued())
+            return copy(self, section=changed(lambda own: own.reduced(), self.section))
+        if self.law is None:
+            return self
+        return copy(self, law=changed(lambda own: own.continued(), self.law))
 
     def capacity(self):
         """Smallest and largest axial force, N, scalars or [n_elem]."""
@@ -350,7 +352,3 @@ class Bars(Prestressed):
         own = jnp.stack([rest_length, rest_length * strain - change])
         own = held_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
         return copy(state, rest_length=own[0], elongation=own[1], held=None, jacked=None)
-
-
-def _any(law, name):
-    return law is not None and bool(getattr(law, name))

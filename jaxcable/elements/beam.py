@@ -17,21 +17,12 @@ import numpy as np
 
 from .. import _check
 from .._rules import Rule, not_negative, or_nan, positive, refuse
-from .._tree import Indices, copy, pytree
+from .._tree import Indices, changed, copy, kind, pytree
 from ..rotations import cross
 from ..sections import Section
 from .member import Member
-from .prestress import Prestressed, checked_links
+from .prestress import Prestressed, checked_links, of_each
 
-_PROPERTIES = (
-    "torsional_stiffness",
-    "up",
-    "rest_length",
-    "weight",
-    "expansion",
-    "strength",
-    "springs",
-)
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
 _MOST_POINTS = 1000  # along an element; each has a section of fibres to evaluate
 _LEANING = 0.1  # sine below which the default axes of an element that leans are not to be trusted
@@ -98,6 +89,15 @@ class Beams(Member, Prestressed):
     rising = False  # bending energy is not convex in the positions
     n_freedom = 6
     shaped_by_load = True
+    per_element = (
+        "torsional_stiffness",
+        "up",
+        "rest_length",
+        "weight",
+        "expansion",
+        "strength",
+        "springs",
+    )
 
     def __post_init__(self):
         put = object.__setattr__
@@ -206,18 +206,13 @@ class Beams(Member, Prestressed):
             return state
         chord = ends[:, 1] - ends[:, 0]
         sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
-        unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~_alike(self.section)
+        unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~of_each("bends_alike", self)
         return copy(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
     def at_ends(self, amount, ends):
         """`amount` [n_elem] in halves to the ends, [n_elem, n_end], nothing to inner rows."""
         halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
         return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
-
-    def properties(self):
-        """The arrays with one value per element, by name."""
-        values = {name: getattr(self, name) for name in _PROPERTIES}
-        return {name: value for name, value in values.items() if value is not None}
 
     # --- the group
 
@@ -265,20 +260,22 @@ class Beams(Member, Prestressed):
     @property
     def remembers(self):
         """Whether its fibres have plastic strains."""
-        return self.section.remembers
+        return kind(self.section).remembers
 
     @property
     def breaks(self):
         """Whether a fibre can be strained beyond its curve."""
-        return self.section.breaks
+        return kind(self.section).breaks
 
     def virgin(self):
         """Plastic strains of unused elements, per law, or None."""
-        return self.section.virgin((len(self.links), self.points)) if self.remembers else None
+        if not self.remembers:
+            return None
+        return kind(self.section).virgin((len(self.links), self.points))
 
     def continued(self):
         """The group for an iteration: its laws go on beyond their ends."""
-        return copy(self, section=self.section.continued())
+        return copy(self, section=changed(lambda own: own.reduced(), self.section))
 
     def capacity(self):
         """Smallest and largest axial force without bending, N."""
@@ -294,6 +291,10 @@ class Beams(Member, Prestressed):
         return law.strain_at(force / area)
 
     # --- one element
+
+    def bends_alike(self):
+        """Whether it bends alike in all directions, so that its axes do not matter."""
+        return _alike(self.section)
 
     def axes(self, ends):
         """Initial axes of the element as rows: along, section's y, section's z, [3, 3]."""

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._tree import kind
 from ..rotations import (
     angles,
     conjugate,
@@ -61,7 +62,7 @@ class Member:
     @property
     def _n_field_row(self):
         """Those of its field: three points cannot tell P2 from its size, and leave it out."""
-        if self.section.is_elastic:
+        if kind(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
 

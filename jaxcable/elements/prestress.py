@@ -1,10 +1,13 @@
 """What every element with an axis shares: its prestress, its weight, and how phases change them."""
 
+import dataclasses
+
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
-from .._tree import Indices, copy, pytree
+from .._tree import Each, Indices, copy, pytree
 
 
 @pytree
@@ -82,7 +85,12 @@ class Prestressed(Readable):
 
     The group has `links`, `rest_length`, `weight`, `expansion`, and gives `strain_at(force,
     plastic)` and `virgin()`, the plastic strains of all its unused elements or None.
+
+    Attributes:
+        per_element: names of the arrays that have a value for every element, [n_elem, ...].
     """
+
+    per_element = ()
 
     shaped_by_load = False
     slides = False
@@ -92,6 +100,13 @@ class Prestressed(Readable):
     def rules_at(self, nodes):
         """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
         return []
+
+    def properties(self):
+        """What has one value for every element, by name."""
+        values = {name: getattr(self, name) for name in self.per_element}
+        values = {name: value for name, value in values.items() if value is not None}
+        others = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return values | {name: x.every for name, x in others.items() if isinstance(x, Each)}
 
     def chord(self, ends):
         """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
@@ -158,9 +173,9 @@ class Prestressed(Readable):
     def stated_strain(self, name, stated, state, ends, chord):
         """Strain of the initial chord, [n_elem], that an absolute statement means."""
         if name == "pretension":
-            return self.strain_at(stated.values, state.plastic)
+            return of_each("strain_at", self, stated.values, state.plastic)
         if name == "force_density":
-            return self.strain_at(stated.values * chord, state.plastic)
+            return of_each("strain_at", self, stated.values * chord, state.plastic)
         if name == "sag":
             sag = stated.over(stated.values, 0.1 * chord)
             return self.strain_at_sag(ends, sag, 1.0 if state.warmth is None else state.warmth)
@@ -185,6 +200,15 @@ def held_or(state, held, free):
 def element(group, properties):
     """The group reduced to one element, inside vmap over `properties`."""
     return copy(group, links=None, **properties)
+
+
+def of_each(method, group, *arguments):
+    """``method(*arguments)`` of every element of a group, from arguments [n_elem, ...]."""
+
+    def one(properties, *own):
+        return getattr(element(group, properties), method)(*own)
+
+    return jax.vmap(one, axis_size=len(group.links))(group.properties(), *arguments)
 
 
 def checked_links(links):

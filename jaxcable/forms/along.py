@@ -83,7 +83,8 @@ class OnForm:
                 yield _on_face(load), (forces,), load.faces
                 continue
             for number, group in _loaded(load, self.groups):
-                own = group.properties(), group.virgin(), states[number], load.part
+                part = None if load.part is None else load.part[number]
+                own = group.properties(), group.virgin(), states[number], part
                 yield _on_element(load, number, group), own, group.links
 
     @property
@@ -132,7 +133,7 @@ def _on_element(load, number, group):
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        own = load if part is None else copy(load, part=part[None])
+        own = load if part is None else copy(load, part={number: part[None]})
         whole = rest_length * own.per_length(number, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from .. import _check
 from .._tree import copy, pytree
-from .groups import check_elements, partly, selected, settled
+from .groups import bundled, check_elements, partly, selected, settled
 
 PER = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
@@ -48,7 +48,7 @@ class SelfWeight:
     direction: object = (0.0, 0.0, -1.0)
     on: object = None
     elements: object = None
-    part: object = None  # of every element of its group, 1 or 0, put in by the analysis
+    part: object = None  # of elements of a group, 1 or 0, by its number, put in by the analysis
 
     def __post_init__(self):
         check_elements(self.elements)
@@ -70,6 +70,10 @@ class SelfWeight:
         """The load with `on` and `elements` turned into numbers."""
         return settled(self, structure)
 
+    def bundled(self, bundles):
+        """The load on bundles of the groups that it acts on."""
+        return bundled(self, bundles)
+
     def scaled(self, factor):
         """The load times `factor`."""
         return copy(self, direction=factor * self.direction)
@@ -79,7 +83,7 @@ class SelfWeight:
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
             if number in self.on and group.weight is not None:
-                weight = partly(self, group.weight * state.loaded)
+                weight = partly(self, number, group.weight * state.loaded)
                 total = total.at[group.links].add(group.at_ends(weight, nodes[group.links]))
         return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
 
@@ -87,7 +91,7 @@ class SelfWeight:
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
         if number not in self.on or group.weight is None:
             return None
-        share = partly(self, group.weight * state.loaded) / state.rest_length
+        share = partly(self, number, group.weight * state.loaded) / state.rest_length
         return jnp.outer(share, self.direction)
 
 
@@ -135,7 +139,7 @@ class LineLoads:
     geometry: str = "input"
     elements: object = None
     begun: object = None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
-    part: object = None  # of every element of its group, 1 or 0, likewise
+    part: object = None  # of elements of a group, 1 or 0, by its number, likewise
 
     def __post_init__(self):
         check_elements(self.elements)
@@ -156,6 +160,10 @@ class LineLoads:
         """The load with `on` and `elements` turned into numbers."""
         return settled(self, structure, begun=room(self.geometry, structure))
 
+    def bundled(self, bundles):
+        """The load on bundles of the groups that it acts on."""
+        return bundled(self, bundles)
+
     def scaled(self, factor):
         """The load times `factor`."""
         return copy(self, factor=factor * self.factor)
@@ -173,7 +181,7 @@ class LineLoads:
                     half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
                     share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
                     share = jnp.pad(share, ((0, 0), (0, n_inner)))
-                total = total.at[group.links].add(partly(self, share))
+                total = total.at[group.links].add(partly(self, number, share))
         return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
     def per_length(self, number, group, state, nodes):
@@ -185,7 +193,9 @@ class LineLoads:
             ends = self._ends(group, nodes)
             own = ends[:, : ends.shape[1] - group.n_inner_row]
             length = jnp.sum(self._pieces(own), axis=-1)
-        return jnp.outer(partly(self, length) / state.rest_length, self.factor * self.forces)
+        return jnp.outer(
+            partly(self, number, length) / state.rest_length, self.factor * self.forces
+        )
 
     def _ends(self, group, nodes):
         """Ends of a group's elements in the geometry that lengths are taken from."""

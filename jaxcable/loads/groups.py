@@ -8,6 +8,8 @@ from .. import _check
 from .._tree import copy
 from ..selection import Selection
 
+_ALL = 1.0  # of every element of a group
+
 
 def chosen(on, structure):
     """Numbers of the groups that the key `on` of the structure's elements names; None: all.
@@ -51,18 +53,28 @@ def selected(load, structure):
 
 
 def settled(load, structure, **changes):
-    """The load with its groups as numbers and its elements as factors, 1 or 0, [n_elem]."""
+    """The load with its groups as numbers and its elements as factors, 1 or 0, by group."""
     numbers, mask = selected(load, structure)
-    part = None if mask is None else mask.astype(float)
+    part = None if mask is None else {numbers[0]: mask.astype(float)}
     return copy(load, on=numbers, elements=None, part=part, **changes)
 
 
-def partly(load, amounts):
+def partly(load, number, amounts):
     """Amounts of the elements of a group, [n_elem, ...], where a `settled` load acts, else 0."""
-    if load.part is None:
+    if load.part is None or number not in load.part:
         return amounts
-    part = load.part.astype(amounts.dtype)
+    part = load.part[number].astype(amounts.dtype)
     return amounts * part.reshape(-1, *(1,) * (amounts.ndim - 1))
+
+
+def bundled(load, bundles):
+    """A load that is settled on groups as one on bundles of them, see `bundles`."""
+    if bundles.plain:
+        return load
+    given = {} if load.part is None else load.part
+    spread = bundles.spread(load.on, {number: given.get(number, _ALL) for number in load.on})
+    part = {number: own for number, own in spread.items() if own is not _ALL}
+    return copy(load, on=tuple(spread), part=part or None)
 
 
 def scattered(nodes, parts, shape, dtype):

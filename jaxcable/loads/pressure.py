@@ -12,7 +12,7 @@ from .. import _check
 from .._rules import Rule, refuse
 from .._tree import Indices, copy, pytree
 from . import faces as _faces
-from .groups import chosen
+from .groups import bundled, chosen, partly
 
 PER = ("current", "unstressed")
 
@@ -59,6 +59,7 @@ class CablePressure:
     axis: object
     on: object = None
     per: str = "current"
+    part: object = None  # of elements of a group, 1 or 0, by its number, put in by the analysis
 
     def __post_init__(self):
         axis = _check.floats(self.axis, "axis")
@@ -98,6 +99,14 @@ class CablePressure:
         """The load with `on` turned into the numbers of its groups."""
         return copy(self, on=chosen(self.on, structure))
 
+    def bundled(self, bundles):
+        """The load on bundles of the groups that it acts on."""
+        if jnp.ndim(self.pressure) == 0:
+            return bundled(self, bundles)
+        spread = bundles.spread(self.on, dict.fromkeys(self.on, self.pressure))
+        (number,) = spread
+        return copy(self, on=(number,), pressure=spread[number])
+
     def scaled(self, factor):
         """The load times `factor`."""
         return copy(self, pressure=factor * self.pressure)
@@ -115,7 +124,7 @@ class CablePressure:
             return None
         count = len(group.links)
         axis = self.axis / _length(self.axis)
-        pressure = jnp.broadcast_to(self.pressure, (count,))
+        pressure = partly(self, number, jnp.broadcast_to(self.pressure, (count,)))
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _parts(self, groups, states, moved):
@@ -123,6 +132,7 @@ class CablePressure:
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
+            pressure = partly(self, number, pressure)
             links = group.links[:, :2]  # not the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 

@@ -109,9 +109,8 @@ def trace_path(
         start = solve(structure, phases[:-1], method, start)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     room = int(steps), int(events)
-    path, n_row, n_event = _trace(
-        task.thawed, task.arrays, task.method, settings, task.code, room, size=task.n_free
-    )
+    core = task.thawed, task.arrays, task.method, settings, task.code
+    path, n_row, n_event = _trace(*core, room, task.bundles, size=task.n_free)
     path = on_nodes(structure, with_peaks(path), ("tension", "peak_tension", "strain"))
     happened = on_nodes(structure, path.events, ("elements",), ("displacement", "mode"))
     if not isinstance(n_row, jax.core.Tracer):
@@ -131,12 +130,12 @@ def _settings(structure, until, down_to, step, largest, tol, through):
     return Settings(*(jnp.asarray(v, dtype) for v in numbers), jnp.asarray(through, bool))
 
 
-@functools.partial(program, static=("room",))
-def _trace(thawed, arrays, method, settings, code, room):
+@functools.partial(program, static=("room", "bundles"))
+def _trace(thawed, arrays, method, settings, code, room, bundles):
     """The compiled core: path and events with room to spare, and the numbers of both."""
     parameters = fill(thawed, arrays)
     code = status.first_failure(code, verdicts(parameters, method, settings)[1][0])
-    nodes, groups, carry, schedule = ready(parameters)
+    nodes, groups, carry, schedule = ready(parameters, bundles)
     # a bracket cannot be closer than neighbouring numbers allow
     closest = 64 * jnp.finfo(settings.tol.dtype).eps
     settings = copy(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
@@ -147,6 +146,8 @@ def _trace(thawed, arrays, method, settings, code, room):
     code = run.code
     factor, own, negative, stiffness, rise, steps, residual, scale = run.rows
     moved, tension, peak, n_slack, n_loose, strain = own
+    tension, peak = bundles.apart(tension, axis=1), bundles.apart(peak, axis=1)
+    strain = None if strain is None else bundles.apart(strain, axis=1)
     reached = jnp.arange(room[0]) < run.n_row
     happened = jnp.arange(room[1]) < run.n_event
 
@@ -201,7 +202,7 @@ def _trace(thawed, arrays, method, settings, code, room):
     events = copy(
         path.events,
         load_factor=known(located(events.kind, noted.factor, noted.point, noted.null), happened),
-        elements=[part & happened[:, None] for part in parts],
+        elements=bundles.apart([part & happened[:, None] for part in parts], axis=1),
     )
     return copy(path, events=events), run.n_row, run.n_event
 

@@ -14,6 +14,7 @@ from .._rules import positive, refuse
 from .._tree import Indices, copy, pytree
 from ..materials import Elastic, Parallel
 from . import capacity, composites, geometry, shapes, strains
+from .linear import Linear
 
 
 @pytree(static=("counts", "placed"), indices=("cells",))
@@ -267,6 +268,13 @@ class Section:
         """Whether any fibre is beyond its curve."""
         each = self._each(self.fibre_strain(e0, ky, kz), None)
         return jnp.any(jnp.concatenate([law.beyond(e) for law, e, _ in each], axis=-1), axis=-1)
+
+    def reduced(self):
+        """The section as an analysis has it: a linear one without fibres, else `continued`."""
+        if not self.is_elastic:
+            return self.continued()
+        torsion = None if self.torsion is None else self.torsional_stiffness()
+        return Linear(self.stiffness(), torsion)
 
     def continued(self):
         """The section for an iteration: its laws go on beyond their ends."""

@@ -1,0 +1,45 @@
+"""A section whose laws are all linear, as an analysis needs it: without fibres, its stiffness."""
+
+import jax.numpy as jnp
+
+from .._tree import pytree
+from ..materials import Elastic
+
+
+@pytree
+class Linear:
+    """What `section.Section` says to an element, if all its laws are linear.
+
+    Attributes:
+        matrix: forces N, My, Mz per (e0, ky, kz), [3, 3], N, N m and N m2.
+        torsion: torsional stiffness, N m2, or None if it is not known.
+    """
+
+    matrix: object
+    torsion: object
+
+    is_elastic = True
+    breaks = False
+    remembers = False
+
+    @property
+    def laws(self):
+        """The one law that axial force sees, over an area of 1 m2."""
+        return (Elastic(self.matrix[0, 0]),)
+
+    def axial(self):
+        """An area, m2, and the law over it: together the axial stiffness."""
+        return jnp.ones_like(self.matrix[0, 0]), *self.laws
+
+    def stiffness(self):
+        """Forces N, My, Mz per (e0, ky, kz), [3, 3]."""
+        return self.matrix
+
+    def torsional_stiffness(self):
+        """Torsional stiffness, N m2."""
+        return self.torsion
+
+    def energy(self, e0, ky, kz, plastic=None):
+        """Stored energy per length, J/m."""
+        strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
+        return 0.5 * jnp.sum(strain * (strain @ self.matrix), axis=-1)

@@ -1,0 +1,41 @@
+"""Sections of one kind with equal numbers of fibres, for elements that share a program."""
+
+import jax
+import numpy as np
+
+from .._tree import copy, joined
+
+
+def sort(section):
+    """What sections have in common that can be made of equal shape, hashable."""
+    laws = [jax.tree.flatten(law) for law in section.laws]
+    # plastic strains are results by fibre: such a section keeps its own
+    counts = section.counts if section.remembers else len(section.counts)
+    own = section.own is None, section.torsion is None
+    return counts, own, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
+
+
+def evened(sections):
+    """Sections of one `sort` with equal numbers of fibres, without the meshes of their pictures."""
+    counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
+    return [_padded(section, counts) for section in sections]
+
+
+def _padded(section, counts):
+    """A section with so many fibres of each law: the last one in equal parts at one place."""
+    section = copy(section, points=None, cells=None, placed=True)
+    if section.counts == counts:
+        return section
+    pieces = [wanted - count + 1 for wanted, count in zip(counts, section.counts, strict=True)]
+
+    def spread(values, shared):
+        parts, start = [], 0
+        for count, n in zip(section.counts, pieces, strict=True):
+            last = values[start + count - 1 : start + count]
+            parts += [values[start : start + count - 1], *[last / n if shared else last] * n]
+            start += count
+        return joined(parts)
+
+    own = None if section.own is None else spread(section.own, True)
+    places = {name: spread(getattr(section, name), False) for name in ("y", "z")}
+    return copy(section, area=spread(section.area, True), own=own, counts=counts, **places)

@@ -1,0 +1,309 @@
+"""Groups that are evaluated together: against the same analysis with every group by itself.
+
+The oracle is the program itself without bundles (`_sort` made the number of the group), which all
+other tests of groups hold. Sums at nodes go through elements in another order: a few roundings.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import jaxcable as jc
+from jaxcable import bundles, status
+from jaxcable._tree import copy
+from jaxcable.bundles import Bundles
+from jaxcable.energy import energy_balance
+
+NEAR = 1e-9  # of the largest value of its kind: two iterations that end in one equilibrium
+
+
+@pytest.fixture
+def alone(monkeypatch):
+    """A function that calls another one with every group evaluated by itself."""
+
+    def call(function, *arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(bundles, "_sort", lambda number, group: number)
+            return function(*arguments)
+
+    return call
+
+
+def results(solution):
+    """A solution without what only the next analysis reads."""
+    return copy(solution, last=copy(solution.last, carry=None))
+
+
+def assert_same(found, expected, near=NEAR):
+    """Equal trees to the rounding of two iterations, and not trivially."""
+    if isinstance(found, jc.Solution):
+        states = [own.last.carry.states for own in (found, expected)]
+        for a, b in zip(*states, strict=True):
+            assert_allclose(a.rest_length, b.rest_length, rtol=near)
+            assert_allclose(a.loaded, b.loaded, rtol=near)
+        found, expected = results(found), results(expected)
+    found, expected = jax.tree.flatten(found), jax.tree.flatten(expected)
+    assert found[1] == expected[1]
+    count = 0
+    for a, b in zip(found[0], expected[0], strict=True):
+        a, b = np.asarray(a), np.asarray(b)
+        assert a.shape == b.shape
+        if a.dtype.kind == "f":
+            there = np.isfinite(b)
+            scale = np.abs(b[there]).max(initial=0.0)
+            assert_allclose(a, b, rtol=0, atol=near * max(scale, 1e-12))
+            count += there.sum()
+        else:
+            assert (a == b).all()
+    assert count > 0
+
+
+NODES = np.array(
+    [
+        *([-4, -4, -0.5], [0, -4, 1], [4, -4, 0], [-4, 0, -1], [0.3, 0.2, 0]),
+        *([4, 0, -1], [-4, 4, 0], [0, 4, 1], [4, 4, 0.5], [2, 2, 0.2]),
+    ],
+    float,
+)
+EDGE = [0, 1, 2, 3, 5, 6, 7, 8]
+
+
+def net(law=None, **first):
+    """Cables in three groups, bars between the first two of them, and a rope."""
+
+    def own(factor):
+        if law is None:
+            return {"axial_stiffness": 1e5 * factor}
+        return {"area": 1e-4 * factor, "law": law(factor)}
+
+    elements = {
+        "a": jc.Cables([[1, 4], [4, 7], [9, 7]], **own(1.0), **first),
+        "strut": jc.Bars([[4, 9]], axial_stiffness=3e5, weight=4.0),
+        "b": jc.Cables([[3, 4], [4, 5], [9, 5]], **own(2.0), expansion=1e-5),
+        "c": jc.Cables([[0, 4], [9, 8]], **own(0.5), weight=7.0),
+    }
+    return jc.Structure(NODES, elements, supports=jc.pinned(EDGE))
+
+
+def stages():
+    """Statements that differ from group to group, and loads on some elements of some."""
+    first = jc.Phase(
+        pretension={"a": 300.0, "b": None, "c": jc.only([1], 250.0), "strut": None},
+        prestrain={"a": None, "b": [2e-3, 3e-3, 2.5e-3], "c": None, "strut": None},
+        loads=jc.SelfWeight(),
+        increments=2,
+    )
+    second = jc.Phase(
+        jacking={"a": jc.only([0], 500.0), "b": None, "c": None, "strut": None},
+        temperature={"a": None, "b": 40.0, "c": None, "strut": None},
+        loads=[
+            jc.LineLoads((0.0, 0.0, -30.0), on="b", elements=jc.only([2]), per="projected"),
+            jc.LineLoads((5.0, 0.0, -10.0), on="c", per="initial", geometry="begun"),
+            jc.CablePressure(12.0, axis=(0.0, 1.0, 0.0), on="a"),
+            jc.CablePressure(np.array([3.0, 0.0, -2.0]), axis=(1.0, 0.0, 0.0), on="b"),
+        ],
+        increments=3,
+    )
+    third = jc.Phase(
+        shortening={"a": 1e-3, "b": None, "c": [0.0, 2e-3], "strut": None},
+        loads=jc.NodalLoads([4], (0.0, 0.0, -200.0)),
+    )
+    return [first, second, third]
+
+
+def test_sorts():
+    groups = net().rows()[1]
+    # dictionaries are in the order of their keys: a, b, c, strut
+    assert Bundles.of(groups).members == ((0, 1, 2), (3,))
+    other = net(compliance=1e-7).rows()[1]  # a spring, which the others do not have
+    assert Bundles.of(other).members == ((0,), (1, 2), (3,))
+    one = jc.Structure(NODES[[1, 4, 7]], jc.Cables([[0, 1], [1, 2]], 1e5), jc.pinned([0, 2]))
+    assert Bundles.of(one.rows()[1]).plain
+
+
+def test_every_statement_and_load(alone):
+    structure, phases = net(), stages()
+    found, expected = jc.solve(structure, phases), alone(jc.solve, structure, phases)
+    assert found.status == expected.status == status.OK
+    assert_same(found, expected)
+    assert float(jnp.max(jnp.abs(found.displacement))) > 0.01
+
+
+def test_goes_on(alone):
+    """Continued with groups that cannot be evaluated together any more, and the other way round."""
+    structure, phases = net(), stages()
+    apart = net(compliance=1e-9)
+    for before, after in ((structure, structure), (structure, apart), (apart, structure)):
+
+        def chain(before=before, after=after):
+            start = jc.solve(before, phases[:2])
+            return start.status, jc.solve(after, phases[2:], start=start)
+
+        found, expected = chain(), alone(chain)
+        assert found[0] == found[1].status == status.OK
+        assert_same(found[1], expected[1])
+
+
+@pytest.mark.parametrize("unloading", ["reversible", "elastic"])
+def test_laws_of_one_kind(alone, unloading):
+    def law(factor):
+        strain = np.array([0.0, 1.5e-3, 0.02]) * (1 + 0.1 * factor)
+        return jc.Polygonal(strain, np.array([0.0, 3e6, 6e6]), unloading)
+
+    structure = net(law)
+    assert len(Bundles.of(structure.rows()[1]).members) == 2
+    loads = jc.NodalLoads([4, 9], (0.0, 20.0, -150.0))
+    phases = [
+        jc.Phase(pretension={"a": 150.0, "b": 200.0, "c": 50.0, "strut": None}),
+        jc.Phase(loads=loads, increments=4),
+        jc.Phase(loads=loads.scaled(-0.8), increments=2),
+    ]
+    if unloading == "elastic":
+        phases[0] = jc.Phase(prestrain={"a": 1.2e-3, "b": 1e-3, "c": 5e-4, "strut": None})
+    found, expected = jc.solve(structure, phases), alone(jc.solve, structure, phases)
+    assert found.status == expected.status == status.OK
+    assert_same(found, expected)
+    works = energy_balance(structure, phases, found)
+    assert_same(works, alone(energy_balance, structure, phases, found))
+
+
+def mast(sections, **more):
+    """A mast of two kinds of beam, one end of which turns, and its guys."""
+    nodes = np.array([[0, 0, z] for z in range(5)] + [[3, 0, 0], [-2, 2, 0], [-2, -2, 0]], float)
+    hinges = np.zeros((2, 2), bool)
+    hinges[0, 0] = True
+    elements = [
+        jc.Beams([[0, 1], [1, 2]], section=sections[0], up=(1.0, 0, 0), hinges=hinges, **more),
+        jc.Beams([[2, 3], [3, 4]], section=sections[1], up=(1.0, 0, 0), weight=50.0, **more),
+        jc.Cables([[4, k] for k in (5, 6, 7)], 2e6),
+        jc.Cables([[2, k] for k in (5, 6, 7)], 1e6),
+    ]
+    held = np.zeros((8, 6), bool)
+    held[0], held[1, 5], held[5:] = True, True, True  # the foot turns, but not about z
+    return jc.Structure(nodes, elements, jc.Supports(held))
+
+
+def sections(sort):
+    elastic = jc.Elastic(70e9), jc.Elastic(200e9)
+    if sort == "elastic":
+        shapes = (4, 4), (6, 3)
+        return [
+            jc.Section.rectangle(0.05, 0.08 + 0.01 * k, law, shape=shape)
+            for k, (law, shape) in enumerate(zip(elastic, shapes, strict=True))
+        ]
+    unloading = "elastic" if sort == "plastic" else "reversible"
+    points = np.array([-0.02, -1e-3, 0.0, 1e-3, 0.02])
+    laws = [
+        jc.Polygonal(points, f * np.array([-90e6, -70e6, 0, 70e6, 90e6]), unloading) for f in (1, 2)
+    ]
+    counts = (4, 4) if sort == "plastic" else (4, 6)  # fibres of what remembers are results
+    return [
+        jc.Section.rectangle(0.05, 0.08, law, shape=(3, n))
+        for law, n in zip(laws, counts, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("sort", ["elastic", "points", "plastic"])
+def test_sections_of_one_kind(alone, sort):
+    structure = mast(sections(sort))
+    assert len(Bundles.of(structure.rows()[1]).members) == 2
+    wind = jc.LineLoads((200.0, 50.0, 0.0), on=1, per="initial")
+    tip = jc.NodalLoads([4], (900.0, 0.0, -500.0))
+    phases = [
+        jc.Phase(prestrain=[None, None, 1e-4, 2e-4], loads=jc.SelfWeight()),
+        jc.Phase(loads=[wind, tip], increments=2),
+    ]
+    found, expected = jc.solve(structure, phases), alone(jc.solve, structure, phases)
+    assert found.status == expected.status == status.OK
+    assert_same(found, expected)
+
+
+def test_paths(alone):
+    """Events name elements of their own groups."""
+    structure = net()
+    phases = [
+        jc.Phase(pretension={"a": 300.0, "b": 200.0, "c": 100.0, "strut": None}),
+        jc.Phase(loads=jc.NodalLoads([4], (300.0, 0.0, -900.0))),
+    ]
+    found, expected = jc.trace_path(structure, phases), alone(jc.trace_path, structure, phases)
+    assert found.status == expected.status == status.OK
+    assert len(found.events) > 0
+    assert (found.events.kind == expected.events.kind).all()
+    for own, other in zip(
+        *map(jax.tree.leaves, (found.events.elements, expected.events.elements)), strict=True
+    ):
+        assert (np.asarray(own) == np.asarray(other)).all()
+    assert_allclose(found.events.load_factor, expected.events.load_factor, rtol=1e-7)
+    assert_allclose(found.load_factor[-1], expected.load_factor[-1], rtol=1e-9)
+
+
+def test_gradients(alone):
+    """By the stiffness of one group, the prestress of another, the law that a third one has."""
+
+    def height(numbers):
+        stiffness, prestress, modulus = numbers
+        structure = net(lambda factor: jc.Elastic(modulus * factor))
+        b = jc.replace(structure.elements["b"], area=1e-4 * stiffness * jnp.ones(3))
+        structure = jc.replace(structure, elements={**structure.elements, "b": b})
+        first = jc.Phase(pretension={"a": prestress, "b": 200.0, "c": 100.0, "strut": None})
+        loads = jc.Phase(loads=[jc.SelfWeight(), jc.NodalLoads([4], (0.0, 0.0, -90.0))])
+        solution = jc.solve(structure, [first, loads])
+        return solution.displacement[4, 2] + 1e-3 * solution.tension["c"][0]
+
+    at = 2.0, 300.0, 1e9
+    found, expected = jax.grad(height)(at), alone(jax.grad(height), at)
+    assert_allclose(found, expected, rtol=1e-9)
+    assert np.all(np.asarray(found) != 0)
+    cases = tuple(jnp.stack([x, 1.1 * x]) for x in map(jnp.asarray, at))
+    assert_allclose(jax.vmap(height)(cases)[0], height(at), rtol=1e-9)
+
+
+def test_traced_law_keeps_its_rules():
+    """A modulus that is no stiffness, traced, in one group of a bundle: a status and no number."""
+
+    @jax.jit
+    def analyse(E):
+        laws = iter([jc.Elastic(1e9), jc.Elastic(E), jc.Elastic(2e9)])
+        structure = net(lambda factor: next(laws))
+        return jc.solve(
+            structure, jc.Phase(pretension={"a": 9.0, "b": 9.0, "c": 9.0, "strut": None})
+        ).status
+
+    assert analyse(1e9) == status.OK
+    assert analyse(-1e9) == status.INVALID_INPUT
+
+
+def test_what_is_compiled_once():
+    """Ten groups of cables are hardly more than one, and two of beams: lines of StableHLO."""
+
+    def lines(structure, phase):
+        return jax.jit(lambda own: jc.solve(own, phase)).lower(structure).as_text().count("\n")
+
+    whole = jc.scenes.hypar_net().structure
+    links = whole.elements.links.array
+
+    def cut(n):
+        parts = np.array_split(links, n)
+        cables = [jc.Cables(part, 1e6 * (1 + k), weight=5.0) for k, part in enumerate(parts)]
+        return jc.Structure(whole.nodes, cables, supports=whole.supports)
+
+    phase = jc.Phase(pretension=1e3, loads=jc.SelfWeight())
+    assert lines(cut(10), phase) < 1.1 * lines(cut(1), phase)
+    load = jc.Phase(loads=jc.NodalLoads([4], (90.0, 0.0, 0.0)))
+    two = mast(sections("elastic"))
+    one = jc.replace(
+        two,
+        elements=[
+            jc.Beams(
+                np.concatenate([g.links.array for g in two.elements[:2]]),
+                section=sections("elastic")[0],
+                up=(1.0, 0, 0),
+                weight=50.0,
+                hinges=np.pad(two.elements[0].hinges.array[..., 0], ((0, 2), (0, 0))),
+            ),
+            *two.elements[2:],
+        ],
+    )
+    assert lines(two, load) < 1.15 * lines(one, load)
