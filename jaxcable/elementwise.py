@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from .elements.prestress import element
+from .elements.prestress import element, of_each
 
 
 class Elementwise:
@@ -56,26 +56,30 @@ class Elementwise:
         """Whether any element can be strained beyond its curve."""
         return any(group.breaks for group in self.groups)
 
-    def beyond(self, motion):
-        """Whether any element is strained beyond its curve."""
-        return jnp.any(self.broken(motion))
+    def strains(self, motion):
+        """Strains of what has fibres or a law, a list with an array for every group, or None."""
+        return self.reading(motion, "section_strain")["section_strain"]
 
-    def broken(self, motion):
+    def broken(self, strains):
         """Elements strained beyond their curve, all groups one after the other, bool."""
         return jnp.concatenate(
             [
-                each("beyond", group, state, self.nodes, motion)
+                of_each("beyond", group, strain)
                 if group.breaks
                 else jnp.zeros(len(group.links), bool)
-                for group, state in zip(self.groups, self.states, strict=True)
+                for group, strain in zip(self.groups, strains, strict=True)
             ]
         )
 
-    def settle(self, motion):
-        """Plastic strains after an increment that ended here, per group, or None."""
+    def beyond(self, motion):
+        """Whether any element is strained beyond its curve."""
+        return jnp.any(self.broken(self.strains(motion)))
+
+    def settle(self, strains):
+        """Plastic strains after an increment that ended with these strains, per group, or None."""
         return [
-            each("settle", group, state, self.nodes, motion) if group.remembers else None
-            for group, state in zip(self.groups, self.states, strict=True)
+            of_each("settle", group, strain, state.plastic) if group.remembers else None
+            for group, state, strain in zip(self.groups, self.states, strains, strict=True)
         ]
 
     def length_scale(self):
@@ -107,7 +111,7 @@ def _has(group, state, name):
     if name == "peak_tension":
         return hasattr(group, name) and state.line_load is not None
     if name == "section_strain":
-        return getattr(group, "section", None) is not None or group.breaks
+        return getattr(group, "section", None) is not None or group.breaks or group.remembers
     return name != "section_forces" or group.n_freedom == 6
 
 

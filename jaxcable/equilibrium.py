@@ -29,6 +29,7 @@ of lengths), hence the iteration converges from any start, until the rounding of
 themselves (EA eps) shows in the residual.
 """
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -37,6 +38,7 @@ from ._rules import Rule, refuse
 from ._tree import copy, pytree
 from .iteration import Task, limit, no_stiffness
 from .newton_step import WORTH, largest
+from .reading import read
 
 
 @pytree(static=("linear_solver", "watch"))
@@ -150,19 +152,29 @@ def newton(system, x, method, active, memory=None, judge=False):
     """
     if memory is None:
         memory = linear.no_memory(system.freedoms.pattern, x.dtype)
+    end = _iterated(system, x, method, active, memory, judge)
+    # the iteration follows curves beyond their ends, an answer does not
+    broken = system.breaks and system.beyond(system.motion(end.x))
+    return _outcome(end, x, active, broken, memory), end.memory
+
+
+def _iterated(system, x, method, active, memory, judge):
+    """The `iteration.Iterate` in which Newton's method ends."""
     task = Task(system, x, method, judge)
-    end = lax.while_loop(lambda it: active & ~it.done, task.turn, task.start(memory))
+    return lax.while_loop(lambda it: active & ~it.done, task.turn, task.start(memory))
+
+
+def _outcome(end, x, active, broken, memory):
+    """`Outcome` of an iteration from `x`; `broken`: whether it ended beyond a curve."""
     code = jnp.maximum(end.code, status.OK)
-    if system.breaks:  # the iteration follows curves beyond their ends, an answer does not
-        broken = active & (code != status.NONFINITE) & system.beyond(system.motion(end.x))
-        code = jnp.where(broken, status.MATERIAL_FAILURE, code)
+    broken = active & (code != status.NONFINITE) & broken
+    code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
     x = jnp.where(good, end.x, x)
     count = end.steps if memory is None else end.memory.count - memory.count
     # nothing is evaluated after a failure
     residual = jnp.where(active, largest(end.residual), jnp.nan)
-    outcome = Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
-    return outcome, end.memory
+    return Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
 
 
 def is_stable(system, x):
@@ -173,33 +185,72 @@ def is_stable(system, x):
     return system.convex | linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
 
 
-def march(ramp, x, increments, method, code, memory, tell=None):
+def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
     """Bring a phase to equilibrium at each load factor in turn, each from the one before.
 
     Args:
         ramp: the phase, `ramp.at(factor)` a `System`; not differentiated.
         x: start, a point of the system.
-        increments: load factors, and which of them there are, both [n_inc]; others pass by.
+        increments: load factors, and which of them there are, both [1 + n_inc]; others pass by. The
+            first is 0: there is nothing to solve, but to read.
         method: `Newton`.
         code: status so far; if it is a failure, or from the first failure on, nothing moves.
         memory: as for `newton`.
+        seen: `Reading` of the last good increment.
+        fresh: whether there is none, so that the start is read.
         tell: function of a load factor and its `Outcome` that is called after each, or None.
 
     Returns:
-        Points, [n_inc, ...]; the log of each (`Outcome.log`), codes latched; and the memory.
+        Points, [1 + n_inc, ...]; the log of each (`Outcome.log`), codes latched; `Reading`s, each
+        that of the last good increment; the last of these; plastic strains at the end; and the
+        memory.
     """
+    begun = ramp.begun()
 
     def step(carry, increment):
-        x, code, plastic, memory = carry
+        x, code, plastic, memory, seen = carry
         factor, live = increment
         system, judge = ramp.at(factor, plastic), method.watch | (factor == 1)
-        outcome, memory = newton(system, x, method, live & (code == status.OK), memory, judge)
+        active = live & (code == status.OK)
+        end = _iterated(system, x, method, active, memory, judge)
+        begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
+        motion, broken = jnp.where(begins, ramp.begin.motion, system.motion(end.x)), False
+        new = lax.cond(
+            begins | ended,
+            lambda: read(_as_begun(system, begun, factor), motion),
+            lambda: seen,
+        )
+        if system.breaks:
+            broken = jnp.any(system.broken(new.section_strain))
+        outcome = _outcome(end, x, active, broken, memory)
+        if system.breaks:
+            new = _where(begins | outcome.equilibrated, new, seen)
         code = status.first_failure(code, outcome.code)
-        plastic = ramp.settle(system, outcome.x, outcome.equilibrated, plastic)
+        if plastic is not None:
+            plastic = ramp.settle(system, new.section_strain, outcome.equilibrated, plastic)
         outcome = copy(outcome, code=code)
         if tell is not None:
             lax.cond(live, lambda: tell(factor, outcome), lambda: None)
-        return (outcome.x, code, plastic, memory), (outcome.x, outcome.log)
+        carry = outcome.x, code, plastic, end.memory, new
+        return carry, (outcome.x, outcome.log, new.of_path)
 
-    (*_, memory), (xs, log) = lax.scan(step, (x, code, ramp.plastic, memory), increments)
-    return xs, log, memory
+    start = x, code, ramp.plastic, memory, seen
+    (_, _, plastic, memory, seen), (xs, log, rows) = lax.scan(step, start, increments)
+    return xs, log, rows, seen, plastic, memory
+
+
+def _as_begun(system, begun, factor):
+    """The system, but at the load factor 0 that in which the phase begins, if its end is NaN."""
+    states = []
+    for now, then in zip(system.states, begun.states, strict=True):
+        if now.held is not None:
+            held = jnp.ones(now.held.shape, bool) if now.jacked is None else now.jacked
+            now = copy(now, jacked=held)
+            then = copy(then, held=jnp.zeros_like(now.held), jacked=jnp.zeros_like(held))
+        states.append(_where(factor > 0, now, then))
+    return copy(system, states=states)
+
+
+def _where(condition, new, old):
+    """`new` where the condition holds, else `old`; pytrees."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)

@@ -156,7 +156,9 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     steps = jnp.where(active, steps, 0)
     # where the energy is not convex the solver asks at the end of the phase
     outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
-    return outcome, ramp.settle(system, x, good, plastic)
+    if plastic is not None:
+        plastic = ramp.settle(system, system.strains(system.motion(x)), good, plastic)
+    return outcome, plastic
 
 
 def _step(system, x, ramp, method):

@@ -184,12 +184,14 @@ class Ramp:
         now = self._loaded(self.begin.motion, self.states(factor, plastic), factor)
         return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
 
-    def settle(self, system, x, ok, plastic):
-        """Plastic strains after an increment that ended at `x`; as they were unless `ok`."""
-        if plastic is None:
-            return None
-        after = system.settle(system.motion(x))
+    def settle(self, system, strains, ok, plastic):
+        """Plastic strains after an increment that ended so; as they were unless `ok`."""
+        after = system.settle(strains)
         return jax.tree.map(lambda new, old: jnp.where(ok, new, old), after, plastic)
+
+    def begun(self):
+        """The system that the phase begins with, of which supports are not asked."""
+        return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
 
     def leave(self, factor, motion, plastic=None):
         """What the phase leaves when it ends at `factor`; anchors the jacks."""

@@ -3,9 +3,10 @@
 import jax
 import jax.numpy as jnp
 
-from ._tree import copy, pytree
+from ._tree import copy, fill, pytree, thaw
 from .elementwise import each
 from .ramp import make_system
+from .rooted import told
 from .solution import State
 from .topology import topology_of
 
@@ -41,16 +42,22 @@ class Reached:
         return jax.tree.map(lambda a, b: jnp.where(factor > 0, a, b), new, self)
 
 
-def state_of(frame, carry, point, reached, schedule):
+def system_of(frame, carry, reached, schedule):
+    """The system in which an analysis stands, of which only what supports hold is asked."""
+    freedoms = copy(schedule.freedoms.held, **reached.held)
+    return make_system(*frame, carry, None, freedoms)
+
+
+def state_of(frame, carry, point, reached, schedule, seen=None):
     """The `State` that a carry stands for, rows of motion put onto their nodes.
 
     `point` are its motion without what has no derivative, and the marks of that
-    (`implicit.attach_apart`), or None.
+    (`implicit.attach_apart`), or None; `seen` is the `Reading` there, without derivatives, if at
+    hand.
     """
     nodes, groups = frame
-    freedoms = copy(schedule.freedoms.held, **reached.held)
-    system = make_system(nodes, groups, carry, None, freedoms)
-    (motion, marks), n_node = point, schedule.n_node
+    system = system_of(frame, carry, reached, schedule)
+    (motion, marks), n_node, freedoms = point, schedule.n_node, system.freedoms
     turns = motion.shape[1] > 3
     beside, within = _marked(groups, marks)
 
@@ -61,8 +68,10 @@ def state_of(frame, carry, point, reached, schedule):
         return jnp.zeros_like(values[:n_node]).at[freedoms.rows].add(values)
 
     displacement = carry.motion[:n_node, :3]
-    names = ("tension", "peak_tension", "end_forces") + (("section_forces",) if turns else ())
-    read = system.reading(motion, *names)
+    if seen is None:
+        read = _read(thaw((system, motion)))
+    else:
+        read = told(_read, {name: getattr(seen, name) for name in _OF_END}, thaw((system, motion)))
     reactions = summed(system.reactions(motion, read["end_forces"]))
     load = summed(_acting(system, motion))
     state = State(
@@ -86,6 +95,17 @@ def state_of(frame, carry, point, reached, schedule):
         reaction_moments=reactions[:, 3:],
         section_forces=within(read["section_forces"]),
     )
+
+
+_OF_END = ("tension", "peak_tension", "end_forces", "section_forces")
+
+
+def _read(problem):
+    """What the end of a phase has of its elements, by name, from a system and a motion."""
+    system, motion = fill(*problem)
+    names = _OF_END if system.turning else _OF_END[:-1]
+    found = system.reading(motion, *names)
+    return {name: found.get(name, [None] * len(system.groups)) for name in _OF_END}
 
 
 def _marked(groups, marks):
@@ -117,21 +137,6 @@ def _acting(system, motion):
             slid = each("slid", group, state, system.nodes, motion)
             load = load.at[group.links, :3].add(slid)
     return load
-
-
-def row_of(ramp, system, x):
-    """One increment of a path."""
-    motion = system.motion(x)
-    names = ("tension", "peak_tension", "section_strain", "is_slack")
-    tension, peak, strain, slack = system.reading(motion, *names).values()
-    n_slack = sum(jnp.sum(own) for own in slack)
-    n_loose = jnp.sum(system.loose_nodes(motion, slack))
-    moved = motion - ramp.begin.motion
-    if motion.shape[1] > 3:
-        moved = moved[:, :3]
-    if all(own is None for own in strain):
-        strain = None
-    return moved, tension, peak, n_slack, n_loose, strain
 
 
 def with_peaks(part):

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.extend.core import Primitive
+from jax.flatten_util import ravel_pytree
 from jax.interpreters import ad, batching, mlir
 
 _ROOT = Primitive("rooted")
@@ -28,7 +29,8 @@ def rooted(function, root, parameters, tangent_solve):
         function: ``f(x, p)``, an array as `x`; it depends on nothing else that is traced.
         root: where it is zero, an array; its own derivative does not count.
         parameters: p, a pytree.
-        tangent_solve: function of p, a linear function and a right side that solves.
+        tangent_solve: function of p, a linear function and a right side that solves; None where
+            ``f_x`` is one.
     """
     leaves, tree = jax.tree.flatten(parameters)
 
@@ -36,11 +38,26 @@ def rooted(function, root, parameters, tangent_solve):
         return function(x, tree.unflatten(leaves))
 
     def solver(x, rhs, *leaves):
+        if tangent_solve is None:
+            return rhs
         _, linear = jax.linearize(lambda x: equation(x, *leaves), x)
         return tangent_solve(tree.unflatten(leaves), linear, rhs)
 
     leaves = map(jnp.asarray, leaves)
     return _ROOT.bind(lax.stop_gradient(root), *leaves, equation=equation, solver=solver)
+
+
+def told(function, values, parameters):
+    """Return what a function gives, which is known already; traced for derivatives only.
+
+    Args:
+        function: of the parameters, a tree of floats of one dtype; it depends on nothing else that
+            is traced.
+        values: what it gives, likewise; their own derivatives do not count.
+        parameters: a pytree.
+    """
+    flat, back = ravel_pytree(values)
+    return back(rooted(lambda x, p: x - ravel_pytree(function(p))[0], flat, parameters, None))
 
 
 @_ROOT.def_impl

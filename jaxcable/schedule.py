@@ -44,8 +44,8 @@ class Schedule:
 
     @property
     def factors(self):
-        """Load factors of all increments, [n_phase, n_inc]; above 1 where a phase has fewer."""
-        numbers = np.arange(1, max(self.increments) + 1)
+        """Load factors from 0 on, [n_phase, 1 + n_inc]; above 1 where a phase has fewer."""
+        numbers = np.arange(max(self.increments) + 1)
         return numbers / np.array(self.increments)[:, None]
 
     @property

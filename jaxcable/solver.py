@@ -1,21 +1,22 @@
 """`solve`: the phases of an analysis one after the other, each in increments by `lax.scan`."""
 
-import dataclasses
 import functools
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from . import equilibrium, implicit, incremental, linear, plausibility, status
+from . import implicit, linear, plausibility, status
 from ._tree import copy, fill, pytree
 from .compilation import program
 from .equilibrium import Newton
+from .one_phase import run_phase
 from .preparation import exact, prepare, ready, verdicts
 from .progress import Increment, listener, tell
 from .ramp import Ramp, knowing
-from .results import PER_ELEMENT, Reached, arranged, row_of, state_of
-from .solution import LOG, PER_PHASE, Path, PhaseResult, PhaseResults, Solution
+from .reading import read
+from .results import PER_ELEMENT, Reached, arranged, state_of, system_of
+from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution
 
 
 def solve(structure, phases=None, method=None, start=None, differentiate_path=False, progress=None):
@@ -101,26 +102,31 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
         ramp = Ramp.build(*implicit.gate(sane, problem))
         memory = run.memory if schedule.changes is None else linear.forgotten(run.memory)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
-        code, stable, carry, point, factor, path, log, memory = _run_phase(
-            ramp, before, steps, method, code, differentiate_path, memory, tell
-        )
-        path = copy(path, displacement=path.displacement[:, : schedule.n_node])
-        reached = run.reached.after(data, factor)
-        end = _unless(sound, state_of(frame, carry, point, reached, schedule), touched)
+        fresh = run.reached.number < 0
+        given = method, code, differentiate_path, memory, run.seen, fresh, tell
+        done = run_phase(ramp, before, steps, *given)
+        code, carry = done.code, done.carry
+        path = copy(done.path, displacement=done.path.displacement[:, : schedule.n_node])
+        reached = run.reached.after(data, done.factor)
+        end = state_of(frame, carry, done.point, reached, schedule, done.seen)
+        end = _unless(sound, end, touched)
         moved = end.displacement - run.carry.motion[: schedule.n_node, :3]
         result = _unless(code == status.OK, copy(end, displacement=moved), touched)
         result = {name: getattr(result, name) for name in PER_PHASE}
-        began = _plastic(ramp.begin)
+        began = [state.plastic for state in ramp.begin.states]
+        began = None if all(own is None for own in began) else began
         result = PhaseResult(status=None, stable=None, path=None, began=began, **result)
-        run = _Run(code, stable, copy(carry, loads=None), end, memory, reached)
-        return run, (result, path, log)
+        left = copy(carry, loads=None)
+        run = _Run(code, done.stable, left, end, done.memory, reached, done.seen)
+        return run, (result, path, done.log)
 
-    memory = linear.no_memory(schedule.freedoms.pattern, nodes.dtype)
-    memory = memory if isinstance(method, Newton) else None
     start, reached = copy(carry, loads=None), Reached.none(schedule, nodes.dtype)
-    end = jax.eval_shape(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
-    end = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), end)
-    run = _Run(code, jnp.zeros((), bool), start, end, memory, reached)
+    end = _blank(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
+    memory = seen = None
+    if isinstance(method, Newton):
+        memory = linear.no_memory(schedule.freedoms.pattern, nodes.dtype)
+        seen = _blank(lambda: read(system_of(frame, carry, reached, schedule), carry.motion))
+    run = _Run(code, jnp.zeros((), bool), start, end, memory, reached, seen)
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.undifferentiated(paths, parameters)
@@ -138,6 +144,11 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
         **{name: getattr(final, name) for name in (*PER_PHASE, "load")},
     )
+
+
+def _blank(function):
+    """Zeros in place of what a function gives."""
+    return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
 def _given(parameters):
@@ -163,6 +174,7 @@ class _Run:
         end: the `State` that it stands for.
         memory: of sparse solves, see `linear.solve_next`.
         reached: `results.Reached`.
+        seen: `Reading` of the last good increment.
     """
 
     code: object
@@ -171,6 +183,7 @@ class _Run:
     end: object
     memory: object
     reached: object
+    seen: object
 
 
 def _unless(ok, end, touched):
@@ -197,123 +210,6 @@ def _teller(listen, phases):
         tell(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
 
     return news
-
-
-def _run_phase(ramp, before, steps, method, code, differentiate_path, memory, teller):
-    """One phase: status, stability, carry and point at its end, load factor, path, log, memory.
-
-    `before` is the carry that it begins with, `steps` the number of its increments and the load
-    factors of all, those beyond 1 for phases with more of them.
-    """
-    count, factors = steps
-    dtype, converges = ramp.begin.motion.dtype, isinstance(method, Newton)
-    live = factors <= 1
-    factors = jnp.minimum(factors, 1)  # what passes by stays at the end, and is cut off in results
-    if converges:
-        frozen = lax.stop_gradient(ramp)
-        start = frozen.at(factors[0]).unknowns(frozen.begin.motion)
-        xs, log, memory = equilibrium.march(
-            frozen, start, (factors, live), method, code, memory, teller
-        )
-    else:
-        start = ramp.at(factors[0]).unknowns(ramp.begin.motion)
-        xs, log = incremental.march(ramp, start, (factors, live), method, code, teller)
-    code = log[-1, 0].astype(jnp.int32)
-    good = (log[:, 0] == status.OK) & live
-    n_good = jnp.sum(good)
-    valid, factor = n_good > 0, (n_good / count).astype(dtype)
-    x = xs[-1]  # the point stays where it was when an increment fails
-    if converges:
-        ramp = implicit.gate(valid, ramp)
-    plastic, bare, marks = None, x, None
-    if ramp.plastic is not None:
-        rows, plastic, x = _follow(ramp, factors, xs, good, converges)
-        bare = x
-    else:
-        if converges:
-            tol, worth = equilibrium.adjoint_effort(method, ramp.at(factor), dtype)
-            x, bare, marks = implicit.attach_apart(ramp.at(factor), x, valid, memory, tol, worth)
-            if differentiate_path:
-                attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
-                xs = attach(factors, xs, good)
-        # derivatives of rows that nobody has asked for are not even traced
-        seen = ramp if differentiate_path or not converges else frozen
-        rows = jax.vmap(lambda f, x: row_of(seen, seen.at(f), x))(factors, xs)
-    carry, bare = _end(ramp, factor, (x, bare), valid, before, plastic)
-    path, counts = _path(rows, good, good | ~live)
-    if carry.motion.shape[1] > 3:  # else displacements say it all
-        path = copy(path, motion=jnp.where(good[:, None, None], xs, jnp.nan))
-    stable = LOG.index("stable")
-    if not converges:
-        end, here = lax.stop_gradient((ramp.at(factor, plastic), x))
-        judged = equilibrium.is_stable(end, here) & (code == status.OK)
-        log = log.at[count - 1, stable].set(judged.astype(dtype))
-    log = lax.stop_gradient(jnp.concatenate([log, counts.astype(dtype)], axis=1))
-    stable = jnp.take(log[:, stable], count - 1) > 0
-    return code, stable, carry, (bare, marks), factor, path, log, memory
-
-
-def _follow(ramp, factors, xs, good, converges):
-    """Go through the increments of a phase with memory again, to differentiate them.
-
-    Every increment depends on the plastic strains that the one before left, so that the end of the
-    phase is not one implicit function, but each increment is. Their points are known by now.
-    """
-
-    @jax.checkpoint
-    def step(carry, increment):
-        plastic, last = carry
-        factor, x, ok = increment
-        system = ramp.at(factor, plastic)
-        if converges:
-            x = implicit.attach(system, x, ok)
-        last = jnp.where(ok, x, last)
-        return (ramp.settle(system, x, ok, plastic), last), row_of(ramp, system, x)
-
-    start = (ramp.plastic, lax.stop_gradient(xs[0]))
-    (plastic, last), rows = lax.scan(step, start, (factors, xs, good))
-    return rows, plastic, last
-
-
-def _end(ramp, factor, points, valid, before, plastic=None):
-    """Carry at the end of a phase; that `before` it if it has no good increment.
-
-    Of two points, see `implicit.attach_apart`; and the motion of the second.
-    """
-    motion, bare = map(ramp.at(factor, plastic).motion, points)
-    after = copy(ramp.leave(factor, motion, plastic), loads=None), bare
-    before = copy(before, loads=None), before.motion
-    carry, bare = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
-    return copy(carry, loads=ramp.begin.loads), bare
-
-
-def _plastic(carry):
-    """Plastic strains of a carry, per group, or None."""
-    plastic = [state.plastic for state in carry.states]
-    return None if all(p is None for p in plastic) else plastic
-
-
-def _path(rows, good, finite):
-    """The increments of a phase: `Path`, NaN unless `finite`, and counts [n_inc, 2]."""
-    displacement, tension, peak, n_slack, n_loose, strain = rows
-
-    def known(x):
-        return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
-
-    path = Path(*(None,) * len(dataclasses.fields(Path)))
-    path = copy(
-        path,
-        **jax.tree.map(
-            known,
-            {
-                "displacement": displacement,
-                "tension": tension,
-                "strain": strain,
-                "peak_tension": peak,
-            },
-        ),
-    )
-    return path, jnp.where(good[:, None], jnp.stack([n_slack, n_loose], axis=1), -1)
 
 
 def _finite(tree):

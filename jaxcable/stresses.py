@@ -77,6 +77,6 @@ def _follow(group, strain, plastic):
         return jax.vmap(lambda e: of_all("fibre_stress", e, None))(strain)
 
     def step(plastic, e):
-        return of_all("settle_at", e, plastic), of_all("fibre_stress", e, plastic)
+        return of_all("settle", e, plastic), of_all("fibre_stress", e, plastic)
 
     return jax.lax.scan(step, plastic, strain)[1]

@@ -97,7 +97,8 @@ def _plastics(ramp, factors, motions):
 
     def step(plastic, point):
         factor, motion = point
-        plastic = ramp.at(factor, plastic).settle(motion)
+        system = ramp.at(factor, plastic)
+        plastic = system.settle(system.strains(motion))
         return plastic, plastic
 
     _, later = lax.scan(step, ramp.plastic, (factors[1:], motions[1:]))

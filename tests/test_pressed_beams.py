@@ -129,7 +129,7 @@ def test_ring_under_pressure():
 def system_at(structure, phase):
     """The system at the end of a phase of frames, and a point a little out of place."""
     task = prepare(structure, phase, jc.Newton(linear_solver="dense"), None)
-    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays))
+    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays), task.bundles)
     system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
     step = 0.1 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
     return system, system.move(system.place(carry.motion), jnp.asarray(step))

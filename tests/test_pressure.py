@@ -68,7 +68,7 @@ def test_pressure_is_in_balance_with_the_reactions():
 def system_at(structure, phase):
     """The system at the end of a phase, and unknowns a little out of place."""
     task = prepare(structure, phase, jc.Newton(linear_solver="dense"), None)
-    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays))
+    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays), task.bundles)
     system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
     x = 0.05 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
     return system, jnp.asarray(x)

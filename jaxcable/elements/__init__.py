@@ -36,12 +36,12 @@ quaternions):
   one of largest size along it, with its sign;
 - ``is_slack``: whether it has gone slack and holds nothing;
 - ``reading(state, ends, motion, names)``: these results by name, with what they share found once;
-- ``section_strain``: strains of its fibres; ``beyond``: whether they have left their curve;
-- ``settle``: plastic strains after an increment that ended here; ``size``: sum of the forces in it
-  that can balance each other, N;
+- ``section_strain``: strains of its fibres; ``size``: sum of the forces in it that can balance each
+  other, N;
 - ``rounding``: what the rounding of displacements leaves of the end forces, as these; None if the
   residual need not be allowed it;
-- ``fibre_stress(strain, plastic)``, ``settle_at(strain, plastic)``: of recorded section strains;
+- ``beyond(strain)``: whether section strains have left their curve; ``settle(strain, plastic)``:
+  plastic strains after an increment that ended with them; ``fibre_stress(strain, plastic)``;
 - ``secant(state, ends, before, motion)``: symmetric matrix with ``K (u - u0) = f(u) - f(u0)``, if
   the secant scheme is offered, else None.
 """

@@ -280,12 +280,8 @@ class Bars(Prestressed):
         force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
         return jnp.stack([force, force])
 
-    def settle(self, state, ends, motion):
-        """Plastic strains after an increment that ended here, [n_plastic]."""
-        return self.settle_at(self.section_strain(state, ends, motion), state.plastic)
-
-    def settle_at(self, strain, plastic):
-        """Plastic strains after an increment that ended at `strain`."""
+    def settle(self, strain, plastic):
+        """Plastic strains after an increment that ended at `strain`, [n_plastic]."""
         return self._section()[1].settle(strain, plastic)
 
     def fibre_stress(self, strain, plastic=None):
@@ -298,9 +294,9 @@ class Bars(Prestressed):
         counts = self.section.counts
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
-    def beyond(self, state, ends, motion):
-        """Whether the element is strained beyond its curve."""
-        return self._section()[1].beyond(self.section_strain(state, ends, motion))
+    def beyond(self, strain):
+        """Whether `strain` is beyond its curve."""
+        return self._section()[1].beyond(strain)
 
     def is_slack(self, state, ends, motion):
         """A bar holds in compression too: never slack."""

@@ -354,11 +354,7 @@ class Member:
         each = jnp.concatenate([jnp.stack([both, both]), rows])
         return 8 * jnp.finfo(force.dtype).eps * moved * each
 
-    def settle(self, state, ends, motion):
-        """Plastic strains after an increment that ended here, as `state.plastic`."""
-        return self.settle_at(self.section_strain(state, ends, motion), state.plastic)
-
-    def settle_at(self, strain, plastic):
+    def settle(self, strain, plastic):
         """Plastic strains after an increment that ended at section strains [n_point, 3]."""
         return self.section.settle(*strain.T, plastic)
 
@@ -366,9 +362,9 @@ class Member:
         """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
         return self.section.fibre_stress(*strain.T, plastic)
 
-    def beyond(self, state, ends, motion):
-        """Whether a fibre is strained beyond its curve."""
-        return jnp.any(self.section.beyond(*self.section_strain(state, ends, motion).T))
+    def beyond(self, strain):
+        """Whether section strains [n_point, 3] take a fibre beyond its curve."""
+        return jnp.any(self.section.beyond(*strain.T))
 
     def is_slack(self, state, ends, motion):
         """A beam holds in compression too: never slack."""

@@ -109,8 +109,10 @@ def proceed(course, run, tried, seen, decided):
 
 def _settled(course, p, a):
     """A point with the plastic strains that an increment from there begins with."""
+    if a.plastic is None:
+        return p
     system = course.ramp.at(p.factor, a.plastic)
-    return copy(p, plastic=course.ramp.settle(system, p.x, jnp.ones((), bool), a.plastic))
+    return copy(p, plastic=system.settle(system.strains(system.motion(p.x))))
 
 
 def _nominal(course, run, tried, seen, decided):

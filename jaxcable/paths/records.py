@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from ..results import row_of
+from ..reading import read
 from . import events
 from .inertia import multiplicity
 from .run import Noted
@@ -49,7 +49,7 @@ def _elements(course, kind, a, p):
         return a.slack & ~p.slack
     system = course.ramp.at(p.factor, a.plastic)
     if kind == events.MATERIAL_FAILURE and system.breaks:
-        return system.broken(system.motion(p.x))
+        return system.broken(system.strains(system.motion(p.x)))
     return jnp.zeros_like(p.slack)
 
 
@@ -64,7 +64,7 @@ def row_at(ramp, p, plastic, found):
     system = ramp.at(p.factor, plastic)
     return (
         p.factor,
-        row_of(ramp, system, p.x),
+        _row_of(ramp, system, p.x),
         p.negative,
         p.stiffness,
         p.rise,
@@ -72,6 +72,16 @@ def row_at(ramp, p, plastic, found):
         found.residual,
         found.scale,
     )
+
+
+def _row_of(ramp, system, x):
+    """Displacement since the phase began, and what is read there."""
+    motion = system.motion(x)
+    seen = read(system, motion)
+    strain = seen.section_strain
+    strain = None if all(own is None for own in strain) else strain
+    moved = (motion - ramp.begin.motion)[:, :3]
+    return moved, seen.tension, seen.peak_tension, seen.n_slack, seen.n_loose, strain
 
 
 def nothing(p):

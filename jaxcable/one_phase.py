@@ -1,0 +1,201 @@
+"""One phase: its increments, what is read off them, and the derivative of its end."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from . import equilibrium, implicit, incremental, status
+from ._tree import copy, fill, thaw
+from .equilibrium import Newton
+from .reading import read
+from .rooted import told
+from .solution import LOG, Path
+
+
+class Ended(NamedTuple):
+    """What a phase ended with.
+
+    Attributes:
+        code, stable: status so far, and whether its end is stable.
+        carry: `Carry`, of the last good increment; as it was before if there is none.
+        point: its motion without what has no derivative, and the marks of that
+            (`implicit.attach_apart`).
+        factor: load factor there, 0 if there is no good increment.
+        seen: `Reading` there.
+        path: `Path`, and log: the numbers `LOG` of every increment, [n_inc, 9].
+        memory: of sparse solves.
+    """
+
+    code: object
+    stable: object
+    carry: object
+    point: object
+    factor: object
+    seen: object
+    path: object
+    log: object
+    memory: object
+
+
+def run_phase(ramp, before, steps, method, code, differentiate_path, memory, seen, fresh, tell):
+    """Go through the increments of a phase: `Ended`.
+
+    Args:
+        ramp: the phase.
+        before: the carry that it begins with.
+        steps: number of its increments and the load factors of all, [1 + n_inc], the first of them
+            0, those beyond 1 for phases with more of them.
+        method, code, memory, seen, fresh, tell: see `equilibrium.march`.
+        differentiate_path: whether increments have derivatives, and not only the end.
+    """
+    count, factors = steps
+    live = (factors > 0) & (factors <= 1)
+    factors = jnp.minimum(factors, 1)  # what passes by stays at the end, and is cut off in results
+    given = (factors, live), method, code
+    if isinstance(method, Newton):
+        found = _iterated(ramp, count, given, differentiate_path, memory, seen, fresh, tell)
+    else:
+        found = _stepped(ramp, count, given, fresh, tell)
+    ramp, (x, bare, marks), xs, rows, log, plastic, seen, memory = found
+    good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
+    valid, factor = _reached(good, count, ramp.begin.motion.dtype)
+    carry, bare = _end(ramp, factor, (x, bare), valid, before, plastic)
+    path, counts = _path(rows, _moved(ramp, factors[1:], xs), good, good | ~live)
+    if carry.motion.shape[1] > 3:  # else displacements say it all
+        path = copy(path, motion=jnp.where(good[:, None, None], xs, jnp.nan))
+    code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
+    if not isinstance(method, Newton):
+        end, here = lax.stop_gradient((ramp.at(factor, plastic), x))
+        judged = equilibrium.is_stable(end, here) & (code == status.OK)
+        log = log.at[count - 1, stable].set(judged.astype(log.dtype))
+    log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
+    stable = jnp.take(log[:, stable], count - 1) > 0
+    return Ended(code, stable, carry, (bare, marks), factor, seen, path, log, memory)
+
+
+def _iterated(ramp, count, given, differentiate_path, memory, seen, fresh, tell):
+    """The increments by Newton's method; of their derivatives only the end's, if not all are asked.
+
+    Returns:
+        The ramp; the last point as `implicit.attach_apart` gives it; all points, rows and log;
+        plastic strains at the end; what was read there; memory.
+    """
+    (factors, live), method, _ = given
+    frozen = lax.stop_gradient(ramp)
+    start = frozen.at(factors[0]).unknowns(frozen.begin.motion)
+    found = equilibrium.march(frozen, start, *given, memory, seen, fresh, tell)
+    *whole, seen, plastic, memory = found
+    xs, log, rows = jax.tree.map(lambda x: x[1:], whole)
+    factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
+    valid, factor = _reached(good, count, factors.dtype)
+    ramp = implicit.gate(valid, ramp)
+    x = xs[-1]  # the point stays where it was when an increment fails
+    if plastic is None:
+        tol, worth = equilibrium.adjoint_effort(method, ramp.at(factor), factors.dtype)
+        point = implicit.attach_apart(ramp.at(factor), x, valid, memory, tol, worth)
+        if differentiate_path:
+            attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
+            xs = attach(factors, xs, good)
+            rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors, xs)
+    else:
+        problem = thaw((ramp, factors, xs, good))
+        x, plastic = told(_followed, (x, plastic), problem)
+        point = x, x, None
+        if differentiate_path:
+            rows, *_ = _follow(ramp, factors, xs, good, True)
+    return ramp, point, xs, rows, log, plastic, seen, memory
+
+
+def _stepped(ramp, count, given, fresh, tell):
+    """The increments by the paper's scheme, differentiated as it is; as `_iterated`."""
+    (factors, live), method, code = given
+    increments = factors[1:], live[1:]
+    start = ramp.at(factors[1]).unknowns(ramp.begin.motion)
+    xs, log = incremental.march(ramp, start, increments, method, code, tell)
+    x, plastic = xs[-1], None
+    if ramp.plastic is None:
+        rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors[1:], xs)
+    else:
+        good = (log[:, 0] == status.OK) & live[1:]
+        rows, plastic, x = _follow(ramp, factors[1:], xs, good, False)
+    return ramp, (x, x, None), xs, rows, log, plastic, None, None
+
+
+def _reached(good, count, dtype):
+    """Whether any increment is good, and the load factor of the last one that is."""
+    n_good = jnp.sum(good)
+    return n_good > 0, (n_good / count).astype(dtype)
+
+
+def _row(system, x):
+    """What a path keeps of one increment."""
+    return read(system, system.motion(x)).of_path
+
+
+def _moved(ramp, factors, xs):
+    """Displacements of all rows since the phase began, [n_inc, n_row, 3]."""
+    begin = ramp.begin.motion
+    moved = jax.vmap(lambda f, x: ramp.at(f).motion(x) - begin)(factors, xs)
+    return moved if begin.shape[1] == 3 else moved[..., :3]
+
+
+def _follow(ramp, factors, xs, good, converges):
+    """Go through the increments of a phase with memory again, to differentiate them.
+
+    Every increment depends on the plastic strains that the one before left, so that the end of the
+    phase is not one implicit function, but each increment is. Their points are known by now.
+    """
+
+    @jax.checkpoint
+    def step(carry, increment):
+        plastic, last = carry
+        factor, x, ok = increment
+        system = ramp.at(factor, plastic)
+        if converges:
+            x = implicit.attach(system, x, ok)
+        last = jnp.where(ok, x, last)
+        seen = read(system, system.motion(x))
+        return (ramp.settle(system, seen.section_strain, ok, plastic), last), seen.of_path
+
+    start = (ramp.plastic, lax.stop_gradient(xs[0]))
+    (plastic, last), rows = lax.scan(step, start, (factors, xs, good))
+    return rows, plastic, last
+
+
+def _followed(problem):
+    """Last point and plastic strains of a phase with memory, see `_follow`."""
+    _, plastic, last = _follow(*fill(*problem), True)
+    return last, plastic
+
+
+def _end(ramp, factor, points, valid, before, plastic=None):
+    """Carry at the end of a phase; that `before` it if it has no good increment.
+
+    Of two points, see `implicit.attach_apart`; and the motion of the second.
+    """
+    motion, bare = map(ramp.at(factor, plastic).motion, points)
+    after = copy(ramp.leave(factor, motion, plastic), loads=None), bare
+    before = copy(before, loads=None), before.motion
+    carry, bare = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
+    return copy(carry, loads=ramp.begin.loads), bare
+
+
+def _path(rows, moved, good, finite):
+    """The increments of a phase: `Path`, NaN unless `finite`, and counts [n_inc, 2]."""
+
+    def known(x):
+        return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
+
+    strain = rows.section_strain
+    values = {
+        "displacement": moved,
+        "tension": rows.tension,
+        "strain": None if all(own is None for own in strain) else strain,
+        "peak_tension": rows.peak_tension,
+    }
+    path = Path(*(None,) * len(dataclasses.fields(Path)))
+    path = copy(path, **jax.tree.map(known, values))
+    return path, jnp.where(good[:, None], jnp.stack([rows.n_slack, rows.n_loose], axis=1), -1)
