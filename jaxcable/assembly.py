@@ -133,13 +133,18 @@ class System(Elementwise):
         """Unbalanced force at every free freedom, [n_free], N."""
         return self.collected(self.unbalanced(self.motion(x)))
 
-    def residual_and_scale(self, x):
+    def evaluated(self, x):
+        """`residual_and_scale`, and tangents of elements that are found with them, for `tangent`."""
+        end_forces, tangents = self.linearized(self.motion(x))
+        return *self.residual_and_scale(x, end_forces), tangents
+
+    def residual_and_scale(self, x, end_forces=None):
         """Residual [n_free], and the force it is judged by, N.
 
         The scale is the largest, over nodes, of the sum of absolute end forces plus the load.
         """
         motion = self.motion(x)
-        (force, size), load = self.internal_force(motion), self.all_load(motion)
+        (force, size), load = self.internal_force(motion, end_forces), self.all_load(motion)
         scale = jnp.max(size + jnp.sqrt(jnp.sum(load**2, axis=-1)))
         return self.collected(force - load), scale
 
@@ -177,14 +182,20 @@ class System(Elementwise):
             return jnp.zeros((), bool)
         return jnp.any(jnp.stack([own.acts for own in self.followers]))
 
-    def tangent(self, x):
+    def tangent(self, x, known=None):
         """Tangent stiffness, a matrix of `linear`, N/m: autodiff of the element forces.
 
-        Dense [n_free, n_free], or sparse if the freedoms have a pattern.
+        Dense [n_free, n_free], or sparse if the freedoms have a pattern. `known` are tangents of
+        elements that are at hand, see `linearized`.
         """
         motion = self.motion(x)
-        parts = self._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), motion)
+        parts = self._parts(self.tangents(motion, known), motion)
         return self._assemble(parts + self._following_blocks(motion))
+
+    def _parts(self, tangents, motion):
+        """Matrices of the elements of all groups as `linear.assemble` takes them."""
+        pairs = zip(tangents, self.groups, strict=True)
+        return [self._part(b, g.links, g.n_freedom, motion, g.inner) for b, g in pairs]
 
     def assembled(self, parts, motion):
         """A matrix as `tangent` from those of elements, list of ([n_elem, d, d], their group)."""

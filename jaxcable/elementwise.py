@@ -38,6 +38,29 @@ class Elementwise:
             found.append(_over(read, group, state, self.nodes, motion))
         return {name: [own.get(name) for own in found] for name in names}
 
+    def linearized(self, motion):
+        """End forces of every group, and tangents of those whose elements find both together.
+
+        Two lists; None for the tangents of others, which may not be asked for.
+        """
+        pairs = []
+        for group, state in zip(self.groups, self.states, strict=True):
+            together = group.finds_both(state)
+            name = "linearized" if together else "end_forces"
+            found = each(name, group, state, self.nodes, motion)
+            pairs.append(found if together else (found, None))
+        return [list(own) for own in zip(*pairs, strict=True)]
+
+    def tangents(self, motion, known=None):
+        """Tangent stiffness of all elements, list of [n_elem, d, d], if not `known` already."""
+        known = [None] * len(self.groups) if known is None else known
+        found = []
+        for group, state, own in zip(self.groups, self.states, known, strict=True):
+            own = each("tangent", group, state, self.nodes, motion) if own is None else own
+            count = len(own)
+            found.append(own.reshape(count, -1, round((own.size // count) ** 0.5)))
+        return found
+
     def tensions(self, motion):
         """Axial forces, one array [n_elem] per group, N."""
         return self.reading(motion, "tension")["tension"]

@@ -272,9 +272,9 @@ class FrameSystem(System):
         """Unbalanced force at every free freedom, [n_free], N (moments over the arm)."""
         return self._collected(self.unbalanced(x), x, None)
 
-    def residual_and_scale(self, x):
+    def residual_and_scale(self, x, end_forces=None):
         """Residual [n_free], and the force it is judged by, N."""
-        (force, size), load = self.internal_force(x), self.all_load(x)
+        (force, size), load = self.internal_force(x, end_forces), self.all_load(x)
         amount = _norm(load[:, :3]) + _norm(load[:, 3:]) / self.arm
         return self._collected(force - load, x, None), jnp.max(size + amount)
 
@@ -286,19 +286,13 @@ class FrameSystem(System):
         """Euclidean norm of the load on the free freedoms, N (moments over the arm)."""
         return jnp.linalg.norm(self._collected(self.all_load(x), x, None))
 
-    def tangent(self, x):
-        """Derivative of the residual by a step, a matrix of `linear`, N/m."""
-        plain = self._slopes(x) is None
-
-        def block(one, state, ends, motion):
-            tangent = one.tangent(state, ends, motion)
-            if not plain:
-                return tangent
-            side = round(tangent.size**0.5)
-            return self._scaled(tangent.reshape(side, side), one, len(ends))
-
-        parts = self._blocks(block, x)
-        parts += self._following_blocks(x)
+    def tangent(self, x, known=None):
+        """Derivative of the residual by a step, a matrix of `linear`, N/m; see `System.tangent`."""
+        tangents = self.tangents(x, known)
+        if self._slopes(x) is None:
+            pairs = zip(tangents, self.groups, strict=True)
+            tangents = [self._scaled(b, g, g.links.shape[1]) for b, g in pairs]
+        parts = self._parts(tangents, x) + self._following_blocks(x)
         return self._without_spins(self._assemble([*parts, self._turning_part(x)]), x)
 
     def _scaled(self, block, one, n_end):

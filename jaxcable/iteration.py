@@ -32,6 +32,7 @@ class Iterate:
 
     Attributes:
         x, residual, scale: last good point, R(x) and the force that R is judged by.
+        tangents: of elements that give them together with their forces (`System.evaluated`).
         step, search: way on from there, and how far along it is tried next (`search.Search`).
         arrival: whether the next evaluation is at x itself: at the start, where the iteration
             begins again, where the softness has changed, and where there was no step.
@@ -47,6 +48,7 @@ class Iterate:
     x: object
     residual: object
     scale: object
+    tangents: object
     step: object
     search: object
     arrival: object
@@ -84,10 +86,12 @@ class Task:
             load = jnp.max(jnp.sqrt(jnp.sum(self.system.load**2, axis=-1)))
             softening = Softening.init(jnp.where(self.convex, load, 0.0).astype(zero.dtype))
         no = jnp.zeros((), bool)
+        *_, tangents = jax.eval_shape(self.system.evaluated, self.begin)
         return Iterate(
             x=self.begin,
             residual=still,
             scale=zero,
+            tangents=jax.tree.map(lambda own: jnp.zeros(own.shape, own.dtype), tangents),
             step=still,
             search=Search.init(zero),
             arrival=~no,
@@ -119,7 +123,7 @@ class Task:
         step, and whether its search is over."""
         x = working.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
-        residual, scale = working.residual_and_scale(x)
+        residual, scale, tangents = working.evaluated(x)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are taken whole if they lead to numbers
@@ -134,6 +138,7 @@ class Task:
             x=keep(x, it.x),
             residual=keep(residual, it.residual),
             scale=keep(scale, it.scale),
+            tangents=_where(fine, tangents, it.tangents),
             search=search,
         )
         return new, it.search.length, fine & ~it.stepless, ~again
@@ -207,7 +212,7 @@ class Task:
         """The next step, if `wanted`; at an equilibrium only whether the tangent is definite."""
 
         def aim(it):
-            matrix = working.tangent(it.x)
+            matrix = working.tangent(it.x, it.tangents)
             shift = it.shift.on(largest(it.residual), self.length)
             sprinting = jnp.zeros((), bool)
             if self.sprints:

@@ -208,8 +208,10 @@ class Member:
         return self._spread(jnp.concatenate([pull, moments.ravel(), inner]))
 
     @jax.jit  # as above
-    def tangent(self, state, ends, motion):
-        """Tangent stiffness, [12 + k, 12 + k]: symmetric, being a Hessian in the steps.
+    def linearized(self, state, ends, motion):
+        """End forces as `end_forces`, and tangent stiffness, [12 + k, 12 + k].
+
+        The tangent is symmetric, being a Hessian in the steps.
 
         Rows and columns are translation and spin of the first end, of the second, inner numbers.
 
@@ -225,12 +227,24 @@ class Member:
             def forces(strain):
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
 
+        def stepped(step):
+            force = self._step(state, ends, motion, step, forces, True)
+            return force, force
+
         step = jnp.zeros(9 + len(self.inner), ends.dtype)
-        slope = jax.jacfwd(lambda s: self._step(state, ends, motion, s, forces, True))(step)
+        slope, force = jax.jacfwd(stepped, has_aux=True)(step)
         for axis in (0, 1):
             pull, first, second, inner = jnp.split(slope, [3, 6, 9], axis)
             slope = jnp.concatenate([-pull, first, pull, second, inner], axis)
-        return slope
+        return self._spread(force), slope
+
+    def tangent(self, state, ends, motion):
+        """Tangent stiffness, see `linearized`."""
+        return self.linearized(state, ends, motion)[1]
+
+    def finds_both(self, state):
+        """It does: pose and strains take more than half of the time to compile."""
+        return True
 
     def mass_matrix(self, state, ends, motion, mass, mean):
         """Of `mass`, kg, spread evenly along the axis; sections do not turn, [12 + k, 12 + k], kg.

@@ -75,6 +75,13 @@ class Stated:
 class Readable:
     """An element whose results are its methods, each by itself."""
 
+    def finds_both(self, state):
+        """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.
+
+        That compiles in less time, and computes tangents of points that may be rejected.
+        """
+        return False
+
     def reading(self, state, ends, motion, names):
         """Results of one element by the names of its methods, a dict."""
         return {name: getattr(self, name)(state, ends, motion) for name in names}
