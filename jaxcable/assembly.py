@@ -11,8 +11,7 @@ import jax.numpy as jnp
 
 from . import linear
 from ._tree import copy, pytree
-from .elements.prestress import element
-from .elementwise import Elementwise, each, motion_of
+from .elementwise import Elementwise, each
 from .freedoms import along, carriers, combined, numbers_of
 
 
@@ -134,7 +133,7 @@ class System(Elementwise):
         return self.collected(self.unbalanced(self.motion(x)))
 
     def evaluated(self, x):
-        """`residual_and_scale`, and tangents of elements that are found with them, for `tangent`."""
+        """`residual_and_scale`, and tangents of elements that are found with it, for `tangent`."""
         end_forces, tangents = self.linearized(self.motion(x))
         return *self.residual_and_scale(x, end_forces), tangents
 
@@ -189,12 +188,12 @@ class System(Elementwise):
         elements that are at hand, see `linearized`.
         """
         motion = self.motion(x)
-        parts = self._parts(self.tangents(motion, known), motion)
+        parts = self.parts(self.tangents(motion, known), motion)
         return self._assemble(parts + self._following_blocks(motion))
 
-    def _parts(self, tangents, motion):
-        """Matrices of the elements of all groups as `linear.assemble` takes them."""
-        pairs = zip(tangents, self.groups, strict=True)
+    def parts(self, matrices, motion):
+        """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
+        pairs = zip(matrices, self.groups, strict=True)
         return [self._part(b, g.links, g.n_freedom, motion, g.inner) for b, g in pairs]
 
     def assembled(self, parts, motion):
@@ -204,7 +203,7 @@ class System(Elementwise):
         )
 
     def _following_blocks(self, motion):
-        """What following loads take from the tangent, as `_blocks`."""
+        """What following loads take from the tangent, as `parts`."""
         if self.followers is None:
             return []
         arguments = self.groups, self.states, self.nodes, self.nodes + motion[:, :3]
@@ -239,9 +238,8 @@ class System(Elementwise):
 
     def secant(self, before, x):
         """Secant stiffness between two states, each [n_free], as `tangent`, N/m."""
-        return self._assemble(
-            self._blocks(lambda one, *args: one.secant(*args), self.motion(before), self.motion(x))
-        )
+        before, motion = self.motion(before), self.motion(x)
+        return self._assemble(self.parts(self.secants(before, motion), motion))
 
     def displaced_by(self, motion):
         """Displacements of all rows by the unknowns, [n_row, 3, n_free], about a motion."""
@@ -255,23 +253,6 @@ class System(Elementwise):
         moved = jnp.zeros((n_row, 3, freedoms.free.shape[0] + 1), motion.dtype)
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
-
-    def _blocks(self, block, *motions):
-        """Element matrices block(element, state, ends, *motions) [n_end, 3, n_end, 3], per group.
-
-        Returns:
-            List of (matrices [n_elem, d, d], numbers of their unknowns [n_elem, d]).
-        """
-        parts = []
-        for group, state in zip(self.groups, self.states, strict=True):
-            blocks = jax.vmap(lambda p, *args, group=group: block(element(group, p), *args))(
-                group.properties(),
-                state,
-                self.nodes[group.links],
-                *(motion_of(group, motion) for motion in motions),
-            )
-            parts.append(self._part(blocks, group.links, group.n_freedom, motions[-1], group.inner))
-        return parts
 
     def _assemble(self, parts):
         matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)

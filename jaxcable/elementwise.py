@@ -61,6 +61,13 @@ class Elementwise:
             found.append(own.reshape(count, -1, round((own.size // count) ** 0.5)))
         return found
 
+    def secants(self, before, motion):
+        """Secant stiffness of all elements between two motions, list of [n_elem, ...]."""
+        return [
+            each("secant", group, state, self.nodes, before, motion)
+            for group, state in zip(self.groups, self.states, strict=True)
+        ]
+
     def tensions(self, motion):
         """Axial forces, one array [n_elem] per group, N."""
         return self.reading(motion, "tension")["tension"]
@@ -114,19 +121,19 @@ class Elementwise:
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
 
 
-def each(method, group, state, nodes, motion):
+def each(method, group, state, nodes, *motions):
     """Evaluate an element method for all elements of a group by vmap."""
-    return _over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, motion)
+    return _over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, *motions)
 
 
-def _over(function, group, state, nodes, motion):
+def _over(function, group, state, nodes, *motions):
     """``function(element, state, ends, motion)`` for all elements of a group."""
 
     def one(properties, *at):
         return function(element(group, properties), *at)
 
-    ends, motion = nodes[group.links], motion_of(group, motion)
-    return jax.vmap(one)(group.properties(), state, ends, motion)
+    ends, motions = nodes[group.links], (motion_of(group, motion) for motion in motions)
+    return jax.vmap(one)(group.properties(), state, ends, *motions)
 
 
 def _has(group, state, name):

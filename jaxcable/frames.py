@@ -292,7 +292,7 @@ class FrameSystem(System):
         if self._slopes(x) is None:
             pairs = zip(tangents, self.groups, strict=True)
             tangents = [self._scaled(b, g, g.links.shape[1]) for b, g in pairs]
-        parts = self._parts(tangents, x) + self._following_blocks(x)
+        parts = self.parts(tangents, x) + self._following_blocks(x)
         return self._without_spins(self._assemble([*parts, self._turning_part(x)]), x)
 
     def _scaled(self, block, one, n_end):

@@ -152,7 +152,7 @@ class Saddle:
         """Hessian of the Lagrangian, a matrix of `linear`."""
         system, motion = self.filled(z)
         system = copy(system, freedoms=copy(system.freedoms, number=self.numbering.number))
-        parts = system._blocks(lambda one, state, ends, u: one.tangent(state, ends, u), motion)
+        parts = system.parts(system.tangents(motion), motion)
         return self._assemble(parts, motion)
 
     def _assemble(self, parts, motion):
