@@ -38,8 +38,8 @@ import numpy as np
 from record import Record
 
 import jaxcable as jc
+from jaxcable import linear
 from jaxcable.forms import force_density
-from jaxcable.linear import host
 
 jax.config.update("jax_enable_x64", True)
 
@@ -107,7 +107,7 @@ def quartiles(x, digits=1):
 def compare(n, record):
     """One net: all programs by turns."""
     structure, load, q = net(n)
-    mine = ["superlu", *(["pardiso"] if host.available("pardiso") else [])]
+    mine = ["superlu", *(["pardiso"] if linear.named("pardiso").available() else [])]
     functions = {solver: ours(structure, load, solver) for solver in mine}
     rows = [jax.block_until_ready(jnp.asarray(row)) for row in q]
     with tempfile.TemporaryDirectory() as folder:

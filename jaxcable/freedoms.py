@@ -158,7 +158,8 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
         number[shared, :3] = number[rows.node[shared], :3]
     turning = mask.shape[1] > N_FREEDOM
     pattern = None
-    if links is not None and n_free > 0 and not (turning and linear.is_dense(solver, n_free)):
+    dense = turning and linear.choose(n_free, False, solver).on_device
+    if links is not None and n_free > 0 and not dense:
         numbers = [
             numbers_of(number, own.array, width, inner, carried) for own, width, inner in links
         ]

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.linear import host
+from jaxcable import linear
 
 getcontext().prec = 60
 
-_PARDISO = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not host.available("pardiso"), reason="pypardiso not installed"),
-]
-SOLVERS = ["dense", "superlu", pytest.param("pardiso", marks=_PARDISO)]
+INSTALLED = [name for name in ("dense", "superlu", "pardiso") if linear.named(name).available()]
+"""Linear solvers that are there."""
+_THERE = pytest.mark.skipif("pardiso" not in INSTALLED, reason="pypardiso not installed")
+PARDISO = pytest.param("pardiso", marks=_THERE)
+SOLVERS = ["dense", "superlu", pytest.param("pardiso", marks=[pytest.mark.slow, _THERE])]
 """Linear solvers for a cheap test of a small structure."""
 HEAVY = ["dense", pytest.param("superlu", marks=pytest.mark.slow), SOLVERS[-1]]
 """The same for one that takes seconds."""

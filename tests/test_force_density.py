@@ -4,14 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from problems import INSTALLED as SOLVERS
 from test_gradients import slope
 
 import jaxcable as jc
 from jaxcable.forms import force_density
 from jaxcable.forms.force_density import _positions
-from jaxcable.linear import host
 
-SOLVERS = ["dense", "superlu", *(["pardiso"] if host.available("pardiso") else [])]
 # compiled anew for each solver, and alike
 FEW = [pytest.param(n, marks=[pytest.mark.slow] if n != SOLVERS[-1] else []) for n in SOLVERS]
 

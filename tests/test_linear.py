@@ -8,20 +8,19 @@ import numpy as np
 import pytest
 import scipy.linalg as sla
 from jax import lax
+from own_solver import NUMPY
+from problems import PARDISO
 
 import jaxcable as jc
 from jaxcable import linear
-from jaxcable.linear import host
+from jaxcable.linear import choose, host
 from jaxcable.linear.banded import solve_banded
-from jaxcable.linear.choice import choose
 
 SPARSE = [
     "superlu",
     "banded",
-    pytest.param(
-        "pardiso",
-        marks=pytest.mark.skipif(not host.available("pardiso"), reason="pypardiso not installed"),
-    ),
+    NUMPY,
+    PARDISO,
 ]
 RNG = np.random.default_rng(0)
 
@@ -263,15 +262,17 @@ def test_the_way_back_from_another_device_gives_the_same(monkeypatch):
 
 
 def test_solver_by_size_and_by_name(monkeypatch):
-    assert chain(48, True, None)[0].solver == "dense"
-    assert chain(48, True, "superlu")[0].solver == "superlu"
-    assert choose(300, True) == "banded"
-    monkeypatch.setattr(host, "available", lambda name: name == "superlu")
-    assert choose(5000, False) == "superlu"
+    assert chain(48, True, None)[0].solver.name == "dense"
+    assert chain(48, True, "superlu")[0].solver.name == "superlu"
+    assert choose(300, True).name == "banded"
+    pardiso = type(linear.named("pardiso"))
+    monkeypatch.setattr(pardiso, "available", lambda self: False)
+    assert choose(5000, False).name == "superlu"
     with pytest.raises(ValueError, match=r"linear_solver = 'pardiso': pypardiso is not installed"):
         jc.Newton(linear_solver="pardiso")
-    monkeypatch.setattr(host, "available", lambda name: True)
-    assert choose(5000, False) == "pardiso"
+    monkeypatch.setattr(pardiso, "available", lambda self: True)
+    assert choose(5000, False).name == "pardiso"
+    assert choose(5000, False, exchanges_rows=True).name == "superlu"
     for method in (jc.Newton, jc.Incremental):
         with pytest.raises(ValueError, match="linear_solver = 'umfpack': expected None or one of"):
             method(linear_solver="umfpack")

@@ -8,11 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import HEAVY
+from problems import HEAVY, INSTALLED
 
 import jaxcable as jc
 from jaxcable import status
-from jaxcable.linear import host
 from jaxcable.scenes import von_mises_truss
 from jaxcable.scenes.snapping import in_plane, solid
 
@@ -215,7 +214,7 @@ def test_an_arch_of_358_unknowns_on_every_solver():
     force = 40 * 210e9 * side**4 / 12 / radius**2
     load = jc.NodalLoads([60, 67], [(0, 0, -force), (0, 0, -0.1 * force)])
     loads = []
-    for solver in ("dense", "superlu", *(["pardiso"] if host.available("pardiso") else [])):
+    for solver in INSTALLED:
         method = jc.Newton(linear_solver=solver)
         path = ok(jc.trace_path(structure, jc.Phase(loads=load), method, through=False), 12)
         loads.append(float(path.failure_load))

@@ -4,19 +4,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from problems import unbalanced
+from own_solver import NUMPY
+from problems import PARDISO, unbalanced
 
 import jaxcable as jc
 from jaxcable.linear import host
 
 SPARSE = [
     "superlu",
-    pytest.param(
-        "pardiso",
-        marks=pytest.mark.skipif(not host.available("pardiso"), reason="pypardiso not installed"),
-    ),
+    pytest.param(NUMPY, marks=pytest.mark.slow),
+    PARDISO,
 ]
-HEAVY = ["superlu", pytest.param("pardiso", marks=[pytest.mark.slow, *SPARSE[1].marks])]
+HEAVY = ["superlu", pytest.param("pardiso", marks=[pytest.mark.slow, *PARDISO.marks])]
 
 
 def both(structure, phases, solver, method=jc.Newton, **options):

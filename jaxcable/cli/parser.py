@@ -4,6 +4,7 @@ import argparse
 
 import jax
 
+from .. import linear
 from ..files.reading import number, whole
 from . import convert, demo, form, info, optimize, solve
 from .guard import guarded
@@ -84,7 +85,7 @@ def _solve(commands):
     text = "increments with this many corrections instead of equilibrium iterations"
     own.add_argument("--corrections", type=_few, metavar="N", help=text)
     text = "default: by size"
-    own.add_argument("--linear-solver", choices=("dense", "superlu", "pardiso"), help=text)
+    own.add_argument("--linear-solver", choices=linear.offered(), help=text)
     own.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
 
 

@@ -49,12 +49,13 @@ def number(fixed, links, sought, solver):
         fixed: True where a coordinate is held, `Indices` [n_node, 3].
         links: of every group, a tuple of `Indices`.
         sought: whether the length of an element is given, a tuple of `Indices`, [n_elem] bool.
-        solver: name or None, which means SuperLU where it would be PARDISO.
+        solver: name or None.
 
     Raises:
-        ValueError: PARDISO is named. It does not exchange rows far apart, and zeros on the diagonal
-            need that.
+        ValueError: a solver is named that does not exchange rows far apart, which zeros on the
+            diagonal need.
     """
+    linear.check(solver, exchanges_rows=True)
     freedoms = number_freedoms(fixed)
     n_free = len(freedoms.free)
     n_all = n_free + sum(int(own.array.sum()) for own in sought)
@@ -69,14 +70,7 @@ def number(fixed, links, sought, solver):
         ends.append(np.column_stack([rows, force]) if len(chosen) else None)
     numbers = [own_number[own.array].reshape(-1, 6) for own in links]
     numbers += [rows for rows in ends if rows is not None]
-    if solver == "pardiso":
-        raise ValueError(
-            "linear_solver = 'pardiso': cannot solve for forces of given lengths; "
-            'use None, "superlu" or "dense"'
-        )
-    pattern = linear.make_pattern(numbers, n_all, True, solver)
-    if pattern.solver == "pardiso":
-        pattern = copy(pattern, solver="superlu")
+    pattern = linear.make_pattern(numbers, n_all, True, solver, exchanges_rows=True)
     return Numbering(own_number, elements, ends, pattern, np.zeros(n_all))
 
 

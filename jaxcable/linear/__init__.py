@@ -6,35 +6,42 @@ A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the sam
 import jax.numpy as jnp
 
 from .._tree import copy
-from . import dense, sparse
+from . import choice, dense, sparse
 from .bordered import solve_bordered
-from .choice import check, is_dense
 from .dense import Factor, solve_definite
 from .pattern import Pattern, Sparse, assemble, make_pattern
+from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
 from .sparse import SparseFactor, forgotten, no_memory
 from .spectrum import NOT_COUNTED, is_symmetric, spectrum
 
 __all__ = [
     "NOT_COUNTED",
+    "Analysis",
     "Factor",
+    "NumericFactor",
     "Pattern",
+    "Solver",
     "Sparse",
     "SparseFactor",
     "assemble",
     "check",
+    "choice",
+    "choose",
     "diagonal",
     "factorize",
     "forgotten",
     "held_at",
     "is_definite",
-    "is_dense",
     "is_symmetric",
     "make_pattern",
+    "named",
     "no_memory",
+    "offered",
     "or_identity",
     "or_nan",
     "plus_diagonal",
     "plus_entry",
+    "register",
     "solve_bordered",
     "solve_definite",
     "solve_general",

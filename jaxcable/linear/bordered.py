@@ -42,7 +42,7 @@ def solve_bordered(matrix, column, row, corner, rhs, last, loose):
         x [n], y, and whether the bordered matrix is regular to working precision.
     """
     column, row, rhs = (jnp.where(loose, 0.0, v) for v in (column, row, rhs))
-    if isinstance(matrix, Sparse) and matrix.pattern.solver != "dense":
+    if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
         return _on_host(matrix, column, row, corner, rhs, last, loose)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
     return _whole(lax.stop_gradient(full), column, row, corner, rhs, last, loose)

@@ -9,6 +9,24 @@ import jax.scipy.linalg as jsl
 from jax import lax
 
 from .._tree import copy, pytree
+from . import solver
+
+_MOST = 150  # unknowns up to which dense is faster, see experiments/scaling.py
+
+
+class Dense(solver.Solver):
+    """Factors of jax itself: no call of the host, for some hundred unknowns and on accelerators."""
+
+    name = "dense"
+    on_device = True
+
+    def suits(self, n, banded):
+        """It suits what is small."""
+        return n <= _MOST
+
+    def analyse(self, n, indptr, indices):
+        """Nothing is analysed: `solve_definite` and `factorize` take the array."""
+        raise NotImplementedError("a dense matrix is solved inside of the program")
 
 
 def diagonal(matrix):

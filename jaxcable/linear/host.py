@@ -4,7 +4,6 @@ Everything is NumPy: a callback that calls jax can wait for itself. Results depe
 the arguments; what is kept here (analyses of patterns, the last factors) only saves work.
 """
 
-import importlib.util
 import threading
 from collections import OrderedDict
 
@@ -20,14 +19,9 @@ _lock = threading.RLock()
 _kept = OrderedDict()
 
 
-def available(solver):
-    """Whether a sparse solver is installed, "superlu" or "pardiso"."""
-    return solver == "superlu" or importlib.util.find_spec("pypardiso") is not None
-
-
 def kept(solver, symmetric, digest, indptr, indices):
-    """The analysis of a pattern, made at its first use."""
-    key = (solver, symmetric, digest.tobytes())
+    """The analysis of a pattern by a `solver.Solver`, made at its first use."""
+    key = (solver.name, symmetric, digest.tobytes())
     if key not in _kept:
         while len(_kept) >= _PATTERNS:
             _kept.popitem(last=False)[1].release()
@@ -41,7 +35,7 @@ class Analysed:
 
     def __init__(self, solver, symmetric, indptr, indices):
         self.n, self.symmetric = len(indptr) - 1, symmetric
-        self.iterates = symmetric and solver != "banded"  # else a factorisation is cheaper
+        self.iterates = symmetric and solver.iterates
         self.indptr, self.indices = indptr.copy(), indices.copy()
         self.rows = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == self.indices)
@@ -56,13 +50,7 @@ class Analysed:
             self.take = whole.data - 1
         else:
             self.transposed = whole.T.tocsr().data - 1
-        if solver == "pardiso":
-            from .pardiso import Pardiso as Solver
-        elif solver == "banded":
-            from .lapack import Banded as Solver
-        else:
-            from .superlu import SuperLU as Solver
-        self.solver = Solver(self.n, whole.indptr, whole.indices)
+        self.analysis = solver.analyse(self.n, whole.indptr, whole.indices)
         self.factors = OrderedDict()  # number -> (values, whether taken as definite, factor)
         self.count = 0
 
@@ -91,9 +79,9 @@ class Analysed:
         self._make_room()
         kind, factor = True, None
         if definite or self.symmetric:
-            factor = self.solver.factorize(whole, True)
+            factor = self.analysis.factorize(whole, True)
         if factor is None and not definite:
-            kind, factor = False, self.solver.factorize(whole, False)
+            kind, factor = False, self.analysis.factorize(whole, False)
         if factor is not None:
             self.count += 1
             self.factors[self.count] = values.copy(), kind, factor
@@ -111,7 +99,7 @@ class Analysed:
         for _, _, factor in self.factors.values():
             factor.release()
         self.factors.clear()
-        self.solver.release()
+        self.analysis.release()
 
 
 def conjugate_gradients(times, precondition, b, tol, limit):

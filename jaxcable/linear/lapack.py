@@ -5,14 +5,27 @@ import scipy.sparse as sp
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from . import solver
 
-class Banded:
-    """An order of small bandwidth for a pattern.
 
-    Args:
-        n: number of unknowns.
-        indptr, indices: compressed rows of the whole matrix (both triangles).
-    """
+class Banded(solver.Solver):
+    """LAPACK for matrices of small bandwidth."""
+
+    name = "banded"
+    offered = False
+    iterates = False  # a factor is cheaper
+
+    def suits(self, n, banded):
+        """It suits what has a small bandwidth."""
+        return banded
+
+    def analyse(self, n, indptr, indices):
+        """See `solver.Solver`."""
+        return _Analysis(n, indptr, indices)
+
+
+class _Analysis(solver.Analysis):
+    """An order of small bandwidth for a pattern."""
 
     def __init__(self, n, indptr, indices):
         self.n = n
@@ -32,10 +45,7 @@ class Banded:
         self.diagonal = self.diagonal[np.argsort(row[self.diagonal])]
 
     def factorize(self, values, definite):
-        """Numeric factor of `values` (in the order of the rows given); None if it is singular.
-
-        `definite` demands a positive definite matrix and is faster.
-        """
+        """See `solver.Analysis`; `definite` is faster."""
         diagonal = np.abs(values[self.diagonal])
         size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # so that pivots can be compared
         row, column = self.places
@@ -53,13 +63,10 @@ class Banded:
             pivots, factor = np.abs(band[2 * self.b]), (band, pivot)
         if info != 0 or not pivots.min(initial=np.inf) > limit * pivots.max(initial=0.0):
             return None
-        return Factor(self, *factor, size)
-
-    def release(self):
-        """Give all memory back: it goes with this object."""
+        return _Factor(self, *factor, size)
 
 
-class Factor:
+class _Factor(solver.NumericFactor):
     """A numeric factor; `pivot` is None for Cholesky's."""
 
     def __init__(self, symbolic, band, pivot, size):
@@ -78,6 +85,3 @@ class Factor:
         x = np.empty_like(b)
         x[order] = y / size
         return x
-
-    def release(self):
-        """Give the memory back: it goes with this object."""

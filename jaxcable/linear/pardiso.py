@@ -7,8 +7,11 @@ unsymmetric. Here a pattern is analysed once a matrix type, several factors live
 
 import ctypes
 import functools
+import importlib.util
 
 import numpy as np
+
+from . import solver
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
 _SLOTS = 8  # factors of a pattern that can live side by side
@@ -34,23 +37,38 @@ def library():
     return mkl
 
 
-class Pardiso:
-    """Symbolic analysis of a pattern, of the matrix types that are asked for.
+class Pardiso(solver.Solver):
+    """PARDISO, where `pypardiso` is installed."""
 
-    Args:
-        n: number of unknowns.
-        indptr, indices: compressed rows of the whole matrix (both triangles), columns ascending.
-    """
+    name = "pardiso"
+    exchanges_rows = False  # far apart
+
+    def available(self):
+        """Whether `pypardiso` is installed."""
+        return importlib.util.find_spec("pypardiso") is not None
+
+    def missing(self):
+        """What to do where it is not, in words."""
+        return 'pypardiso is not installed; use "superlu", or install the extra jaxcable[pardiso]'
+
+    def suits(self, n, banded):
+        """It suits everything."""
+        return True
+
+    def analyse(self, n, indptr, indices):
+        """See `solver.Solver`."""
+        return _Analysis(n, indptr, indices)
+
+
+class _Analysis(solver.Analysis):
+    """A pattern analysed once for each of the matrix types that are asked for."""
 
     def __init__(self, n, indptr, indices):
         self.arguments = n, indptr, indices
         self.handles = {}
 
     def factorize(self, values, definite):
-        """Numeric factor of `values` (in the order of the rows given); None if it is singular.
-
-        `definite` demands a positive definite matrix and is faster.
-        """
+        """See `solver.Analysis`; `definite` is faster."""
         if not np.isfinite(values).all():
             return None
         kind = _DEFINITE if definite else _GENERAL
@@ -90,7 +108,7 @@ class _Handle:
         self.call(11, 1, np.ones(len(self.indices)))
 
     def factorize(self, values):
-        """`Factor` in a free slot, or None."""
+        """`_Factor` in a free slot, or None."""
         values, size = values[self.take], None
         if self.kind == _GENERAL:  # so that pivots can be compared
             size = np.sqrt(np.abs(values[self.diagonal]))
@@ -98,7 +116,7 @@ class _Handle:
             values = values / (size[self.rows] * size[self.indices])
         slot = self.free.pop()
         error = self.call(22, slot, values)
-        factor = Factor(self, slot, values, size)
+        factor = _Factor(self, slot, values, size)
         if error == 0 and self.regular(slot):
             return factor
         factor.release()
@@ -155,7 +173,7 @@ class _Handle:
         return error.value
 
 
-class Factor:
+class _Factor(solver.NumericFactor):
     """A numeric factor in a slot of a handle."""
 
     def __init__(self, handle, slot, values, size):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._tree import copy, places, pytree
-from .choice import choose
+from .solver import choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones
 
@@ -31,10 +31,10 @@ class Pattern:
             is too large.
         band: where the values of ``A[order][:, order]`` are, by columns from the diagonal down,
             [n, b + 1]; n_value for a zero.
-        table: where the values of a whole row are, [n, n], likewise; of solver "dense" only.
+        table: where the values of a whole row are, [n, n], likewise; of a solver on the device.
         size: n.
         symmetric: only the upper triangle is stored.
-        solver: "dense", "banded", "superlu" or "pardiso".
+        solver: `solver.Solver`.
     """
 
     source: object
@@ -48,10 +48,10 @@ class Pattern:
     table: object = None
     size: int = 0
     symmetric: bool = False
-    solver: str = "superlu"
+    solver: object = None
 
 
-def make_pattern(numbers, size, symmetric, solver):
+def make_pattern(numbers, size, symmetric, name=None, exchanges_rows=False):
     """The pattern that element matrices with the given unknowns fill.
 
     Args:
@@ -59,7 +59,8 @@ def make_pattern(numbers, size, symmetric, solver):
             [n_elem, d]; `size` or more for a row that is left out.
         size: number of unknowns n.
         symmetric: store the upper triangle only.
-        solver: "dense", "superlu" or "pardiso", or None to choose.
+        name: of a solver, or None to choose.
+        exchanges_rows: whether the solver has to be able to.
     """
     rows, columns, sources, offset = [], [], [], 0
     for number in numbers:
@@ -94,9 +95,8 @@ def make_pattern(numbers, size, symmetric, solver):
         np.frombuffer(digest, np.uint32),
         *(_band(row, indices, size) if symmetric else (None, None)),
     )
-    if solver is None:
-        solver = choose(size, arrays[-1] is not None)
-    table = _table(row, indices, size, symmetric) if solver == "dense" else None
+    solver = choose(size, arrays[-1] is not None, name, exchanges_rows)
+    table = _table(row, indices, size, symmetric) if solver.on_device else None
     with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
         arrays = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
     return Pattern(*arrays, size, symmetric, solver)

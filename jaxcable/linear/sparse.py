@@ -108,7 +108,7 @@ class Memory:
 
 def no_memory(pattern, dtype):
     """The `Memory` to begin with on a pattern; None if that is None (dense)."""
-    if pattern is None or pattern.solver == "dense":
+    if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
     return Memory(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
@@ -123,7 +123,7 @@ def forgotten(memory):
 def solve_next(matrix, rhs, memory, tol, limit, wanted):
     """See `linear.solve_next`; `matrix` is `Sparse`, `memory` a `Memory`, or None if dense."""
     p = matrix.pattern
-    if p.solver == "dense":
+    if p.solver.on_device:
         return *dense.solve_definite(matrix.dense(), rhs), memory
     shapes = (
         jax.ShapeDtypeStruct(rhs.shape, rhs.dtype),
@@ -213,7 +213,7 @@ class SparseFactor:
 
 def factorize(matrix, loose=None):
     """See `linear.factorize`."""
-    if matrix.pattern.solver == "dense":
+    if matrix.pattern.solver.on_device:
         return dense.factorize(matrix.dense(), loose)
     if loose is None:
         loose = jnp.zeros(matrix.shape[0], bool)

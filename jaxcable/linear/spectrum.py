@@ -48,7 +48,7 @@ def spectrum(matrix, loose, general=False, strict=False):
         number int32, value, right and left unit vectors [n]; NaN where they were not found.
     """
     matrix = lax.stop_gradient(matrix)
-    if isinstance(matrix, Sparse) and matrix.pattern.solver != "dense":
+    if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
         return _on_host(matrix, loose, general, strict)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
     largest = jnp.max(jnp.abs(jnp.diagonal(full)), initial=0.0)

@@ -4,16 +4,27 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
+from . import solver
+
 _SYMMETRIC = {"SymmetricMode": True}
 
 
-class SuperLU:
-    """Symbolic analysis of a pattern.
+class SuperLU(solver.Solver):
+    """SciPy's SuperLU: always there, for what no other one suits."""
 
-    Args:
-        n: number of unknowns.
-        indptr, indices: compressed rows of the whole matrix (both triangles).
-    """
+    name = "superlu"
+
+    def suits(self, n, banded):
+        """It suits everything."""
+        return True
+
+    def analyse(self, n, indptr, indices):
+        """See `solver.Solver`."""
+        return _Analysis(n, indptr, indices)
+
+
+class _Analysis(solver.Analysis):
+    """The order of a pattern, found once."""
 
     def __init__(self, n, indptr, indices):
         self.n = n
@@ -33,10 +44,7 @@ class SuperLU:
         self.matrix = permuted.astype(float)  # whose values are those of the last factorisation
 
     def factorize(self, values, definite):
-        """Numeric factor of `values` (in the order of the rows given); None if it is singular.
-
-        `definite` allows no pivoting and demands positive pivots; else rows may be exchanged.
-        """
+        """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
         values = values[self.take]
         if not np.isfinite(values).all():
             return None
@@ -62,13 +70,10 @@ class SuperLU:
         pivots = np.abs(pivots)
         if not pivots.min() > self.n * np.finfo(float).eps * pivots.max():
             return None
-        return Factor(self, lu, size)
-
-    def release(self):
-        """Give all memory back: it goes with this object."""
+        return _Factor(self, lu, size)
 
 
-class Factor:
+class _Factor(solver.NumericFactor):
     """A numeric factor."""
 
     def __init__(self, symbolic, lu, size):
@@ -81,6 +86,3 @@ class Factor:
         x = np.empty_like(b)
         x[self.order] = self.lu.solve(b[self.order] / size, "T" if transposed else "N") / size
         return x
-
-    def release(self):
-        """Give the memory back: that of SuperLU goes with this object."""

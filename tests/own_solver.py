@@ -1,0 +1,48 @@
+"""A linear solver written outside of the package, against its contract: NumPy's, on the host."""
+
+import numpy as np
+
+from jaxcable import linear
+
+
+class ByNumpy(linear.Solver):
+    """The whole matrix as an array: what a solver needs, and nothing more."""
+
+    name = "numpy"
+
+    def analyse(self, n, indptr, indices):
+        rows = np.repeat(np.arange(n), np.diff(indptr))
+        return Places(n, rows, indices)
+
+
+class Places(linear.Analysis):
+    def __init__(self, n, rows, columns):
+        self.n, self.places = n, (rows, columns)
+
+    def factorize(self, values, definite):
+        matrix = np.zeros((self.n, self.n))
+        matrix[self.places] = values
+        if not np.isfinite(matrix).all():
+            return None
+        size = np.sqrt(np.abs(np.diagonal(matrix)))
+        size = np.where(size > 0, size, 1.0)  # so that singular values can be compared
+        scaled = matrix / size[:, None] / size
+        if definite and not (np.linalg.eigvalsh(scaled) > 0).all():
+            return None
+        singular = np.linalg.svd(scaled, compute_uv=False)
+        if not singular[-1] > self.n * np.finfo(float).eps * singular[0]:
+            return None
+        return Inverse(np.linalg.inv(scaled), size)
+
+
+class Inverse(linear.NumericFactor):
+    def __init__(self, inverse, size):
+        self.inverse, self.size, self.n_bytes = inverse, size, inverse.nbytes
+
+    def solve(self, b, transposed=False):
+        inverse = self.inverse.T if transposed else self.inverse
+        size = self.size if b.ndim == 1 else self.size[:, None]
+        return inverse @ (b / size) / size
+
+
+NUMPY = linear.register(ByNumpy()).name
