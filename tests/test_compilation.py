@@ -83,10 +83,10 @@ def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
 # the machine, and what makes a program grow is seen here before it is felt.
 LINES = {
     "flat_net": (1700, 3300),
-    "cable_truss": (2900, 6300),
-    "geiger_dome": (3300, 7300),
+    "cable_truss": (1750, 3500),
+    "geiger_dome": (2250, 4700),
     "isolated_cable": (5300, 11400),
-    "strung_arch": (6600, 15000),
+    "strung_arch": (5500, 13700),
 }
 
 
