@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from . import loads
 from ._tree import copy, pytree, stacked
 
 
@@ -28,7 +29,7 @@ class LoadStack:
     @property
     def follows(self):
         """Whether they depend on where the nodes are."""
-        return follows(self.load)
+        return isinstance(self.load, loads.Following)
 
     def until(self, phase):
         """Only those that a phase knows: numbers of later ones are zero, even if they are NaN."""
@@ -41,23 +42,19 @@ class LoadStack:
         return copy(self, load=jax.tree.map(known, self.load))
 
     def bundled(self, bundles):
-        """The same on bundles of groups, of loads that act on elements of groups."""
-        if bundles.plain or not hasattr(self.load, "bundled"):
+        """The same on bundles of groups."""
+        if bundles.plain:
             return self
         return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups, bundles):
         """Nodes whose forces depend on each other, list of [n, k], on groups of bundles."""
-        load = self.load
-        if hasattr(load, "on"):
-            load = copy(load, on=bundles.numbers(load.on))
-        return load.touches(groups)
+        return self.load.touched(bundles).touches(groups)
 
     def idle(self, begun, dtype):
         """The `Amounts` before the first phase; `begun` are the nodes then, [n_row, 3]."""
         m = self.phase.shape[0]
-        asked = getattr(self.load, "geometry", "input") == "begun"
-        begun = jnp.broadcast_to(begun, (m, *begun.shape)) if asked else None
+        begun = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
         return Amounts(jnp.zeros(m, dtype), begun)
 
     def weighted(self, amounts, function):
@@ -105,25 +102,19 @@ class Amounts:
         return copy(self, begun=jnp.where(own[:, None, None], moved, self.begun))
 
 
-def follows(load):
-    """Whether a load depends on where the nodes are."""
-    return hasattr(load, "following_forces")
-
-
-def stacks(loads):
+def stacks(acting):
     """Stack element loads on the host.
 
     Args:
-        loads: for every phase a list of loads, as the analysis has them (`among`).
+        acting: for every phase a list of `loads.Acting`, as the analysis has them (`among`).
 
     Returns:
         List of `LoadStack`, in the order in which their kinds appear.
     """
     found = {}
-    for phase, own in enumerate(loads):
+    for phase, own in enumerate(acting):
         for load in own:
-            if getattr(load, "begun", None) is not None:
-                load = copy(load, begun=None)  # in `Amounts`
+            load = load.without_begun()  # in `Amounts`
             kind = jax.tree.structure(load), tuple(np.shape(x) for x in jax.tree.leaves(load))
             found.setdefault(kind, []).append((phase, load))
     return [
@@ -166,7 +157,7 @@ def pressures(number, group, carry):
     """What follows the elements of a group and bends them, `AxialState.pressed`, or None."""
     found = {}
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
-        for k in range(stack.phase.shape[0] if hasattr(stack.load, "pressing") else 0):
+        for k in range(stack.phase.shape[0] if stack.follows else 0):
             load = jax.tree.map(lambda x, k=k: x[k], stack.load)
             own = load.pressing(number, group)
             if own is not None:

@@ -15,7 +15,7 @@ from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
 from .load_stacks import continued
-from .loads import NodalLoads, SupportMovement, as_list
+from .loads import Acting, Load, Moving, OnNodes, as_list
 from .phases import Phase, keeps_rules
 from .ramp import unloaded
 from .schedule import Schedule, numbering, on_rows, stated
@@ -123,15 +123,11 @@ def _loads(structure, phase, fixed):
     loads = as_list(phase.loads)
     for load in loads:
         load.check(structure)
-    movements = [load for load in loads if isinstance(load, SupportMovement)]
+    movements = [load for load in loads if isinstance(load, Moving)]
     for movement in movements:
         movement.check_supported(fixed)
-    own = [
-        load.among(structure) if hasattr(load, "among") else load
-        for load in loads
-        if not isinstance(load, NodalLoads | SupportMovement)
-    ]
-    return [load for load in loads if isinstance(load, NodalLoads)], movements, own
+    own = [load.among(structure) for load in loads if isinstance(load, Acting)]
+    return [load for load in loads if isinstance(load, OnNodes)], movements, own
 
 
 def _numbered(structure, method, stacks, groups, bundles):
@@ -195,12 +191,12 @@ def as_phases(structure, phases):
     if phases is None:
         raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
     if not isinstance(phases, Phase | list | tuple):
-        hint = "; loads go into a phase: [Phase(loads=...)]" if hasattr(phases, "scaled") else ""
+        hint = "; loads go into a phase: [Phase(loads=...)]" if isinstance(phases, Load) else ""
         raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}{hint}")
     phases = [phases] if isinstance(phases, Phase) else list(phases)
     for k, phase in enumerate(phases):
         if not isinstance(phase, Phase):
-            hint = "; loads go into a phase: Phase(loads=...)" if hasattr(phase, "scaled") else ""
+            hint = "; loads go into a phase: Phase(loads=...)" if isinstance(phase, Load) else ""
             kind = _check.kind(phase, "Phase(...)")
             raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
     if not phases:

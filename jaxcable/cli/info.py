@@ -67,12 +67,7 @@ def _phase(number, phase):
             numbers = [getattr(leaf, "values", leaf) for leaf in jax.tree.leaves(value)]
             print(f"  {field} {inputs.spread(numbers)}")
     for load in as_list(phase.loads):
-        text = f"  {type(load).__name__}"
-        if hasattr(load, "nodes") and hasattr(load, "forces"):
-            forces = np.broadcast_to(np.asarray(load.forces), (len(load.nodes), 3))
-            total = ", ".join(inputs.short(f) for f in forces.sum(axis=0))
-            text += f" on {len(load.nodes)} nodes, sum ({total}) N"
-        print(text)
+        print(f"  {load}")
     if phase.supports is not None:
         print("  other supports")
 

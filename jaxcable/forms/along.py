@@ -35,9 +35,9 @@ def split(structure, loads, takes_more=True):
         if not more:
             nodal.append(load)
             continue
-        if hasattr(load, "geometry"):  # the form is where the analysis begins
+        if load.asks_begun:  # the form is where the analysis begins
             load = copy(load, geometry="input")
-        others.append(load.among(structure) if hasattr(load, "among") else load)
+        others.append(load.among(structure))
     return nodal, others
 
 

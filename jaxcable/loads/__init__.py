@@ -5,38 +5,36 @@ Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`al
 (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on acting in later
 phases; `combine` scales and adds load cases.
 
-A load is a pytree class with ``check(structure)`` and ``scaled(factor)``, and one of
-
-- ``nodal_forces(shape, dtype)``, on nodes: it leaves freedoms that become fixed;
-- ``element_forces(groups, states, nodes, shape, dtype)``, dead, evaluated at every load factor, and
-  ``per_length(number, group, state, nodes)``: what of it shapes the elements of a group, or None;
-- ``following_forces(groups, states, nodes, moved)`` and ``following_blocks``, their derivatives;
-  ``touches(groups)``, the nodes that these couple; ``pressing(number, group)``, if it bends beams;
-- ``steps(shape, dtype)``, of supports.
+`load` is the contract: `Load` and the four ways to act, `OnNodes`, `Moving`, `Dead`, `Following`.
 """
 
 from .along import LineLoads, SelfWeight
 from .areas import AreaLoads
 from .combine import combine
+from .load import Acting, Dead, Following, Load, Moving, OnNodes
 from .meshes import net_faces
 from .movement import SupportMovement
 from .nodal import NodalLoads
 from .pressure import CablePressure, FacePressure
 
 __all__ = [
+    "Acting",
     "AreaLoads",
     "CablePressure",
+    "Dead",
     "FacePressure",
+    "Following",
     "LineLoads",
+    "Load",
+    "Moving",
     "NodalLoads",
+    "OnNodes",
     "SelfWeight",
     "SupportMovement",
     "as_list",
     "combine",
     "net_faces",
 ]
-
-_MEMBERS = ("nodal_forces", "element_forces", "following_forces", "steps")
 
 
 def _hint(thing):
@@ -69,6 +67,6 @@ def as_list(loads):
         return []
     items = list(loads) if isinstance(loads, list | tuple) else [loads]
     for k, load in enumerate(items):
-        if isinstance(load, type) or not any(hasattr(load, name) for name in _MEMBERS):
+        if not isinstance(load, Load):
             raise ValueError(f"loads[{k}]: {type(load).__name__} is not a load{_hint(load)}")
     return items

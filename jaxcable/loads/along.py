@@ -8,13 +8,14 @@ import jax.numpy as jnp
 from .. import _check
 from .._tree import copy, pytree
 from .groups import bundled, check_elements, partly, selected, settled
+from .load import Dead, Measured
 
 PER = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
 
 
 @pytree(static=("on",))
-class SelfWeight:
+class SelfWeight(Dead):
     """Self-weight of the elements that have `weight`, half of each to each of its ends.
 
     The weight is that of the current unstressed length at the temperature before the first phase:
@@ -96,7 +97,7 @@ class SelfWeight:
 
 
 @pytree(static=("on", "per", "geometry"))
-class LineLoads:
+class LineLoads(Measured):
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
     Half of each element's load goes to each end; beams get the work on their deflection as well
@@ -199,7 +200,7 @@ class LineLoads:
 
     def _ends(self, group, nodes):
         """Ends of a group's elements in the geometry that lengths are taken from."""
-        return (nodes if self.begun is None else self.begun)[group.links]
+        return self.measured(nodes)[group.links]
 
     def _pieces(self, ends):
         """Initial or projected lengths between successive ends, [n_elem, n_end - 1], m."""

@@ -6,12 +6,13 @@ from .. import _check
 from .._tree import copy, pytree
 from . import faces as _faces
 from .along import check_geometry, padded, room
+from .load import Measured
 
 PER = ("projected", "initial")
 
 
 @pytree(static=("per", "geometry"), indices=("faces",))
-class AreaLoads:
+class AreaLoads(Measured):
     """Dead loads per area, on tributary areas: a third of each triangle to each of its corners.
 
     Areas are those before the load acts, so that it is dead; they have derivatives.
@@ -76,7 +77,7 @@ class AreaLoads:
 
     def element_forces(self, groups, states, nodes, shape, dtype):
         """Force on every node, as `shape`, N."""
-        corners = (nodes if self.begun is None else self.begun)[self.faces]
+        corners = self.measured(nodes)[self.faces]
         per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))
         total = jnp.zeros((shape[0], 3), dtype)
         for numbers, vector in _faces.area_vectors(corners):
@@ -92,7 +93,3 @@ class AreaLoads:
             for k in numbers:
                 total = total.at[self.faces[:, k]].add(force)
         return padded(self.factor.astype(dtype) * total, shape)
-
-    def per_length(self, number, group, state, nodes):
-        """It acts on nodes and shapes no element."""
-        return None

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .. import _check
+from .load import Load
 
 
 def combine(cases, factors):
@@ -48,7 +49,7 @@ def combine(cases, factors):
     listed = [list(c) if isinstance(c, list | tuple) else [c] for c in cases]
     for k, loads in enumerate(listed):
         for load in loads:
-            if not hasattr(load, "scaled"):
+            if not isinstance(load, Load):
                 raise ValueError(f"cases[{k}]: {type(load).__name__} is not a load")
 
     def one(row):

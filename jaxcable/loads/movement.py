@@ -5,10 +5,11 @@ import numpy as np
 from .. import _check
 from .._tree import Indices, copy, pytree
 from .groups import scattered
+from .load import Moving
 
 
 @pytree(indices=("nodes",))
-class SupportMovement:
+class SupportMovement(Moving):
     """Displacement of supports, by increments, from where they are.
 
     Args:

@@ -1,12 +1,15 @@
 """Dead forces and moments on nodes."""
 
+import numpy as np
+
 from .. import _check
 from .._tree import Indices, copy, pytree
 from .groups import scattered
+from .load import OnNodes
 
 
 @pytree(indices=("nodes",))
-class NodalLoads:
+class NodalLoads(OnNodes):
     """Dead forces on nodes.
 
     Args:
@@ -67,6 +70,14 @@ class NodalLoads:
         """The load times `factor`."""
         moments = None if self.moments is None else factor * self.moments
         return copy(self, forces=factor * self.forces, moments=moments)
+
+    def __str__(self):
+        forces = _check.concrete(self.forces)
+        if forces is None:
+            return "NodalLoads"
+        total = np.broadcast_to(forces, (len(self.nodes), 3)).sum(axis=0)
+        total = ", ".join(f"{force:.6g}" for force in total)
+        return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
     def nodal_forces(self, shape, dtype):
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""

@@ -13,12 +13,13 @@ from .._rules import Rule, refuse
 from .._tree import Indices, copy, pytree
 from . import faces as _faces
 from .groups import bundled, chosen, partly
+from .load import Following
 
 PER = ("current", "unstressed")
 
 
 @pytree(static=("on", "per"))
-class CablePressure:
+class CablePressure(Following):
     """Follower pressure on cables, bars and beams, across them and across an axis.
 
     ``axis x d`` of a cable with chord ``d`` is the area vector of a strip of width 1 that the axis
@@ -107,6 +108,10 @@ class CablePressure:
         (number,) = spread
         return copy(self, on=(number,), pressure=spread[number])
 
+    def touched(self, bundles):
+        """The load on the numbers of these bundles."""
+        return copy(self, on=bundles.numbers(self.on))
+
     def scaled(self, factor):
         """The load times `factor`."""
         return copy(self, pressure=factor * self.pressure)
@@ -157,7 +162,7 @@ class CablePressure:
 
 
 @pytree(indices=("faces",))
-class FacePressure:
+class FacePressure(Following):
     """Follower pressure on faces of a net: along their normals, times their current areas.
 
     A third of the force on each triangle goes to each of its corners. Positive along the normal

@@ -1,0 +1,135 @@
+"""What a load is: a base for all, and one class for each of the ways in which loads act."""
+
+import abc
+
+from .._tree import copy
+
+
+class Load(abc.ABC):
+    """Something that acts on a structure in a phase; a pytree whose leaves are its numbers.
+
+    It derives from one of the four classes below.
+    """
+
+    def check(self, structure):
+        """Raise ValueError if it does not fit a structure."""
+        return None
+
+    @abc.abstractmethod
+    def scaled(self, factor):
+        """The load times `factor`."""
+
+    def rules(self):
+        """What its numbers keep, see `_rules`."""
+        return []
+
+    def __str__(self):
+        return type(self).__name__
+
+
+class OnNodes(Load):
+    """Dead on nodes: it leaves the load where a freedom becomes fixed."""
+
+    @abc.abstractmethod
+    def nodal_forces(self, shape, dtype):
+        """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
+
+
+class Moving(Load):
+    """A movement of supports."""
+
+    @abc.abstractmethod
+    def check_supported(self, fixed):
+        """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`."""
+
+    @abc.abstractmethod
+    def steps(self, shape, dtype):
+        """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
+
+
+class Acting(Load):
+    """What goes on acting in later phases, of elements or of areas."""
+
+    @property
+    def asks_begun(self):
+        """Whether it depends on where the nodes are when its phase begins (`Measured`)."""
+        return False
+
+    def among(self, structure):
+        """The load as the analysis of a structure has it: groups by their numbers."""
+        return self
+
+    def bundled(self, bundles):
+        """The load `among` groups on bundles of them (`bundles.Bundles`)."""
+        return self
+
+    def touched(self, bundles):
+        """As `bundled`, for what only asks which groups it acts on."""
+        return self
+
+    def without_begun(self):
+        """The load without what an analysis has put into it."""
+        return self
+
+
+class Dead(Acting):
+    """Forces that do not depend on where the nodes are, but may on the state of the elements."""
+
+    @abc.abstractmethod
+    def element_forces(self, groups, states, nodes, shape, dtype):
+        """Force on every node, as `shape`, N, for the given element states."""
+
+    def per_length(self, number, group, state, nodes):
+        """What of it shapes the elements of a group, per unstressed length, [n_elem, 3], N/m.
+
+        None if nothing does.
+        """
+        return None
+
+
+class Measured(Dead):
+    """A dead load per length or area of a geometry.
+
+    Attributes:
+        geometry: "input", that of the structure's nodes, or "begun", where its phase begins.
+        begun: nodes there, [n_row, 3], m, put in by the analysis; else None.
+    """
+
+    geometry = "input"
+    begun = None
+
+    @property
+    def asks_begun(self):
+        """Whether its geometry is that in which its phase begins."""
+        return self.geometry == "begun"
+
+    def without_begun(self):
+        """The load without these nodes, which belong to an analysis."""
+        return self if self.begun is None else copy(self, begun=None)
+
+    def measured(self, nodes):
+        """Positions to measure in, [n_row, 3], m, of initial ones."""
+        return nodes if self.begun is None else self.begun
+
+
+class Following(Acting):
+    """Forces that depend on where the nodes are."""
+
+    @abc.abstractmethod
+    def touches(self, groups):
+        """Nodes whose forces depend on each other, a list of `Indices` [n, k]."""
+
+    @abc.abstractmethod
+    def following_forces(self, groups, states, nodes, moved):
+        """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
+
+    @abc.abstractmethod
+    def following_blocks(self, groups, states, nodes, moved):
+        """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+
+    def pressing(self, number, group):
+        """What of it bends the elements of a group: per, pressure [n_elem], axes [n_elem, 3].
+
+        None if nothing does.
+        """
+        return None
