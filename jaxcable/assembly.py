@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from . import linear
 from ._tree import copy, pytree
+from .elements import Rounding
 from .elementwise import Elementwise, each
 from .freedoms import along, carriers, combined, numbers_of
 
@@ -150,14 +151,14 @@ class System(Elementwise):
     @property
     def rounds(self):
         """Whether any element may be without force and yet have the rounding of its stiffness."""
-        return any(group.rounding is not None for group in self.groups)
+        return any(isinstance(group, Rounding) for group in self.groups)
 
     def rounding(self, x):
         """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
         motion = self.motion(x)
         left = jnp.zeros_like(self.load)
         for group, state in zip(self.groups, self.states, strict=True):
-            if group.rounding is not None:
+            if isinstance(group, Rounding):
                 ends = each("rounding", group, state, self.nodes, motion)
                 left = left.at[group.links, : ends.shape[-1]].add(ends)
         return self.collected(left)

@@ -30,7 +30,7 @@ class Elementwise:
         """
         found = []
         for group, state in zip(self.groups, self.states, strict=True):
-            own = [name for name in names if _has(group, state, name)]
+            own = [name for name in names if group.has_result(name, state)]
 
             def read(one, *at, own=own):
                 return one.reading(*at, own)
@@ -134,15 +134,6 @@ def _over(function, group, state, nodes, *motions):
 
     ends, motions = nodes[group.links], (motion_of(group, motion) for motion in motions)
     return jax.vmap(one)(group.properties(), state, ends, *motions)
-
-
-def _has(group, state, name):
-    """Whether a group has a result of this name."""
-    if name == "peak_tension":
-        return hasattr(group, name) and state.line_load is not None
-    if name == "section_strain":
-        return getattr(group, "section", None) is not None or group.breaks or group.remembers
-    return name != "section_forces" or group.n_freedom == 6
 
 
 def motion_of(group, motion):

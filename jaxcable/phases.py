@@ -8,6 +8,7 @@ import numpy as np
 from . import _check, plausibility
 from ._rules import Rule, kept, not_negative, positive, refuse
 from ._tree import pytree
+from .elements import Jacked, Prestressable, Sagging
 from .elements.prestress import Stated, of_each
 from .loads import as_list
 from .selection import Only, Selection
@@ -161,7 +162,7 @@ def _is_scalar(value):
 def _passes_by(group, name, structure):
     """Whether a scalar for the whole structure leaves out `group`: beams beside cables or bars."""
     mixed = any(other.n_freedom == 3 for other in structure.groups)
-    warms = name == "temperature" and getattr(group, "expansion", None) is not None
+    warms = name == "temperature" and group.expansion is not None
     return group.n_freedom == 6 and mixed and not warms
 
 
@@ -209,14 +210,14 @@ def _shape(tree):
 def _checked(value, group, name):
     if isinstance(value, Selection):
         raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
-    if not hasattr(group, "restate"):
+    if not isinstance(group, Prestressable):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
-    if name == "sag" and (not hasattr(group, "strain_at_sag") or group.weight is None):
+    if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
         raise ValueError(
             "sag: stated for catenaries with a weight only; for a chain of straight elements "
             "use forms.hanging_chain"
         )
-    if name == "jacking" and getattr(group, "lock", None) is None:
+    if name == "jacking" and not isinstance(group, Jacked):
         raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
     if name == "temperature" and group.expansion is None:
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
@@ -258,7 +259,7 @@ def _sign_rules(name, values, group):
     if name == "sag":
         text = "a sag must be positive; a straight cable has no length of its own"
         return [positive(name, values, text)]
-    if name in _TENSIONS and getattr(group, "tension_only", False):
+    if name in _TENSIONS and group.tension_only:
         text = "a cable carries tension only; must not be negative (use Bars)"
         return [not_negative(name, values, text)]
     return []

@@ -139,7 +139,7 @@ def prestress(name, stated, group, where, nodes):
     label, stiffness = name + where, axial_stiffness(group)
     if name in ("pretension", "jacking", "force_density"):
         force = value * _chords(group, nodes) if name == "force_density" else value
-        strength = _there(getattr(group, "strength", None))
+        strength = _there(group.strength)
         if strength is not None:
             yield from _first(
                 label, value, force > strength, "more than the strength of the element"
@@ -223,11 +223,7 @@ def axial_stiffness(group):
     """EA of a group whose law is a line, [n_elem], N, NumPy; None if it is not known."""
     if group.n_freedom == 6:
         return None
-    if getattr(group, "axial_stiffness", None) is not None:
-        return _there(group.axial_stiffness)
-    law = getattr(group, "law", None)
-    area, modulus = _there(getattr(group, "area", None)), _there(getattr(law, "E", None))
-    return None if area is None or modulus is None else area * modulus
+    return _there(group.stiffness_along())
 
 
 def _there(value):

@@ -11,6 +11,7 @@ from . import _check, load_stacks, plausibility, spins, status
 from ._rules import kept, rules_of
 from ._tree import copy, thaw
 from .bundles import Bundles
+from .elements import Secant
 from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
@@ -110,7 +111,7 @@ def _method(structure, method):
         raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
     if isinstance(method, Incremental) and method.stiffness == "secant":
         for k, group in enumerate(structure.groups):
-            if getattr(group, "secant", None) is None:
+            if not isinstance(group, Secant):
                 raise ValueError(
                     f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
                     'stiffness; use "tangent"'

@@ -9,6 +9,7 @@ from scipy import sparse
 from . import _check, plausibility
 from ._rules import Rule, refuse
 from ._tree import Indices, copy, pytree
+from .elements import Element
 from .freedoms import Rows
 from .spins import free_spins
 from .spins import warn as warn_of_spins
@@ -17,7 +18,7 @@ from .supports import Fixed, Supports
 
 def is_group(x):
     """Whether `x` is an element group, a leaf of the `elements` pytree."""
-    return hasattr(x, "links")
+    return isinstance(x, Element)
 
 
 def place_rules(nodes, group, where=""):
@@ -97,8 +98,7 @@ class Structure:
             _check.known(group.links.array, len(nodes), f"elements{where}.links")
             refuse(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
-                if hasattr(group, "check"):
-                    group.check(positions)
+                group.check(positions)
                 plausibility.members(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
@@ -184,7 +184,7 @@ class Structure:
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
         for group in self.groups:
             links = group.links.array
-            loose = group.balls() if group.n_freedom == 6 else None
+            loose = group.balls()
             if loose is not None:
                 links = links.copy()
                 ends = np.argwhere(loose)

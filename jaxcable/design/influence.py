@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._tree import replace
+from ..elements import Prestressable
 from ..loads import NodalLoads, as_list
 from ..phases import ABSOLUTE, INCREMENTS, Phase
 from ..selection import only
@@ -101,7 +102,7 @@ def _changing(structure, phases, wrt, phase):
         stated = _stated(phases[phase], structure, wrt)
         able = [wrt != "temperature" or g.expansion is not None for g in structure.groups]
         zeros = [
-            jnp.zeros(len(group.links), dtype) if one and hasattr(group, "restate") else None
+            jnp.zeros(len(group.links), dtype) if one and isinstance(group, Prestressable) else None
             for group, one in zip(structure.groups, able, strict=True)
         ]
         if all(z is None for z in zeros):

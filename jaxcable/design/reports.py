@@ -142,8 +142,8 @@ def utilisation(structure, tension):
     found = []
     for group, force in zip(groups, leaves, strict=True):
         force = jnp.asarray(force)
-        strength = getattr(group, "strength", None)
-        if strength is None and getattr(group, "breaks", False) and hasattr(group, "capacity"):
+        strength = group.strength
+        if strength is None and group.breaks:
             low, high = group.capacity()
             limit = jnp.where(force < 0, -low, high)
         else:

@@ -15,50 +15,42 @@ import jax.numpy as jnp
 from .. import _check
 from .._rules import Rule, not_negative, positive, refuse
 from .._tree import changed, copy, kind, pytree
-from ..materials import Parallel
+from ..materials import Elastic, Parallel
+from .element import Element, Jacked, Rounding, Secant
 from .prestress import Prestressed, checked_links, held_or, stretch
 
 
+class Axial(Element):
+    """Elements of two nodes with a force along the line through them."""
+
+    def end_forces(self, state, ends, motion):
+        """Internal force at both ends, [2, 3], N."""
+        pull = self._pull(state, ends, motion)
+        return jnp.stack([-pull, pull])
+
+    def _pull(self, state, ends, motion):
+        """Axial force as a vector from the first end to the second, [3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        return self.tension(state, ends, motion) * vector / length
+
+    def tangent(self, state, ends, motion):
+        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
+
+        They depend on the relative displacement of the ends alone, so that a third of the
+        derivatives gives them all.
+        """
+
+        def pull(second):
+            return self._pull(state, ends, jnp.stack([motion[0], second]))
+
+        # a value of its own, which the four places that it goes to do not compute again
+        block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))
+        return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
+
+
 @pytree(indices=("links",))
-class Bars(Prestressed):
-    """A group of straight two-node bars (struts, ties): tension and compression.
-
-    ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
-    rotation.
-
-    Args:
-        links: node numbers, [n_elem, 2].
-        axial_stiffness: EA, scalar or [n_elem], N; or instead of it
-        area, law: cross-section, scalar or [n_elem], m2, and a uniaxial law (see `materials`); or
-        section: fibre section shared by the group, of which only axial force is asked: its fibres
-            collapse to one area and one law.
-        rest_length: unstressed length before any phase, scalar or [n_elem], m; default the
-            initial chord.
-        weight: self-weight per unstressed length, scalar or [n_elem], N/m; acts where a phase
-            has `SelfWeight`.
-        expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
-        strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
-        compliance: strain per force of a spring in series with the whole of an element, scalar or
-            [n_elem], 1/N (soft end fittings); the equilibrium iteration softens a net for a while
-            by it.
-
-    Raises:
-        ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
-            both or neither of `axial_stiffness` and `area`; `compliance` beside one law of points
-            in a group of several elements, or beside several laws of which one falls.
-
-    Example:
-        600 N on two struts that stand in a 3-4-5 triangle, held in their plane:
-
-        >>> nodes = [[-4.0, 0.0, 0.0], [0.0, 0.0, 3.0], [4.0, 0.0, 0.0]]
-        >>> struts = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> held = np.array([[True, True, True], [False, True, False], [True, True, True]])
-        >>> structure = jc.Structure(nodes, struts, supports=jc.Supports(held))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=-500.0, loads=weight))
-        >>> print(solution.status, jnp.round(solution.tension, 6))
-        0 [-500. -500.]
-    """
+class Straight(Axial, Prestressed):
+    """Straight two-node elements, whatever force answers their strain; fields as of `Bars`."""
 
     links: object
     axial_stiffness: object = None
@@ -71,8 +63,6 @@ class Bars(Prestressed):
     compliance: object = None
     section: object = None
 
-    tension_only = False
-    n_freedom = 3
     per_element = (
         "axial_stiffness",
         "area",
@@ -205,6 +195,13 @@ class Bars(Prestressed):
             return self
         return copy(self, law=changed(lambda own: own.continued(), self.law))
 
+    def stiffness_along(self):
+        """Axial stiffness EA where its law is a line, [n_elem], N; None if it is not."""
+        if self.axial_stiffness is not None:
+            return self.axial_stiffness
+        linear = self.law is not None and isinstance(self.law, Elastic)
+        return self.area * self.law.E if linear else None
+
     def capacity(self):
         """Smallest and largest axial force, N, scalars or [n_elem]."""
         if not self.breaks:
@@ -214,6 +211,12 @@ class Bars(Prestressed):
         return low * area, high * area
 
     # --- one element
+
+    def has_result(self, name, state):
+        """Strains, where it has fibres, or a law that ends or remembers."""
+        if name == "section_strain":
+            return self.section is not None or self.breaks or self.remembers
+        return super().has_result(name, state)
 
     def strain(self, state, ends, motion):
         """Engineering strain on the unstressed length."""
@@ -226,16 +229,6 @@ class Bars(Prestressed):
             state, state.held, lambda: self.force(self.strain(state, ends, motion), state.plastic)
         )
 
-    def end_forces(self, state, ends, motion):
-        """Internal force at both ends, [2, 3], N."""
-        pull = self._pull(state, ends, motion)
-        return jnp.stack([-pull, pull])
-
-    def _pull(self, state, ends, motion):
-        """Axial force as a vector from the first end to the second, [3], N."""
-        vector, length, _, _ = stretch(ends, motion)
-        return self.tension(state, ends, motion) * vector / length
-
     def energy(self, state, ends, motion):
         """Stored energy, J; of a held force its work on the change of length."""
 
@@ -246,20 +239,6 @@ class Bars(Prestressed):
         work = None if state.held is None else state.held * stretch(ends, motion)[2]
         return held_or(state, work, stored)
 
-    def tangent(self, state, ends, motion):
-        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
-
-        They depend on the relative displacement of the ends alone, so that a third of the
-        derivatives gives them all.
-        """
-
-        def pull(second):
-            return self._pull(state, ends, jnp.stack([motion[0], second]))
-
-        # a value of its own, which the four places that it goes to do not compute again
-        block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))
-        return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
-
     def section_strain(self, state, ends, motion):
         """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
         own = None if state.held is None else self.strain_at(state.held, state.plastic)
@@ -269,16 +248,6 @@ class Bars(Prestressed):
         """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
         _, law, area = self._section()
         return area * law.size_at(self.section_strain(state, ends, motion), state.plastic)
-
-    def rounding(self, state, ends, motion):
-        """What the rounding of its displacements leaves of its end forces, [2, 3], N."""
-        vector, length, _, _ = stretch(ends, motion)
-        strain = self.strain(state, ends, motion)
-        one = jnp.ones_like(strain)
-        stiffness = jax.jvp(lambda e: self.force(e, state.plastic), (strain,), (one,))[1]
-        moved = jnp.max(jnp.abs(motion)) / length
-        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
-        return jnp.stack([force, force])
 
     def settle(self, strain, plastic):
         """Plastic strains after an increment that ended at `strain`, [n_plastic]."""
@@ -298,9 +267,24 @@ class Bars(Prestressed):
         """Whether `strain` is beyond its curve."""
         return self._section()[1].beyond(strain)
 
-    def is_slack(self, state, ends, motion):
-        """A bar holds in compression too: never slack."""
-        return jnp.zeros((), bool)
+    # --- prestress
+
+    def locked(self, state, length, change):
+        """State that holds its force at a length which is `change` more than the initial one, m."""
+        strain = self.strain_at(state.held, state.plastic)
+        rest_length = length / (1 + strain)
+        own = jnp.stack([rest_length, rest_length * strain - change])
+        own = held_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
+        return copy(state, rest_length=own[0], elongation=own[1], held=None, jacked=None)
+
+
+class Plain(Straight, Jacked, Secant):
+    """Straight elements whose force follows from their own strain alone."""
+
+    def lock(self, state, ends, motion):
+        """State of an anchored jack: the unstressed length that gives the held force here."""
+        _, length, change, _ = stretch(ends, motion)
+        return self.locked(state, length, change)
 
     def secant(self, state, ends, before, motion):
         """Symmetric secant stiffness, [2, 3, 2, 3]: K (u - u0) = f(u) - f(u0) exactly.
@@ -334,17 +318,54 @@ class Bars(Prestressed):
         block = 0.5 * (q_then + q_now) * jnp.eye(3, dtype=m.dtype) + 0.5 * c * jnp.outer(m, m)
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
-    # --- prestress
 
-    def lock(self, state, ends, motion):
-        """State of an anchored jack: the unstressed length that gives the held force here."""
-        _, length, change, _ = stretch(ends, motion)
-        return self.locked(state, length, change)
+@pytree(indices=("links",))
+class Bars(Plain, Rounding):
+    """A group of straight two-node bars (struts, ties): tension and compression.
 
-    def locked(self, state, length, change):
-        """State that holds its force at a length which is `change` more than the initial one, m."""
-        strain = self.strain_at(state.held, state.plastic)
-        rest_length = length / (1 + strain)
-        own = jnp.stack([rest_length, rest_length * strain - change])
-        own = held_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
-        return copy(state, rest_length=own[0], elongation=own[1], held=None, jacked=None)
+    ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
+    rotation.
+
+    Args:
+        links: node numbers, [n_elem, 2].
+        axial_stiffness: EA, scalar or [n_elem], N; or instead of it
+        area, law: cross-section, scalar or [n_elem], m2, and a uniaxial law (see `materials`); or
+        section: fibre section shared by the group, of which only axial force is asked: its fibres
+            collapse to one area and one law.
+        rest_length: unstressed length before any phase, scalar or [n_elem], m; default the
+            initial chord.
+        weight: self-weight per unstressed length, scalar or [n_elem], N/m; acts where a phase
+            has `SelfWeight`.
+        expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
+        strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
+        compliance: strain per force of a spring in series with the whole of an element, scalar or
+            [n_elem], 1/N (soft end fittings); the equilibrium iteration softens a net for a while
+            by it.
+
+    Raises:
+        ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
+            both or neither of `axial_stiffness` and `area`; `compliance` beside one law of points
+            in a group of several elements, or beside several laws of which one falls.
+
+    Example:
+        600 N on two struts that stand in a 3-4-5 triangle, held in their plane:
+
+        >>> nodes = [[-4.0, 0.0, 0.0], [0.0, 0.0, 3.0], [4.0, 0.0, 0.0]]
+        >>> struts = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> held = np.array([[True, True, True], [False, True, False], [True, True, True]])
+        >>> structure = jc.Structure(nodes, struts, supports=jc.Supports(held))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=-500.0, loads=weight))
+        >>> print(solution.status, jnp.round(solution.tension, 6))
+        0 [-500. -500.]
+    """
+
+    def rounding(self, state, ends, motion):
+        """What the rounding of its displacements leaves of its end forces, [2, 3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        strain = self.strain(state, ends, motion)
+        one = jnp.ones_like(strain)
+        stiffness = jax.jvp(lambda e: self.force(e, state.plastic), (strain,), (one,))[1]
+        moved = jnp.max(jnp.abs(motion)) / length
+        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
+        return jnp.stack([force, force])

@@ -20,6 +20,7 @@ from .._rules import Rule, not_negative, or_nan, positive, refuse
 from .._tree import Indices, changed, copy, kind, pytree
 from ..rotations import cross
 from ..sections import Section
+from .element import Bending, Rounding
 from .member import Member
 from .prestress import Prestressed, checked_links, of_each
 
@@ -29,7 +30,7 @@ _LEANING = 0.1  # sine below which the default axes of an element that leans are
 
 
 @pytree(indices=("links", "hinges"), static=("points",))
-class Beams(Member, Prestressed):
+class Beams(Member, Prestressed, Bending, Rounding):
     """A group of beam elements; their nodes have rotations.
 
     Args:
@@ -85,8 +86,6 @@ class Beams(Member, Prestressed):
     points: int = None
     springs: object = None
 
-    tension_only = False
-    rising = False  # bending energy is not convex in the positions
     n_freedom = 6
     shaped_by_load = True
     per_element = (

@@ -9,37 +9,14 @@ import jax.numpy as jnp
 
 from .._tree import pytree
 from ..materials import Parallel
-from .bar import Bars
+from .bar import Plain, Straight
 from .prestress import held_or
 
 
-@pytree(indices=("links",))
-class Cables(Bars):
-    """A group of straight two-node cables: as `Bars`, but in tension only.
-
-    ``N = max(EA e, 0)`` or ``N = A s(e)`` with ``e = (l - L0) / L0``; at ``e = 0`` the tangent is
-    that of the taut cable. With a section of several laws ``N`` is the sum over all of them or, if
-    that would be a compression, zero: a cable goes slack as a whole. Arguments and errors are those
-    of `Bars`.
-
-    Example:
-        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle:
-
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> jc.describe(solution.status)
-        'converged'
-        >>> print(jnp.round(solution.tension, 6), jnp.round(solution.displacement[1], 6))  # N, m
-        [500. 500.] [0. 0. 0.]
-        >>> print(jnp.round(solution.rest_length, 6))  # 5 m / (1 + 500 / 1e5)
-        [4.975124 4.975124]
-    """
+class TensionOnly(Straight):
+    """Straight elements that go slack: zero where they would be compressed."""
 
     tension_only = True
-    rounding = None  # without tension it is slack; its residual is judged by its tension alone
 
     def force(self, strain, plastic=None):
         """Axial force, N: zero in a slack cable."""
@@ -95,3 +72,29 @@ class Cables(Bars):
     def _section(self):
         stiffness, law, area = super()._section()
         return stiffness, None if law is None else law.tension_only(), area
+
+
+@pytree(indices=("links",))
+class Cables(TensionOnly, Plain):
+    """A group of straight two-node cables: as `Bars`, but in tension only.
+
+    ``N = max(EA e, 0)`` or ``N = A s(e)`` with ``e = (l - L0) / L0``; at ``e = 0`` the tangent is
+    that of the taut cable. With a section of several laws ``N`` is the sum over all of them or, if
+    that would be a compression, zero: a cable goes slack as a whole. Arguments and errors are those
+    of `Bars`.
+
+    Example:
+        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> jc.describe(solution.status)
+        'converged'
+        >>> print(jnp.round(solution.tension, 6), jnp.round(solution.displacement[1], 6))  # N, m
+        [500. 500.] [0. 0. 0.]
+        >>> print(jnp.round(solution.rest_length, 6))  # 5 m / (1 + 500 / 1e5)
+        [4.975124 4.975124]
+    """

@@ -11,13 +11,13 @@ import jax.numpy as jnp
 
 from .._tree import pytree
 from . import hanging
-from .bar import Bars
-from .cable import Cables
+from .cable import TensionOnly
+from .element import Sagging
 from .prestress import stretch
 
 
 @pytree(indices=("links",))
-class Catenaries(Cables):
+class Catenaries(TensionOnly, Sagging):
     """A group of elastic catenaries, tension only; results per element are means over its ends.
 
     It carries weight where a phase has `SelfWeight` and line loads where it has `LineLoads`, by the
@@ -54,8 +54,6 @@ class Catenaries(Cables):
         0 [6000.    0. 1800.]
     """
 
-    lock = None  # no jack: what it holds depends on where along the cable it pulls
-    secant = None
     shaped_by_load = True
 
     def __post_init__(self):
@@ -74,6 +72,12 @@ class Catenaries(Cables):
     @property
     def _stiffness(self):
         return self._section()[0]
+
+    def has_result(self, name, state):
+        """The largest tension along it, where there is a load."""
+        if name == "peak_tension":
+            return state.line_load is not None
+        return super().has_result(name, state)
 
     def tension(self, state, ends, motion):
         """Mean of the tensions at both ends, N."""
@@ -97,7 +101,7 @@ class Catenaries(Cables):
 
     def is_slack(self, state, ends, motion):
         """Longer than its chord and without load."""
-        slack = Bars.strain(self, state, ends, motion) < 0
+        slack = self.strain(state, ends, motion) < 0
         if state.line_load is None:
             return slack
         return slack & jnp.all(state.line_load == 0)

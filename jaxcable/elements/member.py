@@ -287,6 +287,10 @@ class Member:
             total = total + 0.5 * jnp.sum(self.springs * turned**2)
         return total
 
+    def has_result(self, name, state):
+        """It has all; the largest axial force by itself, where there is a load."""
+        return name != "peak_tension" or state.line_load is not None
+
     def reading(self, state, ends, motion, names):
         """Results by name: pose and strains are found once for all of them."""
         if len(names) < 2:
@@ -379,10 +383,6 @@ class Member:
     def beyond(self, strain):
         """Whether section strains [n_point, 3] take a fibre beyond its curve."""
         return jnp.any(self.section.beyond(*strain.T))
-
-    def is_slack(self, state, ends, motion):
-        """A beam holds in compression too: never slack."""
-        return jnp.zeros((), bool)
 
 
 def _cross(a, b):

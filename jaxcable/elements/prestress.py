@@ -1,13 +1,12 @@
 """What every element with an axis shares: its prestress, its weight, and how phases change them."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
-from .._tree import Each, Indices, copy, pytree
+from .._tree import Indices, copy, pytree
+from .element import Prestressable
 
 
 @pytree
@@ -72,52 +71,11 @@ class Stated:
         return new if self.chosen is None else jnp.where(self.chosen, new, old)
 
 
-class Readable:
-    """An element whose results are its methods, each by itself."""
+class Prestressed(Prestressable):
+    """A group whose state is an `AxialState`, and is changed by its unstressed length.
 
-    def finds_both(self, state):
-        """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.
-
-        That compiles in less time, and computes tangents of points that may be rejected.
-        """
-        return False
-
-    def reading(self, state, ends, motion, names):
-        """Results of one element by the names of its methods, a dict."""
-        return {name: getattr(self, name)(state, ends, motion) for name in names}
-
-
-class Prestressed(Readable):
-    """Members of a group (see `elements`) that only need its unstressed length.
-
-    The group has `links`, `rest_length`, `weight`, `expansion`, and gives `strain_at(force,
-    plastic)` and `virgin()`, the plastic strains of all its unused elements or None.
-
-    Attributes:
-        per_element: names of the arrays that have a value for every element, [n_elem, ...].
+    The group has `rest_length`.
     """
-
-    per_element = ()
-
-    shaped_by_load = False
-    slides = False
-    inner = ()
-    n_inner_row = 0
-
-    def rules_at(self, nodes):
-        """What its numbers keep beside the positions of the nodes: nothing more (`_rules`)."""
-        return []
-
-    def properties(self):
-        """What has one value for every element, by name."""
-        values = {name: getattr(self, name) for name in self.per_element}
-        values = {name: value for name, value in values.items() if value is not None}
-        others = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return values | {name: x.every for name, x in others.items() if isinstance(x, Each)}
-
-    def chord(self, ends):
-        """Length between the ends [n_elem, n_end, 3], [n_elem], m."""
-        return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
     def start(self, ends):
         """State before the first phase: the group's unstressed length, or the chord itself."""
@@ -130,10 +88,6 @@ class Prestressed(Readable):
         return AxialState(
             rest_length, elongation, loaded_length=rest_length, warmth=warmth, plastic=self.virgin()
         )
-
-    def at_ends(self, amount, ends):
-        """`amount` [n_elem] in halves to the ends, [n_elem, 2]; `ends` [n_elem, 2, 3]."""
-        return jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
 
     def restate(self, state, ends, inputs):
         """State after the prestress statements of a phase, for a whole group.

@@ -12,12 +12,13 @@ import numpy as np
 from .. import _check
 from .._rules import Rule
 from .._tree import Indices, pytree
-from .cable import Cables
+from .cable import TensionOnly
+from .element import Element, Jacked
 from .prestress import held_or
 
 
 @pytree(indices=("links",))
-class SlidingCables(Cables):
+class SlidingCables(TensionOnly, Jacked):
     """A group of cables that slide without friction over their nodes; tension only.
 
     Everything per element is per cable: one tension, one unstressed length, one weight. `tension`
@@ -56,8 +57,9 @@ class SlidingCables(Cables):
         [9.950249]
     """
 
-    secant = None  # a piece that shortens while another one lengthens has none of its own
+    # no `Secant`: a piece that shortens while another one lengthens has none of its own
     shaped_by_load = slides = True
+    tangent = Element.tangent  # of more nodes than two
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
@@ -114,10 +116,6 @@ class SlidingCables(Cables):
         now = motion[0] + length @ middle / jnp.sum(length)
         share = self.at_ends(jnp.ones((1,), length.dtype), ends[None])[0]
         return state.rest_length * state.line_load @ (share @ motion - now)
-
-    def tangent(self, state, ends, motion):
-        """Tangent stiffness, [n_end, 3, n_end, 3], N/m: autodiff of the end forces."""
-        return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
 
     def energy(self, state, ends, motion):
         """Stored energy and potential of what slides, J; of a held force its work."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..elements import Bars
+from ..elements.bar import Straight
 from ..parts import groups_by_name, one_case
 from ..topology import require_same
 from .reading import written
@@ -95,7 +95,7 @@ def require_exportable(structure):
     """Raise ValueError where elements of a structure have no counterpart in OpenSees."""
     for name, group in groups_by_name(structure):
         name = name or "elements"
-        if not isinstance(group, Bars) or group.links.shape[1] != 2 or group.shaped_by_load:
+        if not isinstance(group, Straight) or group.links.shape[1] != 2 or group.shaped_by_load:
             raise ValueError(
                 f"structure: {name} are {type(group).__name__}; only Cables and Bars have the same "
                 "law in OpenSees"

@@ -6,7 +6,7 @@ from jax import lax
 
 from .. import _check
 from .._rules import or_nan, positive
-from ..elements import hanging
+from ..elements import Sagging, hanging
 from ..elements.prestress import element
 from ..elementwise import motion_of
 from ..ramp import make_system
@@ -73,7 +73,7 @@ def end_tensions(structure, solution):
 
 
 def _of_catenaries(structure, solution, method, *arguments):
-    able = [hasattr(group, method) for group in structure.groups]
+    able = [isinstance(group, Sagging) for group in structure.groups]
     if not any(able):
         raise ValueError("structure: has no catenaries")
     thawed, arrays, _ = prepared(structure, solution)

@@ -5,7 +5,7 @@ import numpy as np
 
 from .. import _check, status
 from .._rules import kept, rules_of
-from ..elements import Bars
+from ..elements.bar import Straight
 from ..phases import spread
 from ..selection import Only, Selection
 from ..structure import Structure, place_rules
@@ -16,7 +16,7 @@ def check_members(structure):
     if not isinstance(structure, Structure):
         raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
     for k, group in enumerate(structure.groups):
-        if not isinstance(group, Bars) or group.links.shape[1] != 2:
+        if not isinstance(group, Straight) or group.links.shape[1] != 2:
             raise ValueError(
                 f"elements: group {k} ({type(group).__name__}) is not made of straight members "
                 "with two ends; form finding takes Cables and Bars"

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._tree import pytree
+from ..elements import Sagging
 from ..elements.prestress import element
 from ..elementwise import each
 from ..ramp import make_system
@@ -113,6 +114,6 @@ def _group(group, state, nodes, motion):
     if group.expansion is not None:
         # from a rest length as long as the distance: L0 (1 + strain) (1 + expansion dt) = L0
         said["temperature"] = -strain / (1 + strain) / group.expansion
-    if hasattr(group, "depth") and state.line_load is not None:
+    if isinstance(group, Sagging) and state.line_load is not None:
         said["sag"] = each("depth", group, state, nodes, motion)
     return said

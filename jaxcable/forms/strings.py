@@ -7,8 +7,8 @@ whatever its length, as a string over a pulley does; with a large ``k`` it nearl
 import jax.numpy as jnp
 
 from .._tree import Indices, pytree
-from ..elements import Bars
-from ..elements.prestress import Readable, stretch
+from ..elements.bar import Axial
+from ..elements.prestress import stretch
 
 
 @pytree
@@ -27,7 +27,7 @@ class StringState:
 
 
 @pytree(static=("tension_only",), indices=("links",))
-class Strings(Readable):
+class Strings(Axial):
     """A group of such members; see `elements` for what a group has to give.
 
     Attributes:
@@ -38,24 +38,12 @@ class Strings(Readable):
     links: Indices
     tension_only: bool = False
 
-    n_freedom = 3
-    inner = ()
-    n_inner_row = 0
     rising = True
-    breaks = remembers = shaped_by_load = slides = False
-    rounding = None
 
-    def properties(self):
-        """Nothing: all of it is state."""
-        return {}
-
-    def chord(self, ends):
-        """Length between the ends, [n_elem], m."""
-        return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
-
-    def softened(self, compliance):
-        """Itself: a held force has no stiffness to soften."""
-        return self
+    def start(self, ends):
+        """A member that holds nothing; form finding makes its states itself."""
+        nothing = jnp.zeros(len(ends), ends.dtype)
+        return StringState(nothing, nothing, nothing)
 
     def tension(self, state, ends, motion):
         """Axial force, N."""
@@ -67,14 +55,6 @@ class Strings(Readable):
         gap = state.excess + change
         return state.force * change + 0.5 * state.stiffness * gap**2
 
-    def at_kink(self, state, ends, motion):
-        """Its force has no kink."""
-        return jnp.zeros((), bool)
-
     def is_slack(self, state, ends, motion):
         """Whether it holds nothing at all."""
         return (state.force == 0) & (state.stiffness == 0)
-
-    _pull = Bars._pull
-    end_forces = Bars.end_forces
-    tangent = Bars.tangent

@@ -129,7 +129,7 @@ def _slack(system, motion, before):
     rows, at = [], 0
     for group, state, own in zip(system.groups, system.states, system.slack(motion), strict=True):
         was, at = before[at : at + len(own)], at + len(own)
-        if group.tension_only and hasattr(group, "strain"):
+        if group.tension_only:
             strain = each("strain", group, state, system.nodes, motion)
             unsure = jnp.abs(strain) <= _UNSURE * jnp.finfo(strain.dtype).eps
             own = jnp.where(unsure, was, own)

@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import _check, linear
 from .._tree import Indices, copy, pytree
+from ..elements import Sagging
 from ..ramp import make_system, unloaded
 from ..solution import Solution, State
 from ..tangent import displaced_by, filled, prepared, tangent_at
@@ -98,7 +99,7 @@ def buckling_factor(structure, state, reference=None, n=1, fixed=None):
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     _refuse_following(thawed[2], "state")
-    catenary = any(hasattr(group, "end_tensions") for group in structure.groups)
+    catenary = any(isinstance(group, Sagging) for group in structure.groups)
     if reference is None and catenary and thawed[2].loads:
         raise ValueError(
             "reference: missing; catenaries under load have no stiffness in common with those "

@@ -10,7 +10,7 @@ from jax import lax
 from .. import _check, linear
 from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
-from ..elements import Catenaries
+from ..elements import Sagging
 from ..elements.prestress import element
 from ..elementwise import each
 from ..ramp import make_system
@@ -112,7 +112,7 @@ def natural_frequencies(
         masses = jnp.broadcast_to(_check.floats(masses, "masses"), structure.n_node)
         masses = or_nan(not_negative("masses", masses))
     thawed, arrays, freedoms = prepared(structure, state, fixed)
-    weights = [getattr(group, "weight", None) for group in structure.groups]
+    weights = [group.weight for group in structure.groups]
     known = [_check.concrete(own) for own in (*weights, masses) if own is not None]
     if not any(own is None or (own > 0).any() for own in known):
         raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
@@ -129,7 +129,7 @@ def natural_frequencies(
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
     if not (_check.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
         hint = ""
-        if any(isinstance(group, Catenaries) for group in structure.groups):
+        if any(isinstance(group, Sagging) for group in structure.groups):
             hint = "; catenaries have no modes within their span, use a chain of Cables"
         raise ValueError(f"masses: no node that is free to move has mass{hint}")
     stiffness = jnp.where(symmetric, stiffness, jnp.nan)
@@ -160,7 +160,7 @@ def _blocks(thawed, arrays, gravity, distribution):
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
         blocks = None
-        if getattr(group, "weight", None) is not None:
+        if group.weight is not None:
             whole = group.weight * state.loaded / gravity
             if group.n_freedom == 6:
                 blocks = _of_beams(system, group, state, carry.motion, whole, distribution)
@@ -212,7 +212,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         return
     nodes, groups, carry = filled(thawed, arrays)
     for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
-        if not isinstance(group, Catenaries) or group.weight is None:
+        if not isinstance(group, Sagging) or group.weight is None:
             continue
         system = make_system(nodes, groups, carry, None, None)
         tension = each("tension", group, system.states[number], nodes, carry.motion)

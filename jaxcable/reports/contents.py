@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..design import utilisation
+from ..elements import Sagging
 from ..energy import energy_balance
 from ..parts import first_and_last, groups_by_name, per_group, pieces
 from ..paths import buckling_factor
@@ -126,7 +127,7 @@ def members(structure, state, states):
     units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
     known = any(value is not None for row in rows for value in row[-2:])
     notes = [] if known else ["no group has a strength: no utilisation"]
-    if any(hasattr(group, "end_tensions") for group in structure.groups):
+    if any(isinstance(group, Sagging) for group in structure.groups):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
     if _compressed(structure, used, own, *each.values()):
         notes.append(BUCKLING)
