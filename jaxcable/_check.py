@@ -163,11 +163,3 @@ def kind(thing, example):
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__
-
-
-def uniaxial(law, name):
-    """Raise ValueError unless `law` is a uniaxial law."""
-    if isinstance(law, type):
-        raise ValueError(f"{name}: the class {law.__name__} is not a law; call it with its numbers")
-    if not hasattr(law, "stress_at"):
-        raise ValueError(f"{name}: {type(law).__name__} is not a uniaxial law such as Elastic(E)")

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from . import linear
 from ._tree import copy, pytree
-from .elements import Rounding
+from .elements.element import Rounding
 from .elementwise import Elementwise, each
 from .freedoms import along, carriers, combined, numbers_of
 

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import loads
 from ._tree import copy, pytree, stacked
+from .loads import load as kinds
 
 
 @pytree(static=("late",))
@@ -29,7 +29,7 @@ class LoadStack:
     @property
     def follows(self):
         """Whether they depend on where the nodes are."""
-        return isinstance(self.load, loads.Following)
+        return isinstance(self.load, kinds.Following)
 
     def until(self, phase):
         """Only those that a phase knows: numbers of later ones are zero, even if they are NaN."""

@@ -8,7 +8,7 @@ import numpy as np
 from . import _check, plausibility
 from ._rules import Rule, kept, not_negative, positive, refuse
 from ._tree import pytree
-from .elements import Jacked, Prestressable, Sagging
+from .elements.element import Jacked, Prestressable, Sagging
 from .elements.prestress import Stated, of_each
 from .loads import as_list
 from .selection import Only, Selection

@@ -11,12 +11,13 @@ from . import _check, load_stacks, plausibility, spins, status
 from ._rules import kept, rules_of
 from ._tree import copy, thaw
 from .bundles import Bundles
-from .elements import Secant
+from .elements.element import Secant
 from .equilibrium import Newton
 from .freedoms import number_freedoms
 from .incremental import Incremental
 from .load_stacks import continued
-from .loads import Acting, Load, Moving, OnNodes, as_list
+from .loads import as_list
+from .loads.load import Acting, Load, Moving, OnNodes
 from .phases import Phase, keeps_rules
 from .ramp import unloaded
 from .schedule import Schedule, numbering, on_rows, stated

@@ -9,7 +9,7 @@ from scipy import sparse
 from . import _check, plausibility
 from ._rules import Rule, refuse
 from ._tree import Indices, copy, pytree
-from .elements import Element
+from .elements.element import Element
 from .freedoms import Rows
 from .spins import free_spins
 from .spins import warn as warn_of_spins
@@ -32,7 +32,8 @@ def place_rules(nodes, group, where=""):
         k = index[0]
         return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes coincide"
 
-    return [Rule("nodes", (nodes[links], links), same, text), *group.rules_at(nodes)]
+    apart = [Rule("nodes", (nodes[links], links), same, text)] if links.shape[1] > 1 else []
+    return [*apart, *group.rules_at(nodes)]
 
 
 @pytree(indices=("rigid",))

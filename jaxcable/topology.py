@@ -50,7 +50,7 @@ def topology_of(structure):
             name,
             type(group).__name__,
             group.links,
-            getattr(group, "hinges", None),
+            group.hinges,
             (tuple(group.inner), group.n_inner_row),
             str(jax.tree.map(jnp.shape, group.virgin())),
         )

@@ -410,11 +410,11 @@ def test_a_snap_leaves_what_it_releases():
 
 def test_forces_that_are_not_those_of_the_energy_are_seen(monkeypatch):
     """Half a percent more energy than the forces have is an imbalance that does not fall."""
-    from jaxcable.elements import Bars
+    from jaxcable.elements.bar import Straight
 
-    right = Bars.energy_per_length
+    right = Straight.energy_per_length
     monkeypatch.setattr(
-        Bars, "energy_per_length", lambda self, e, plastic=None: 1.005 * right(self, e, plastic)
+        Straight, "energy_per_length", lambda self, e, plastic=None: 1.005 * right(self, e, plastic)
     )
     jax.clear_caches()
     try:

@@ -171,7 +171,7 @@ ERRORS = {
     # loads
     "a load that is not called": (
         lambda: jc.Phase(loads=jc.SelfWeight),
-        r"^loads\[0\]: type is not a load; call it: SelfWeight\(",
+        r"^loads\[0\]: the class SelfWeight is not a load; call it: SelfWeight\(",
     ),
     "forces of all nodes for loads": (
         lambda: jc.Phase(loads=np.ones((4, 3))),

@@ -186,7 +186,7 @@ def test_reports_pictures_and_files_use_it(hung, tmp_path):
     assert [stage.forces.value[0] for stage in shown] == [peak / STRENGTH] * 2
     _, shown, _ = stages.stages_of(solution, structure)
     assert shown[0].forces.value[0] == mean  # coloured by tension it is the mean
-    used = members.Forces(solution.tension, structure, "utilisation").value[0]
+    used = members.Forces(solution.tension, solution.links, structure, "utilisation").value[0]
     assert used == mean / STRENGTH  # forces as they are
 
     assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"

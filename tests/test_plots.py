@@ -175,7 +175,7 @@ def test_slack_cables_are_dashed_and_counted(pictures, runs):
     count = int(np.sum(np.asarray(runs.slack.tension) == 0))
     assert 0 < count < 12
     assert f"slack ({count} of 12)" in legend_texts(pictures["net, slack"])
-    forces = members.Forces(runs.slack.tension, runs.structure)
+    forces = members.Forces(runs.slack.tension, runs.slack.links, runs.structure)
     assert (forces.slack == (np.asarray(runs.slack.tension) == 0)).all()
     orange = np.array([0xD5, 0x5E, 0x00])
 
@@ -202,10 +202,11 @@ def test_bars_without_force_are_not_slack():
         jc.Cables([[1, 2]], axial_stiffness=1.0),
     )
     structure = jc.Structure(nodes, [bars, cable], jc.pinned([0, 1, 2]))
-    forces = members.Forces([np.array([0.0, -2.0]), np.zeros(1)], structure)
+    links = [group.links for group in structure.groups]
+    forces = members.Forces([np.array([0.0, -2.0]), np.zeros(1)], links, structure)
     assert forces.slack.tolist() == [False, False, True]
     assert forces.compressed.tolist() == [False, True, False]
-    assert members.Forces([np.array([0.0, -2.0]), np.zeros(1)]).slack.tolist() == [
+    assert members.Forces([np.array([0.0, -2.0]), np.zeros(1)], links).slack.tolist() == [
         True,
         False,
         True,

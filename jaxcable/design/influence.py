@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._tree import replace
-from ..elements import Prestressable
+from ..elements.element import Prestressable
 from ..loads import NodalLoads, as_list
 from ..phases import ABSOLUTE, INCREMENTS, Phase
 from ..selection import only

@@ -9,7 +9,6 @@ from .bar import Bars
 from .beam import Beams
 from .cable import Cables
 from .catenary import Catenaries
-from .element import Bending, Element, Jacked, Prestressable, Rounding, Sagging, Secant
 from .prestress import AxialState
 from .sliding import SlidingCables
 
@@ -17,14 +16,7 @@ __all__ = [
     "AxialState",
     "Bars",
     "Beams",
-    "Bending",
     "Cables",
     "Catenaries",
-    "Element",
-    "Jacked",
-    "Prestressable",
-    "Rounding",
-    "Sagging",
-    "Secant",
     "SlidingCables",
 ]

@@ -9,6 +9,8 @@ Lengths are never subtracted: with the initial chord ``d`` of length ``l_s``, it
 so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would lose eight).
 """
 
+import abc
+
 import jax
 import jax.numpy as jnp
 
@@ -16,12 +18,20 @@ from .. import _check
 from .._rules import Rule, not_negative, positive, refuse
 from .._tree import changed, copy, kind, pytree
 from ..materials import Elastic, Parallel
+from ..materials.law import uniaxial
+from ..sections import Section
 from .element import Element, Jacked, Rounding, Secant
 from .prestress import Prestressed, checked_links, held_or, stretch
 
 
 class Axial(Element):
     """Elements of two nodes with a force along the line through them."""
+
+    results = ("tension",)
+
+    @abc.abstractmethod
+    def tension(self, state, ends, motion):
+        """Axial force, N."""
 
     def end_forces(self, state, ends, motion):
         """Internal force at both ends, [2, 3], N."""
@@ -90,8 +100,8 @@ class Straight(Axial, Prestressed):
                 "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
             )
         if self.law is not None:
-            _check.uniaxial(self.law, "law")
-        if self.section is not None and not hasattr(self.section, "axial"):
+            uniaxial(self.law, "law")
+        if self.section is not None and not isinstance(self.section, Section):
             raise ValueError(f"section: {type(self.section).__name__} is not a Section")
         if self.compliance is not None:
             self._check_compliance()
@@ -104,13 +114,13 @@ class Straight(Axial, Prestressed):
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
         laws = () if self.compliance is None or self.section is None else self._laws
         for k, law in enumerate(laws if len(laws) > 1 else ()):
-            stress = None if law.rising else getattr(law, "stress", None)
+            stress = law.falls()
             if stress is not None:
                 text = (
                     f"section.laws[{k}] falls; a spring in series with it and others would snap "
                     "back, which has no one force for a strain"
                 )
-                rules.append(Rule("compliance", stress, lambda s: (s[1:] < s[:-1]).any(), text))
+                rules.append(Rule("compliance", stress, _falling, text))
         return rules
 
     def _check_compliance(self):
@@ -369,3 +379,8 @@ class Bars(Plain, Rounding):
         moved = jnp.max(jnp.abs(motion)) / length
         force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
         return jnp.stack([force, force])
+
+
+def _falling(stress):
+    """Whether stresses on the last axis, along a curve, fall."""
+    return (stress[..., 1:] < stress[..., :-1]).any()

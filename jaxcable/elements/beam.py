@@ -88,6 +88,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     n_freedom = 6
     shaped_by_load = True
+    results = ("tension", "section_strain", "section_forces")
     per_element = (
         "torsional_stiffness",
         "up",

@@ -17,12 +17,24 @@ import numpy as np
 from .._tree import Each
 
 
+class ElementState:
+    """What phases change in a group: a pytree, its arrays with an axis [n_elem].
+
+    What a kind of element has not is None; see `prestress.AxialState` for what these are.
+    """
+
+    rest_length = held = jacked = warmth = plastic = line_load = pressed = None
+
+
 class Element(abc.ABC):
     """A group of elements of one kind: a pytree with ``links`` in its index fields.
 
     Attributes:
         links: node numbers, [n_elem, n_end].
         per_element: names of the arrays that have a value for every element, [n_elem, ...].
+        results: names of the methods that tell something of an element from its state, ends and
+            motion, among those that an analysis records: `tension`, the axial force, N;
+            `peak_tension`, that of largest size along it; `section_strain`, `section_forces`.
         n_freedom: freedoms that it gives a node, 3 or 6.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
             take after those of the ends (`member`).
@@ -36,6 +48,8 @@ class Element(abc.ABC):
     """
 
     per_element = ()
+    results = ()
+    hinges = None
     n_freedom = 3
     inner = ()
     n_inner_row = 0
@@ -65,10 +79,15 @@ class Element(abc.ABC):
 
     @abc.abstractmethod
     def start(self, ends):
-        """State before the first phase, from initial end positions [n_elem, n_end, 3]."""
+        """`ElementState` before the first phase, from initial positions [n_elem, n_end, 3]."""
 
     def chord(self, ends):
-        """Length between the first two ends [n_elem, n_end, 3], [n_elem], m."""
+        """Length between the first two ends [n_elem, n_end, 3], [n_elem], m.
+
+        A size to measure steps by; none, [0], of elements with one end.
+        """
+        if ends.shape[1] < 2:
+            return jnp.zeros(0, ends.dtype)
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
     def at_ends(self, amount, ends):
@@ -132,10 +151,6 @@ class Element(abc.ABC):
         """End forces and tangent."""
         return self.end_forces(state, ends, motion), self.tangent(state, ends, motion)
 
-    @abc.abstractmethod
-    def tension(self, state, ends, motion):
-        """Axial force, N."""
-
     def is_slack(self, state, ends, motion):
         """Whether it has gone slack and holds nothing."""
         return jnp.zeros((), bool)
@@ -150,7 +165,7 @@ class Element(abc.ABC):
 
     def has_result(self, name, state):
         """Whether it has a result of a name, with a state of the group."""
-        return name not in ("peak_tension", "section_strain", "section_forces")
+        return name in ("end_forces", "is_slack", *self.results)
 
 
 class Prestressable(Element):

@@ -288,8 +288,10 @@ class Member:
         return total
 
     def has_result(self, name, state):
-        """It has all; the largest axial force by itself, where there is a load."""
-        return name != "peak_tension" or state.line_load is not None
+        """The largest axial force by itself, where there is a load."""
+        if name == "peak_tension":
+            return state.line_load is not None
+        return super().has_result(name, state)
 
     def reading(self, state, ends, motion, names):
         """Results by name: pose and strains are found once for all of them."""

@@ -6,11 +6,11 @@ import numpy as np
 
 from .. import _check
 from .._tree import Indices, copy, pytree
-from .element import Prestressable
+from .element import ElementState, Prestressable
 
 
 @pytree
-class AxialState:
+class AxialState(ElementState):
     """What the phases change in a group of bars, cables or beams.
 
     Attributes:
@@ -38,8 +38,8 @@ class AxialState:
         [4.98] [0.02]
     """
 
-    rest_length: object
-    elongation: object
+    rest_length: object = None
+    elongation: object = None
     held: object = None
     jacked: object = None
     loaded_length: object = None

@@ -4,6 +4,7 @@ Files are data: nothing in them is executed. One that is not what it should be e
 with its name and the line or field.
 """
 
+from .codec import register
 from .nets import Net
 from .networks import read_network
 from .obj import read_obj
@@ -23,6 +24,7 @@ __all__ = [
     "read_csv",
     "read_network",
     "read_obj",
+    "register",
     "save_opensees",
     "save_result",
     "save_scene",

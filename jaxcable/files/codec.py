@@ -45,11 +45,29 @@ TYPES = {
 }
 """What a file can hold, by the name of its type."""
 
+
+def register(cls):
+    """Let files hold objects of a class of one's own: a group, a load, a law; returns the class.
+
+    Raises:
+        ValueError: another class has that name.
+
+    Example:
+        >>> from jaxcable.elements import Cables
+        >>> jc.files.register(Cables) is Cables  # files know it already
+        True
+    """
+    if TYPES.setdefault(cls.__name__, cls) is not cls:
+        raise ValueError(f"{cls.__name__}: files know another class of that name")
+    return cls
+
+
 _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
 _WORKED_OUT = {
     Polygonal: ("rising", "n_plastic"),  # by the constructor, from the points
     LineLoads: ("begun", "part"),  # by the analysis
     SelfWeight: ("part",),
+    CablePressure: ("part",),
     AreaLoads: ("begun",),
 }
 _DEEPEST = 32  # nested objects; no structure comes near

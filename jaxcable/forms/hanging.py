@@ -6,7 +6,8 @@ from jax import lax
 
 from .. import _check
 from .._rules import or_nan, positive
-from ..elements import Sagging, hanging
+from ..elements import hanging
+from ..elements.element import Sagging
 from ..elements.prestress import element
 from ..elementwise import motion_of
 from ..ramp import make_system

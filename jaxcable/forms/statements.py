@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .._tree import pytree
-from ..elements import Sagging
+from ..elements.element import Sagging
 from ..elements.prestress import element
 from ..elementwise import each
 from ..ramp import make_system

@@ -8,11 +8,12 @@ import jax.numpy as jnp
 
 from .._tree import Indices, pytree
 from ..elements.bar import Axial
+from ..elements.element import ElementState
 from ..elements.prestress import stretch
 
 
 @pytree
-class StringState:
+class StringState(ElementState):
     """Force and spring of the members of a group.
 
     Attributes:

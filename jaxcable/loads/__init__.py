@@ -11,24 +11,18 @@ phases; `combine` scales and adds load cases.
 from .along import LineLoads, SelfWeight
 from .areas import AreaLoads
 from .combine import combine
-from .load import Acting, Dead, Following, Load, Moving, OnNodes
+from .load import Load
 from .meshes import net_faces
 from .movement import SupportMovement
 from .nodal import NodalLoads
 from .pressure import CablePressure, FacePressure
 
 __all__ = [
-    "Acting",
     "AreaLoads",
     "CablePressure",
-    "Dead",
     "FacePressure",
-    "Following",
     "LineLoads",
-    "Load",
-    "Moving",
     "NodalLoads",
-    "OnNodes",
     "SelfWeight",
     "SupportMovement",
     "as_list",
@@ -68,5 +62,7 @@ def as_list(loads):
     items = list(loads) if isinstance(loads, list | tuple) else [loads]
     for k, load in enumerate(items):
         if not isinstance(load, Load):
-            raise ValueError(f"loads[{k}]: {type(load).__name__} is not a load{_hint(load)}")
+            own = isinstance(load, type)
+            kind = f"the class {load.__name__}" if own else type(load).__name__
+            raise ValueError(f"loads[{k}]: {kind} is not a load{_hint(load)}")
     return items

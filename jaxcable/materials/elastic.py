@@ -1,14 +1,13 @@
 """Linear law, without end."""
 
-import jax.numpy as jnp
-
 from .. import _check
 from .._rules import positive, refuse
 from .._tree import copy, pytree
+from .law import Law
 
 
 @pytree
-class Elastic:
+class Elastic(Law):
     """Linear law, ``stress = E strain``.
 
     Attributes:
@@ -27,8 +26,6 @@ class Elastic:
 
     E: object
 
-    n_plastic = 0
-    breaks = False
     rising = True
 
     def __post_init__(self):
@@ -47,23 +44,9 @@ class Elastic:
         """Slope at the origin, Pa."""
         return self.E
 
-    @property
-    def capacity(self):
-        """No stress is too high."""
-        return -jnp.inf, jnp.inf
-
-    @property
-    def limits(self):
-        """The line has no ends."""
-        return -jnp.inf, jnp.inf
-
     def stress_at(self, strain, plastic=None):
         """Stress, Pa, at `strain`."""
         return self.E * strain
-
-    def size_at(self, strain, plastic):
-        """Absolute stress, Pa."""
-        return jnp.abs(self.E * strain)
 
     def energy_at(self, strain, plastic=None):
         """Strain energy per unstressed volume, J/m3."""
@@ -72,30 +55,6 @@ class Elastic:
     def strain_at(self, stress, plastic=None):
         """Strain at `stress`, Pa."""
         return stress / self.E
-
-    def continued(self):
-        """The law itself: it has no end to go beyond."""
-        return self
-
-    def tension_only(self):
-        """The law itself; what is slack is decided by the cable, from its strain."""
-        return self
-
-    def beyond(self, strain):
-        """Never."""
-        return jnp.zeros(jnp.shape(strain), bool)
-
-    def is_slack(self, strain, plastic=None):
-        """Never: a line holds in compression too."""
-        return jnp.zeros(jnp.shape(strain), bool)
-
-    def corners(self, plastic=None):
-        """None, [0]."""
-        return jnp.zeros(0)
-
-    def corner_distance(self, strain, plastic=None):
-        """Infinite: a line has no corner."""
-        return jnp.full_like(strain, jnp.inf)
 
     def softened(self, compliance):
         """The law in series with a spring of `compliance`, 1/Pa."""

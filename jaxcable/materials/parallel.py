@@ -14,12 +14,13 @@ import jax.numpy as jnp
 from .._tree import copy, pytree
 from .elastic import Elastic
 from .inverse import inverse
+from .law import Law
 
 _FAR = 1.0  # strain beyond the last corner at which a law is sampled
 
 
 @pytree(static=("one_sided",))
-class Parallel:
+class Parallel(Law):
     """Laws that share one strain, ``s(e) = sum_i share_i s_i(e)``.
 
     Attributes:
@@ -210,11 +211,6 @@ class Parallel:
         if self.spring is not None:
             strain = strain + self.spring * stress
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
-
-    def beyond(self, strain):
-        """Whether any of the curves has ended."""
-        low, high = self.limits
-        return (strain > high) | (strain < low)
 
     def settle(self, strain, plastic):
         """Plastic strains after an increment; in a slack cable nothing yields any more."""

@@ -22,10 +22,11 @@ from .._rules import refuse
 from .._tree import copy, pytree
 from . import points
 from .inverse import inverse
+from .law import Law
 
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_plastic"))
-class Polygonal:
+class Polygonal(Law):
     """Piecewise linear law through given points; beyond its ends the material has failed: zero.
 
     The points pass through the origin and go up in strain. Points of negative strain are the
@@ -129,11 +130,6 @@ class Polygonal:
         """Strains at which the curve ends; minus infinity on the side of a slack material."""
         return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
 
-    def beyond(self, strain):
-        """Whether `strain` lies beyond the curve."""
-        low, high = self.limits
-        return (strain > high) | (strain < low)
-
     # --- the law
 
     def stress_at(self, strain, plastic=None):
@@ -222,6 +218,10 @@ class Polygonal:
     def tension_only(self):
         """The law without compression: slack where its stress would be negative."""
         return copy(self, one_sided=True)
+
+    def falls(self):
+        """Its stresses, unless they are known to rise."""
+        return None if self.rising else self.stress
 
     def softened(self, compliance):
         """The law in series with a spring of `compliance`, 1/Pa; for a law that rises."""

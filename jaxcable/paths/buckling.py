@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import _check, linear
 from .._tree import Indices, copy, pytree
-from ..elements import Sagging
+from ..elements.element import Sagging
 from ..ramp import make_system, unloaded
 from ..solution import Solution, State
 from ..tangent import displaced_by, filled, prepared, tangent_at

@@ -10,7 +10,7 @@ from jax import lax
 from .. import _check, linear
 from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
-from ..elements import Sagging
+from ..elements.element import Sagging
 from ..elements.prestress import element
 from ..elementwise import each
 from ..ramp import make_system

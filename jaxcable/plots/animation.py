@@ -110,7 +110,8 @@ def _shots(solution, begin, structure, magnify, colour, frames):
         both = own.tension, own.peak_tension
         tension, peak = jax.tree.map(lambda t, row=row: t[row], both)
         title = f"Phase {k + 1}, load factor {own.load_factor[row]:.2f}"
-        shots.append(_Shot(k, title, place, Forces(tension, structure, colour, peak)))
+        forces = Forces(tension, solution.links, structure, colour, peak)
+        shots.append(_Shot(k, title, place, forces))
     return shots
 
 

@@ -20,7 +20,8 @@ class Forces:
     """Forces of all elements in one state, in one row, and what is said of them.
 
     Args:
-        tension: of all elements, in their shape, N.
+        tension: of all elements, in their shape, N; None of groups without an axial force.
+        links: node numbers per group, as of a `Solution`.
         structure: `Structure`, or None.
         colour: what colours them, of `COLOURS`.
         peak: their forces of largest size, which utilisation is of; default `tension`.
@@ -31,18 +32,20 @@ class Forces:
         value: what colours them, in the unit of `Scale`, [n_elem]; NaN where it is not known.
     """
 
-    def __init__(self, tension, structure=None, colour="tension", peak=None):
-        self.tension = _row(tension)
+    def __init__(self, tension, links, structure=None, colour="tension", peak=None):
+        counts = [len(own) for own in links]
+        self.tension = _row(tension, counts)
         self.slack = self.tension == 0.0
         if structure is not None:
             groups = structure.groups
             cable = [np.full(len(group.links), group.tension_only) for group in groups]
             self.slack = np.concatenate(cable) & (self.tension <= 0.0)
-        largest = np.abs(self.tension).max(initial=0.0)
+        largest = np.nanmax(np.abs(self.tension), initial=0.0)
         self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
         self.value = self.tension
         if colour == "utilisation":
-            self.value = _utilisation(structure, tension if peak is None else peak)
+            found = _utilisation(structure, tension if peak is None else peak)
+            self.value = _row(found, counts)
 
 
 class Scale:
@@ -145,19 +148,16 @@ def keys(forces, before=False, counted=True):
     return found
 
 
-def _row(values):
-    """The numbers of all groups in one row."""
-    return np.concatenate([np.asarray(leaf, float) for leaf in jax.tree.leaves(values)])
+def _row(values, counts):
+    """The numbers of all groups in one row, NaN for groups of so many elements that have none."""
+    leaves = jax.tree.leaves(values, is_leaf=lambda leaf: leaf is None)
+    pairs = zip(leaves, counts, strict=True)
+    return np.concatenate(
+        [np.full(n, np.nan) if own is None else np.asarray(own, float) for own, n in pairs]
+    )
 
 
 def _utilisation(structure, tension):
     if structure is None:
         raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
-    found = design.utilisation(structure, tension)
-    leaves = jax.tree.leaves(found, is_leaf=lambda leaf: leaf is None)
-    return _row(
-        [
-            np.full(len(group.links), np.nan) if own is None else own
-            for group, own in zip(structure.groups, leaves, strict=True)
-        ]
-    )
+    return design.utilisation(structure, tension)

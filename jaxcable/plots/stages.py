@@ -64,7 +64,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
             round_factor(end - origin, np.concatenate([end, begin])) if magnify is None else magnify
         )
 
-    forces = Forces(state.tension, structure, colour, state.peak_tension)
+    forces = Forces(state.tension, solution.links, structure, colour, state.peak_tension)
     stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
     unstable = [", unstable" if _unstable(phase) else "" for phase in solution.phases]
     own = "" if stopped or number < 0 else unstable[number]
@@ -80,7 +80,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
     middle = np.asarray(first.positions)
     name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{own}"
     factor = factor(middle)
-    before = Forces(first.tension, structure, colour, first.peak_tension)
+    before = Forces(first.tension, solution.links, structure, colour, first.peak_tension)
     stages = [
         Stage(f"Before loading{unstable[0]}", middle, begin, before, fixed(0)),
         Stage(

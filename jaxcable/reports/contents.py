@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..design import utilisation
-from ..elements import Sagging
+from ..elements.element import Sagging
 from ..energy import energy_balance
 from ..parts import first_and_last, groups_by_name, per_group, pieces
 from ..paths import buckling_factor

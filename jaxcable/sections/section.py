@@ -13,6 +13,7 @@ from .. import _check
 from .._rules import positive, refuse
 from .._tree import Indices, copy, pytree
 from ..materials import Elastic, Parallel
+from ..materials.law import uniaxial
 from . import capacity, composites, geometry, shapes, strains
 from .linear import Linear
 
@@ -82,7 +83,7 @@ class Section:
                 raise ValueError(f"own: expected shape [n_fibre, 3], got {self.own.shape}")
         put(self, "laws", tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
         for k, law in enumerate(self.laws):
-            _check.uniaxial(law, f"laws[{k}]")
+            uniaxial(law, f"laws[{k}]")
         put(self, "counts", (len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")

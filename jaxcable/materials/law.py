@@ -1,0 +1,106 @@
+"""What a uniaxial law is: stress from strain, and from what earlier increments left."""
+
+import abc
+
+import jax.numpy as jnp
+
+
+class Law(abc.ABC):
+    """A uniaxial law: a pytree shared by the elements or fibres of a group.
+
+    Its members take arrays of any shape. ``plastic`` are the plastic strains that it remembers,
+    [..., n_plastic], None of a law that remembers none.
+
+    Attributes:
+        n_plastic: how many plastic strains a fibre remembers; 0 of a reversible law.
+        breaks: whether the curve can end.
+        rising: whether stress is known not to fall with strain: the energy is then convex. Such a
+            law gives `softened`.
+    """
+
+    n_plastic = 0
+    breaks = False
+    rising = False
+
+    @property
+    @abc.abstractmethod
+    def modulus(self):
+        """Slope at the origin, on the tension side, Pa."""
+
+    @abc.abstractmethod
+    def stress_at(self, strain, plastic=None):
+        """Stress, Pa; derivatives at corners are those of loading."""
+
+    @abc.abstractmethod
+    def energy_at(self, strain, plastic=None):
+        """Stress integrated over strain, written apart from it, J/m3."""
+
+    @abc.abstractmethod
+    def strain_at(self, stress, plastic=None):
+        """The inverse on the rising branch from zero; NaN above it."""
+
+    @property
+    def capacity(self):
+        """Smallest and largest stress, Pa."""
+        return -jnp.inf, jnp.inf
+
+    @property
+    def limits(self):
+        """Strains at which the curve ends."""
+        return -jnp.inf, jnp.inf
+
+    def beyond(self, strain):
+        """Whether the curve has ended there."""
+        low, high = self.limits
+        return (strain > high) | (strain < low)
+
+    def is_slack(self, strain, plastic=None):
+        """Whether it carries nothing because it is shorter than it was."""
+        return jnp.zeros(jnp.shape(strain), bool)
+
+    def corners(self, plastic=None):
+        """Strains at which the slope jumps, on the last axis."""
+        return jnp.zeros(0)
+
+    def corner_distance(self, strain, plastic=None):
+        """Distance in strain to the nearest corner."""
+        return jnp.full_like(strain, jnp.inf)
+
+    def size_at(self, strain, plastic):
+        """Sum of the absolute stresses of its parts, Pa, which rounding is relative to."""
+        return jnp.abs(self.stress_at(strain, plastic))
+
+    def settle(self, strain, plastic):
+        """Plastic strains after an increment that ended at `strain`."""
+        return plastic
+
+    def continued(self):
+        """The law for an iteration, which goes on elastically beyond its ends.
+
+        So the way to an answer may lead through there; the answer itself may not
+        (`status.MATERIAL_FAILURE`).
+        """
+        return self
+
+    def tension_only(self):
+        """The law without its compression branch.
+
+        Itself, where the strain says what is slack: the cable sees to that.
+        """
+        return self
+
+    def softened(self, compliance):
+        """The law in series with a spring, strain per stress, 1/Pa."""
+        raise NotImplementedError(f"{type(self).__name__} is not known in series with a spring")
+
+    def falls(self):
+        """The stresses [n] of a curve that may fall, or None of one that cannot."""
+        return None
+
+
+def uniaxial(law, name):
+    """Raise ValueError unless `law` is a uniaxial law."""
+    if isinstance(law, type):
+        raise ValueError(f"{name}: the class {law.__name__} is not a law; call it with its numbers")
+    if not isinstance(law, Law):
+        raise ValueError(f"{name}: {type(law).__name__} is not a uniaxial law such as Elastic(E)")

@@ -1,0 +1,101 @@
+"""What is written against a contract, in test files alone, takes part in all of an analysis."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.testing import assert_allclose
+from own_elements import GroundSprings
+
+import jaxcable as jc
+from jaxcable import status
+
+NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]])
+CABLES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+K = np.array([[300.0, 200.0, 500.0]])
+
+
+def sprung(stiffness=K, cables=CABLES):
+    elements = {"net": cables, "ground": GroundSprings([[1]], stiffness)}
+    return jc.Structure(NODES, elements, jc.pinned([0, 2]))
+
+
+def analyse(stiffness=K, force=(20.0, 30.0, -400.0), **options):
+    push = jc.NodalLoads([1], jnp.asarray(force))
+    phases = [
+        jc.Phase(pretension={"net": 500.0, "ground": None}),
+        jc.Phase(loads=push, increments=3),
+    ]
+    return jc.solve(sprung(stiffness), phases, **options)
+
+
+def test_a_spring_balances_what_the_cables_leave():
+    """Equilibrium written out in NumPy, from lengths alone."""
+    solution = analyse()
+    assert solution.status == status.OK
+    u = np.asarray(solution.displacement[1])
+    total = np.array([20.0, 30.0, -400.0]) - K[0] * u
+    for end, rest in zip(NODES[[0, 2]], np.asarray(solution.rest_length["net"]), strict=True):
+        way = end - (NODES[1] + u)
+        length = np.linalg.norm(way)
+        total += 1e5 * (length - rest) / rest * way / length
+    assert np.abs(total).max() < 1e-7  # tol 1e-10 of some 1000 N
+    assert np.abs(u).max() > 0.01
+    assert solution.tension["ground"] is None and solution.rest_length["ground"] is None
+    assert solution.phases[1].path.tension["net"].shape == (3, 2)
+
+
+def test_residual_tangent_and_energy():
+    structure, solution = sprung(), analyse()
+    tangent = jc.forms.tangent_of(structure, solution)
+    bare = jc.Structure(NODES, CABLES, jc.pinned([0, 2]))
+    alone = jc.solve(bare, jc.Phase(rest_length=solution.rest_length["net"]))
+    group = structure.elements["ground"]
+    one = jax.tree.map(lambda x: x[0], group.properties())
+    spring = GroundSprings(group.links, one["stiffness"])
+    u, still = solution.displacement[1:2], jnp.zeros((1, 3))
+    force = jax.grad(spring.energy, argnums=2)(None, still, u)
+    assert_allclose(force, spring.end_forces(None, still, u), rtol=1e-12)
+    assert_allclose(spring.tangent(None, still, u).reshape(3, 3), np.diag(K[0]), rtol=1e-12)
+    assert alone.status == status.OK and tangent.shape == (3, 3)
+    assert_allclose(tangent, tangent.T, atol=1e-9 * np.abs(tangent).max())
+
+
+def test_gradient_by_its_stiffness():
+    def sag(k):
+        return analyse(k).displacement[1, 2]
+
+    slope = jax.grad(sag)(jnp.asarray(K))
+    step = 1e-2
+    for axis in range(3):
+        moved = np.zeros((1, 3))
+        moved[0, axis] = step
+        between = (sag(K + moved) - sag(K - moved)) / (2 * step)
+        assert_allclose(slope[0, axis], between, rtol=1e-6, atol=1e-12)  # of order step^2
+    assert abs(float(slope[0, 2])) > 1e-6
+    cases = jax.vmap(sag)(jnp.stack([K, 2 * K]))
+    assert_allclose(cases[0], sag(K), rtol=1e-10)
+
+
+def test_a_frame_stands_on_it():
+    """A clamped cantilever on a spring at its tip: P = (3 EI / L^3 + k) u for a small load."""
+    section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
+    nodes = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    beam, spring = jc.Beams([[0, 1]], section=section), GroundSprings([[1]], [[0.0, 0.0, 4e3]])
+    structure = jc.Structure(nodes, [beam, spring], jc.clamped([0]))
+    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1.0))))
+    assert solution.status == status.OK
+    stiffness = 3 * 1e9 * 0.1**4 / 12 / 2**3 + 4e3
+    assert_allclose(-solution.displacement[1, 2], 1 / stiffness, rtol=1e-8)  # (u / L)^2
+
+
+def test_files_and_pictures(tmp_path):
+    structure = sprung()
+    phases = [jc.Phase(pretension={"net": 500.0, "ground": None})]
+    jc.save_scene(tmp_path / "own.json", (structure, phases))
+    again, stated = jc.load_scene(tmp_path / "own.json")
+    assert isinstance(again.elements["ground"], GroundSprings)
+    found, expected = jc.solve(again, stated), jc.solve(structure, phases)
+    assert found.status == status.OK
+    assert (np.asarray(found.displacement) == np.asarray(expected.displacement)).all()
+    figure = jc.plots.net(found)
+    assert figure.axes
