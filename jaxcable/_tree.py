@@ -154,6 +154,11 @@ def _holds_indices(obj):
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
+def plain(indices):
+    """The array of `Indices`, or of what has taken their place (`thaw`)."""
+    return indices.array if isinstance(indices, Indices) else indices
+
+
 def places(array):
     """An index array as places in another one: unsigned, so that no program asks for negative ones.
 

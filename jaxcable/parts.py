@@ -39,7 +39,7 @@ def pieces(links):
         element: number of their element, counted through all groups, [n_piece].
         group: number of their group, [n_piece].
     """
-    ends, element, group, count = [], [], [], 0
+    ends, element, owner, count = [], [], [], 0
     for number, own in enumerate(links):
         chain = own.array
         pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
@@ -47,9 +47,9 @@ def pieces(links):
         real = pairs[..., 0] != pairs[..., 1]  # chains are filled up with their last node
         ends.append(pairs[real])
         element.append(which[real])
-        group.append(np.full(int(real.sum()), number))
+        owner.append(np.full(int(real.sum()), number))
         count += len(chain)
-    return np.concatenate(ends), np.concatenate(element), np.concatenate(group)
+    return np.concatenate(ends), np.concatenate(element), np.concatenate(owner)
 
 
 def first_and_last(group):

@@ -103,15 +103,15 @@ def members(group, where, nodes):
         where: its key in the elements, as text.
         nodes: initial positions, [n_node, 3], NumPy.
     """
-    rest, area = (_there(getattr(group, name, None)) for name in ("rest_length", "area"))
+    rest, area = _there(group.rest_length), _there(group.area)
     if rest is not None:
         yield from _judge_lengths(f"elements{where}.rest_length", rest, _chords(group, nodes))
     if area is not None:
         text = "thicker than the element is long; is it in m2?"
         yield from _first(f"elements{where}.area", area, area > _chords(group, nodes) ** 2, text)
     if group.n_freedom == 6:
-        section = getattr(group, "section", None)
-        fibres = [_there(getattr(section, name, None)) for name in ("y", "z")]
+        section = group.section
+        fibres = [_there(section.y), _there(section.z)]
         size = 0.0 if any(f is None for f in fibres) else max(np.ptp(f) for f in fibres)
         if size > np.ptp(nodes, axis=0).max():
             yield (
@@ -238,7 +238,7 @@ def _chords(group, nodes):
 
 def _judge_axis(label, section):
     """Say that the axis of a beam is off its centroid where nobody has put it there."""
-    if getattr(section, "placed", True):
+    if section.placed:
         return
     if any(_there(leaf) is None for leaf in jax.tree.leaves(section)):
         return

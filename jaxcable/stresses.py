@@ -45,7 +45,7 @@ def fibre_stress(structure, phase):
         if strain is not None:
             stresses.append(_follow(group, strain, plastic))
         else:  # a linear law keeps no record: it needs none
-            area = getattr(group, "area", None)
+            area = group.area
             stresses.append(None if area is None else tension / area[None, :])
     return structure.arrange(stresses)
 

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from . import _check, plausibility
 from ._rules import Rule, refuse
-from ._tree import Indices, copy, pytree
+from ._tree import Indices, copy, plain, pytree
 from .elements.element import Element
 from .freedoms import Rows
 from .spins import free_spins
@@ -23,7 +23,7 @@ def is_group(x):
 
 def place_rules(nodes, group, where=""):
     """What initial positions [n_node, 3] keep beside the numbers of a group, see `_rules`."""
-    links = getattr(group.links, "array", group.links)
+    links = plain(group.links)
 
     def same(ends, _):
         return (ends == ends[:, :1]).all(axis=(1, 2))

@@ -97,3 +97,71 @@ def test_picture_of_a_failed_solution_is_refused():
     failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
     with pytest.raises(ValueError, match="solution: has failed"):
         jc.plots.net(failed)
+
+
+# --- contracts are code
+
+_OBJECTS = {"group", "g", "one", "load", "law", "own_law", "section"}
+
+
+def named(node):
+    """The last name of ``a.b.c``, or None."""
+    return getattr(node, "attr", getattr(node, "id", None))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_nobody_asks_groups_loads_and_laws_for_names(path):
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Call) and named(node.func) in ("hasattr", "getattr"):
+            literal = isinstance(node.args[1], ast.Constant)
+            if literal and named(node.args[0]) in _OBJECTS:
+                found.append(ast.unparse(node))
+    assert not found
+
+
+def kinds():
+    """All classes of elements, loads, laws and solvers, bases and those beside them."""
+    from jaxcable.elements.element import Element
+    from jaxcable.linear.solver import Solver
+    from jaxcable.loads.load import Load
+    from jaxcable.materials.law import Law
+
+    found, ahead = set(), [Element, Load, Law, Solver]
+    while ahead:
+        cls = ahead.pop()
+        found.add(cls)
+        ahead += cls.__subclasses__()
+    return found
+
+
+def test_no_method_is_deleted_by_a_subclass():
+    checked = 0
+    for cls in kinds():
+        for base in cls.__mro__[1:]:
+            for name, value in vars(base).items():
+                if callable(value) and name in vars(cls):
+                    checked += 1
+                    assert vars(cls)[name] is not None, f"{cls.__name__}.{name}"
+    assert checked > 50
+
+
+def test_what_is_asked_of_a_group_is_in_the_contract():
+    """Attributes of what is called ``group``, outside of elements and what makes scenes of them."""
+    from jaxcable.elements import element
+
+    known = set()
+    for cls in vars(element).values():
+        if isinstance(cls, type) and cls.__module__ == element.__name__:
+            known |= set(dir(cls)) | set(cls.__annotations__)
+    known |= {"links", "_index_fields", "_static_fields"}  # of every pytree of the package
+    asked = set()
+    for path in MODULES:
+        aside = path.name == "opensees.py"  # takes straight elements only, and all of them apart
+        if aside or room(path) in ("elements", "scenes", "forms", "design", "cli"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Attribute) and named(node.value) == "group":
+                asked.add(node.attr)
+    assert len(asked) > 20
+    assert asked <= known, asked - known

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.testing import assert_allclose
 from own_elements import GroundSprings
+from own_laws import Prager
 
 import jaxcable as jc
 from jaxcable import status
@@ -99,3 +100,68 @@ def test_files_and_pictures(tmp_path):
     assert (np.asarray(found.displacement) == np.asarray(expected.displacement)).all()
     figure = jc.plots.net(found)
     assert figure.axes
+
+
+# --- a law with memory
+
+LAW = Prager(200e9, 20e9, 300e6)
+
+
+def test_a_law_with_memory_by_itself():
+    rng = np.random.default_rng(3)
+    strain, p = rng.uniform(-6e-3, 6e-3, 50), rng.uniform(-3e-3, 3e-3, (50, 1))
+    stress = LAW.stress_at(strain, p)
+    slope = jax.vmap(jax.grad(LAW.energy_at))(strain, p)
+    assert_allclose(slope, stress, atol=1e-6)  # of 1e9 Pa
+    assert_allclose(LAW.strain_at(stress, p), strain, atol=1e-15)
+    after = LAW.settle(strain, p)
+    assert_allclose(LAW.stress_at(strain, after), stress, atol=1e-6)
+    assert np.abs(after - p).max() > 1e-4
+
+
+def test_a_law_with_memory_is_that_of_points_with_elastic_unloading():
+    """One part that yields beside an elastic one: the parallel model of the same curve.
+
+    Loaded, unloaded beyond yield and loaded again, as bars and in the fibres of a beam.
+    """
+    tangent = LAW.E * LAW.H / (LAW.E + LAW.H)
+    first = LAW.y / LAW.E
+    strain = np.array([-0.05, -first, 0.0, first, 0.05])
+    end = LAW.y + tangent * (0.05 - first)
+    points = jc.Polygonal(strain, np.array([-end, -LAW.y, 0.0, LAW.y, end]), "elastic")
+    loads = jc.NodalLoads([1], (150e3, 0.0, -400e3))
+    phases = [jc.Phase(loads=loads.scaled(f), increments=3) for f in (1.0, -1.8, 1.2)]
+    found = []
+    for law in (LAW, points):
+        bars = jc.Bars([[0, 1], [1, 2]], area=1e-3, law=law)
+        held = np.array([[True] * 3, [False, True, False], [True] * 3])
+        structure = jc.Structure(NODES, bars, jc.Supports(held))
+        found.append(jc.solve(structure, phases))
+        assert found[-1].status == status.OK
+    own, other = found
+    scale = float(jnp.abs(other.displacement).max())
+    assert_allclose(own.displacement, other.displacement, atol=1e-8 * scale)
+    assert_allclose(own.tension, other.tension, rtol=1e-7)
+    elastic = 400e3 / (2 * LAW.E * 1e-3 / 5.0 * 0.6**2)
+    assert abs(float(own.phases[0].displacement[1, 2])) > 1.2 * elastic  # it has yielded
+
+
+def test_fibres_of_a_law_with_memory():
+    section = jc.Section.rectangle(0.05, 0.1, LAW, shape=(1, 6))
+    nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    structure = jc.Structure(nodes, jc.Beams([[0, 1]], section=section), jc.clamped([0]))
+    push = jc.NodalLoads([1], (0.0, 0.0, -45e3))
+    phases = [jc.Phase(loads=push, increments=4), jc.Phase(loads=push.scaled(-1.0))]
+
+    def left(y):
+        law = Prager(200e9, 20e9, y)
+        own = jc.replace(structure.elements, section=jc.replace(section, laws=(law,)))
+        solution = jc.solve(jc.replace(structure, elements=own), phases)
+        return solution.displacement[1, 2], solution.status
+
+    value, code = left(300e6)
+    assert code == status.OK and -0.1 < value < -1e-3  # plastic strains stay
+    slope = jax.grad(lambda y: left(y)[0])(300e6)
+    step = 1e3
+    between = (left(300e6 + step)[0] - left(300e6 - step)[0]) / (2 * step)
+    assert_allclose(slope, between, rtol=1e-5)

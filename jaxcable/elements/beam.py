@@ -17,7 +17,7 @@ import numpy as np
 
 from .. import _check
 from .._rules import Rule, not_negative, or_nan, positive, refuse
-from .._tree import Indices, changed, copy, kind, pytree
+from .._tree import Indices, changed, copy, kind, plain, pytree
 from ..rotations import cross
 from ..sections import Section
 from .element import Bending, Rounding
@@ -137,7 +137,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         """What its numbers keep beside the positions of the nodes, [n_node, 3]."""
         if self.up is None:
             return []
-        links = getattr(self.links, "array", self.links)
+        links = plain(self.links)
         chord = nodes[links[:, 1]] - nodes[links[:, 0]]
 
         def along(up, chord):

@@ -38,7 +38,7 @@ class Element(abc.ABC):
         n_freedom: freedoms that it gives a node, 3 or 6.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
             take after those of the ends (`member`).
-        weight, expansion, strength: as of `Bars`; None if it has none.
+        weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
         tension_only, rising: whether it holds only in tension; whether its force is known not to
             fall with strain. Of groups of which both hold the energy is convex.
         remembers: whether its state has plastic strains (`virgin`, `settle`, `size`).
@@ -53,7 +53,7 @@ class Element(abc.ABC):
     n_freedom = 3
     inner = ()
     n_inner_row = 0
-    weight = expansion = strength = None
+    weight = expansion = strength = area = section = rest_length = None
     tension_only = rising = remembers = breaks = shaped_by_load = slides = False
 
     # --- the group

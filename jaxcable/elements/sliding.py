@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _check
 from .._rules import Rule
-from .._tree import Indices, pytree
+from .._tree import Indices, plain, pytree
 from .cable import TensionOnly
 from .element import Element, Jacked
 from .prestress import held_or
@@ -68,7 +68,7 @@ class SlidingCables(TensionOnly, Jacked):
 
     def rules_at(self, nodes):
         """No two successive nodes of a cable have the same place, of nodes [n_node, 3]."""
-        links = getattr(self.links, "array", self.links)
+        links = plain(self.links)
 
         def same(ends, links):
             return (ends[:, 1:] == ends[:, :-1]).all(axis=2) & (links[:, 1:] != links[:, :-1])

@@ -63,7 +63,7 @@ class SelfWeight(Dead):
     def check(self, structure):
         """Raise ValueError if there are no such elements, or none of their groups has a weight."""
         groups = [structure.groups[number] for number in selected(self, structure)[0]]
-        if all(getattr(group, "weight", None) is None for group in groups):
+        if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import _check
-from .._tree import copy
+from .._tree import copy, plain
 from ..selection import Selection
 
 _ALL = 1.0  # of every element of a group
@@ -87,7 +87,7 @@ def scattered(nodes, parts, shape, dtype):
         shape: of the result, [n_node, 3 or 6].
         dtype: of the result.
     """
-    nodes = getattr(nodes, "array", nodes)
+    nodes = plain(nodes)
     known = [None if part is None else _check.concrete(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
