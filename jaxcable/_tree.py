@@ -213,6 +213,11 @@ def stacked(trees):
     return jax.tree.map(one, *trees)
 
 
+def where(condition, new, old):
+    """`new` where the condition holds, else `old`; pytrees."""
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
+
+
 def joined(arrays):
     """Arrays one after the other: by NumPy unless they are traced, or on another device."""
     if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):

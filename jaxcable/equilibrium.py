@@ -29,13 +29,12 @@ of lengths), hence the iteration converges from any start, until the rounding of
 themselves (EA eps) shows in the residual.
 """
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 
 from . import _check, linear, status
 from ._rules import Rule, refuse
-from ._tree import copy, pytree
+from ._tree import copy, pytree, where
 from .iteration import Task, limit, no_stiffness
 from .newton_step import WORTH, largest
 from .reading import read
@@ -224,7 +223,7 @@ def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
             broken = jnp.any(system.broken(new.section_strain))
         outcome = _outcome(end, x, active, broken, memory)
         if system.breaks:
-            new = _where(begins | outcome.equilibrated, new, seen)
+            new = where(begins | outcome.equilibrated, new, seen)
         code = status.first_failure(code, outcome.code)
         if plastic is not None:
             plastic = ramp.settle(system, new.section_strain, outcome.equilibrated, plastic)
@@ -247,10 +246,5 @@ def _as_begun(system, begun, factor):
             held = jnp.ones(now.held.shape, bool) if now.jacked is None else now.jacked
             now = copy(now, jacked=held)
             then = copy(then, held=jnp.zeros_like(now.held), jacked=jnp.zeros_like(held))
-        states.append(_where(factor > 0, now, then))
+        states.append(where(factor > 0, now, then))
     return copy(system, states=states)
-
-
-def _where(condition, new, old):
-    """`new` where the condition holds, else `old`; pytrees."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import linear, status
-from ._tree import copy, pytree
+from ._tree import copy, pytree, where
 from .globalisation import Shift, Softening, Sprint
 from .newton_step import direction, largest
 from .search import Search
@@ -138,7 +138,7 @@ class Task:
             x=keep(x, it.x),
             residual=keep(residual, it.residual),
             scale=keep(scale, it.scale),
-            tangents=_where(fine, tangents, it.tangents),
+            tangents=where(fine, tangents, it.tangents),
             search=search,
         )
         return new, it.search.length, fine & ~it.stepless, ~again
@@ -171,24 +171,24 @@ class Task:
         moved = over & (~it.arrival | it.stepless)
         spent = over & ~converged & (it.steps >= self.method.max_steps)
         again = jnp.zeros((), bool)
-        shift = _where(moved, it.shift.update(found, taken), it.shift)
+        shift = where(moved, it.shift.update(found, taken), it.shift)
         x, sprint, softening = it.x, it.sprint, it.softening
         reach = self.system.reach(x)
         if self.sprints:
             own, again = sprint.update(found, reach, it.steps, self.extent, converged)
-            sprint, again = _where(moved, own, sprint), moved & again
+            sprint, again = where(moved, own, sprint), moved & again
             x = jnp.where(again, self.begin, x)
-            shift = _where(again, Shift.init(x.dtype), shift)
+            shift = where(again, Shift.init(x.dtype), shift)
         runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
         aside = again & ~stop
         if self.softens:
-            softening = _where(moved, softening.update(found, taken), softening)
+            softening = where(moved, softening.update(found, taken), softening)
             own, changed = softening.change(largest(it.residual), it.scale)
             changed = changed & over & ~aside & ~stop & ~converged
-            softening = _where(changed, own, softening)
-            shift = _where(changed, Shift.init(x.dtype), shift)
+            softening = where(changed, own, softening)
+            shift = where(changed, Shift.init(x.dtype), shift)
             # it stops while softened: the residual of the structure itself is to be told
             told = stop & (softening.softness > 0)
             softening = copy(softening, softness=jnp.where(told, 0.0, softening.softness))
@@ -242,11 +242,6 @@ class Task:
             )
 
         return lax.cond(wanted, aim, lambda it: it, it)
-
-
-def _where(condition, new, old):
-    """`new` where the condition holds, else `old`; pytrees."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
 def no_stiffness(matrix):

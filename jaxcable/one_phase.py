@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import equilibrium, implicit, incremental, status
-from ._tree import copy, fill, thaw
+from ._tree import copy, fill, thaw, where
 from .equilibrium import Newton
 from .reading import read
 from .rooted import told
@@ -179,7 +179,7 @@ def _end(ramp, factor, points, valid, before, plastic=None):
     motion, bare = map(ramp.at(factor, plastic).motion, points)
     after = copy(ramp.leave(factor, motion, plastic), loads=None), bare
     before = copy(before, loads=None), before.motion
-    carry, bare = jax.tree.map(lambda new, old: jnp.where(valid, new, old), after, before)
+    carry, bare = where(valid, after, before)
     return copy(carry, loads=ramp.begin.loads), bare
 
 

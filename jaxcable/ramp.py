@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from . import load_stacks
-from ._tree import copy, pytree
+from ._tree import copy, pytree, where
 from .assembly import System
 from .elementwise import each
 from .frames import FrameSystem
@@ -186,8 +186,7 @@ class Ramp:
 
     def settle(self, system, strains, ok, plastic):
         """Plastic strains after an increment that ended so; as they were unless `ok`."""
-        after = system.settle(strains)
-        return jax.tree.map(lambda new, old: jnp.where(ok, new, old), after, plastic)
+        return where(ok, system.settle(strains), plastic)
 
     def begun(self):
         """The system that the phase begins with, of which supports are not asked."""

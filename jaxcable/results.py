@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from ._tree import copy, fill, pytree, thaw
+from ._tree import copy, fill, pytree, thaw, where
 from .elementwise import each
 from .ramp import make_system
 from .rooted import told
@@ -39,7 +39,7 @@ class Reached:
         """With a phase that has come to a load factor, 0 if it has no good increment."""
         held = {name: getattr(data.freedoms, name) for name in self.held}
         new = Reached(data.number, factor, held)
-        return jax.tree.map(lambda a, b: jnp.where(factor > 0, a, b), new, self)
+        return where(factor > 0, new, self)
 
 
 def system_of(frame, carry, reached, schedule):

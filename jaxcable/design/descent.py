@@ -13,6 +13,7 @@ import optax
 from jax import lax
 
 from .. import status
+from .._tree import where
 from ..progress import Step, tell
 
 _LBFGS = optax.lbfgs(linesearch=None)  # the loop searches
@@ -151,8 +152,8 @@ class Descent:
         inside = jnp.where(blocked, 0.0, gradient)
         largest = jnp.max(jnp.abs(inside) * self.sizes(s.trial))
         measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
-        at = _select(good, Point(s.trial, value, gradient, inside, measure), s.at)
-        best = _select(good & ~(at.loss >= s.best.loss), at, s.best)
+        at = where(good, Point(s.trial, value, gradient, inside, measure), s.at)
+        best = where(good & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
             best=best,
@@ -283,7 +284,7 @@ class Descent:
         if not self.searched:
             return *self.propose(s, s.optimizer), s.fresh
         anew = self.begin(s.at.x)
-        step, state = self.propose(s, _select(s.fresh, anew, s.optimizer))
+        step, state = self.propose(s, where(s.fresh, anew, s.optimizer))
         downward = s.at.inside @ step < 0  # else its memory of curvature misleads
         step, state = lax.cond(downward, lambda: (step, state), lambda: self.propose(s, anew))
         return step, state, s.fresh | ~downward
@@ -311,7 +312,3 @@ class Descent:
     def _flat(self, tree):
         dtype = self.scale.dtype
         return jnp.concatenate([jnp.ravel(leaf).astype(dtype) for leaf in jax.tree.leaves(tree)])
-
-
-def _select(which, new, old):
-    return jax.tree.map(lambda a, b: jnp.where(which, a, b), new, old)

@@ -6,7 +6,7 @@ import optax
 from jax.flatten_util import ravel_pytree
 
 from .. import status
-from .._tree import pytree
+from .._tree import pytree, where
 from ..progress import listener
 from .box import Box, checked_call, default_tol, make_box, numbers, spread
 from .descent import Descent
@@ -198,7 +198,7 @@ def _make(reference, optimizer, steps, listen):
         descent = Descent(value, back, optimizer, steps, flat, sizes, scale, tol, listen)
         end = descent.run(start)
         converged = end.code == status.OK
-        point = jax.tree.map(lambda a, b: jnp.where(converged, a, b), end.at, end.best)
+        point = where(converged, end.at, end.best)
         log = end.log
         return underivable(
             Design(

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from .. import status
-from .._tree import copy, pytree
+from .._tree import copy, pytree, where
 from .attempt import ARC, FINISH, LOAD
 from .detection import NEAR
 from .steps import cosine, guess_ahead, stride
@@ -64,7 +64,7 @@ def decide(course, run, tried, seen):
 def proceed(course, run, tried, seen, decided):
     """The `Run` after a step, but for its records and outcome: anchor, hunt, way and length."""
     settings, a, p, accept = course.settings, run.anchor, tried.point, decided.accept
-    anchor = jax.tree.map(lambda new, old: jnp.where(accept, new, old), _settled(course, p, a), a)
+    anchor = where(accept, _settled(course, p, a), a)
     # the path itself goes straight on, beyond the bifurcation that has been noted
     passed = {
         of: jnp.where(seen.hit & seen.astray, getattr(run.beyond, of), getattr(anchor, of))

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from .._tree import where
 from ..reading import read
 from . import events
 from .inertia import multiplicity
@@ -12,7 +13,7 @@ from .run import Noted
 def record(course, run, tried, seen, decided):
     """Rows and their number after a step."""
     fatal, a = seen.fatal, run.anchor
-    shown = jax.tree.map(lambda new, old: jnp.where(fatal, old, new), tried.point, a)
+    shown = where(fatal, a, tried.point)
     row = row_at(course.ramp, shown, a.plastic, tried.found)
     return put(run.rows, run.n_row, row, decided.record), run.n_row + decided.record
 
@@ -28,7 +29,7 @@ def note(course, run, tried, seen):
         (seen.failed, events.MATERIAL_FAILURE),
     )
     noted, count = run.noted, run.n_event
-    beside = jax.tree.map(lambda old, new: jnp.where(seen.astray, old, new), run.beyond, seen.now)
+    beside = where(seen.astray, run.beyond, seen.now)
     many = multiplicity(beside, a, tried.fresh)
     for happened, kind in kinds:
         own = _elements(course, kind, a, p)
