@@ -98,8 +98,16 @@ def test_files_and_pictures(tmp_path):
     found, expected = jc.solve(again, stated), jc.solve(structure, phases)
     assert found.status == status.OK
     assert (np.asarray(found.displacement) == np.asarray(expected.displacement)).all()
-    figure = jc.plots.net(found)
-    assert figure.axes
+    figure = jc.plots.net(found, structure=structure)
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "strength not stated" not in told  # nobody has asked for it
+    report = jc.report(structure, found)
+    assert len(report.tables["members"].rows) == 2  # springs have no axial force
+    jc.files.save_result(tmp_path / "own.npz", structure, found)
+    assert "tension.net" in jc.files.load_result(tmp_path / "own.npz")
+    jc.files.save_result(tmp_path / "own.csv", structure, found)
+    vtk = jc.files.save_vtk(tmp_path / "own.vtk", structure, found)
+    assert vtk is None or vtk
 
 
 # --- a law with memory

@@ -136,11 +136,15 @@ def utilisation(structure, tension):
         [0.25 0.5 ]
     """
     groups = structure.groups
-    leaves = jax.tree.leaves(getattr(tension, "peak_tension", tension))
+    forces = getattr(tension, "peak_tension", tension)
+    leaves = jax.tree.leaves(forces, is_leaf=lambda own: own is None)
     if len(leaves) != len(groups):
         raise ValueError(f"tension: has {len(leaves)} arrays, the structure {len(groups)} groups")
     found = []
     for group, force in zip(groups, leaves, strict=True):
+        if force is None:  # of a group without an axial force
+            found.append(None)
+            continue
         force = jnp.asarray(force)
         strength = group.strength
         if strength is None and group.breaks:

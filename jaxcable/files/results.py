@@ -222,7 +222,8 @@ def tables(structure, solution):
     values = zip(*(per_group(structure, own) for own in columns.values()), strict=True)
     for (name, group), own in zip(groups_by_name(structure), values, strict=True):
         for k, ends in enumerate(first_and_last(group).tolist()):
-            elements.append([name, k, *ends, *(float(column[k]) for column in own)])
+            numbers = (None if column is None else float(column[k]) for column in own)
+            elements.append([name, k, *ends, *numbers])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
     units = {"residual": "residual (N)"}
     increments = [["phase", "increment", *(units.get(n, n) for n in names)]]

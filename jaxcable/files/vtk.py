@@ -87,7 +87,9 @@ def _write(path, structure, points, vectors, scalars):
     for name, number in (("element", element), ("group", group)):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
     for name, values in scalars.items():
-        row = np.concatenate(per_group(structure, values))[element]
+        pairs = zip(structure.groups, per_group(structure, values), strict=True)
+        own = [np.full(len(g.links), np.nan) if x is None else x for g, x in pairs]
+        row = np.concatenate(own)[element]
         lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, row.tolist())]
     lines += [f"POINT_DATA {len(points)}"]
     for name, values in vectors.items():

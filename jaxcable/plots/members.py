@@ -143,7 +143,7 @@ def keys(forces, before=False, counted=True):
         middle = colour_map()(0.5)
         label = "compression"
         found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
-    if any(np.isnan(own.value).any() for own in forces):
+    if any((np.isnan(own.value) & np.isfinite(own.tension)).any() for own in forces):
         found.append(Line2D([], [], color="0.6", linewidth=2.0, label="strength not stated"))
     return found
 

@@ -110,6 +110,8 @@ def members(structure, state, states):
     each = {name: per_group(structure, s.peak_tension) for name, s in states.items()}
     names, rows = list(each), []
     for number, (label, group) in enumerate(groups_by_name(structure)):
+        if own[number] is None:  # it has no axial force
+            continue
         force = np.array([each[name][number] for name in names])
         share = [most[n][number] for n in names if n in most and most[n][number] is not None]
         for k, ends in enumerate(first_and_last(group).tolist()):
@@ -139,7 +141,7 @@ def members(structure, state, states):
 
 def _compressed(structure, used, *forces):
     """Whether compression is compared with strength anywhere; all lists with an item per group."""
-    largest = max(np.abs(own).max() for state in forces for own in state)
+    largest = max(np.abs(own).max() for state in forces for own in state if own is not None)
     return any(
         share is not None and not group.tension_only and (own < -_ROUNDING * largest).any()
         for state in forces
@@ -216,12 +218,14 @@ def cutting_list(structure, solution):
     lengths = per_group(structure, solution.last.rest_length)
     warmth = [state.warmth for state in solution.last.carry.states]
     lengths = [
-        np.asarray(length) if warm is None else np.asarray(length) / np.asarray(warm)
+        length if length is None or warm is None else length / np.asarray(warm)
         for length, warm in zip(lengths, warmth, strict=True)
     ]
     notes = ["at the temperature before the first phase"]
     rows = []
     for (label, group), length in zip(groups_by_name(structure), lengths, strict=True):
+        if length is None:  # nothing to cut
+            continue
         ends = first_and_last(group).tolist()
         rows += [[label, k, *ends[k], float(length[k])] for k in range(len(ends))]
         notes.append(
@@ -252,7 +256,7 @@ def loose(structure, states):
     for name, own in states.items():
         taut = own.fixed[: structure.n_node, :3].all(axis=1)
         for group, force in zip(structure.groups, per_group(structure, own.tension), strict=True):
-            holds = force > 0 if group.tension_only else np.ones(len(force), bool)
+            holds = force > 0 if group.tension_only else np.ones(len(group.links), bool)
             taut[group.links.array[holds]] = True
         for k in np.flatnonzero(~taut):
             found.setdefault(int(k), []).append(name)
