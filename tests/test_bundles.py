@@ -131,6 +131,20 @@ def test_every_statement_and_load(alone):
     assert float(jnp.max(jnp.abs(found.displacement))) > 0.01
 
 
+def test_a_pressure_for_the_elements_of_several_groups(alone):
+    """Given once for groups of as many elements, in two bundles and twice in one of them."""
+    links = [[[1, 4]], [[4, 7]], [[3, 4]], [[4, 5]]]
+    kinds = jc.Cables, jc.Cables, jc.Bars, jc.Cables
+    groups = [kind(own, axial_stiffness=1e5) for kind, own in zip(kinds, links, strict=True)]
+    structure = jc.Structure(NODES[:9], groups, jc.pinned(EDGE))
+    pressure = jc.CablePressure(np.array([12.0]), axis=(0.0, 1.0, 0.0))
+    phases = [jc.Phase(pretension=[200.0, 200.0, None, 300.0]), jc.Phase(loads=pressure)]
+    found, expected = jc.solve(structure, phases), alone(jc.solve, structure, phases)
+    assert found.status == expected.status == status.OK
+    assert_same(found, expected)
+    assert float(jnp.abs(found.load).max()) > 5.0
+
+
 def test_goes_on(alone):
     """Continued with groups that cannot be evaluated together any more, and the other way round."""
     structure, phases = net(), stages()

@@ -104,9 +104,10 @@ class CablePressure(Following):
         """The load on bundles of the groups that it acts on."""
         if jnp.ndim(self.pressure) == 0:
             return bundled(self, bundles)
-        spread = bundles.spread(self.on, dict.fromkeys(self.on, self.pressure))
-        (number,) = spread
-        return copy(self, on=(number,), pressure=spread[number])
+        if bundles.plain:
+            return self
+        part = bundles.spread(self.on, dict.fromkeys(self.on, self.pressure))
+        return copy(self, on=tuple(part), pressure=jnp.ones_like(self.pressure[0]), part=part)
 
     def touched(self, bundles):
         """The load on the numbers of these bundles."""
