@@ -105,7 +105,7 @@ def _iterated(ramp, count, given, differentiate_path, memory, seen, fresh, tell)
         x, plastic = told(_followed, (x, plastic), problem)
         point = x, x, None
         if differentiate_path:
-            rows, *_ = _follow(ramp, factors, xs, good, True)
+            rows, xs, *_ = _follow(ramp, factors, xs, good, True)
     return ramp, point, xs, rows, log, plastic, seen, memory
 
 
@@ -120,7 +120,7 @@ def _stepped(ramp, count, given, fresh, tell):
         rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors[1:], xs)
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        rows, plastic, x = _follow(ramp, factors[1:], xs, good, False)
+        rows, _, plastic, x = _follow(ramp, factors[1:], xs, good, False)
     return ramp, (x, x, None), xs, rows, log, plastic, None, None
 
 
@@ -147,6 +147,9 @@ def _follow(ramp, factors, xs, good, converges):
 
     Every increment depends on the plastic strains that the one before left, so that the end of the
     phase is not one implicit function, but each increment is. Their points are known by now.
+
+    Returns:
+        Rows and points of all increments; plastic strains and point at the end.
     """
 
     @jax.checkpoint
@@ -158,16 +161,16 @@ def _follow(ramp, factors, xs, good, converges):
             x = implicit.attach(system, x, ok)
         last = jnp.where(ok, x, last)
         seen = read(system, system.motion(x))
-        return (ramp.settle(system, seen.section_strain, ok, plastic), last), seen.of_path
+        return (ramp.settle(system, seen.section_strain, ok, plastic), last), (seen.of_path, x)
 
     start = (ramp.plastic, lax.stop_gradient(xs[0]))
-    (plastic, last), rows = lax.scan(step, start, (factors, xs, good))
-    return rows, plastic, last
+    (plastic, last), (rows, xs) = lax.scan(step, start, (factors, xs, good))
+    return rows, xs, plastic, last
 
 
 def _followed(problem):
     """Last point and plastic strains of a phase with memory, see `_follow`."""
-    _, plastic, last = _follow(*fill(*problem), True)
+    *_, plastic, last = _follow(*fill(*problem), True)
     return last, plastic
 
 

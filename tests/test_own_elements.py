@@ -173,3 +173,25 @@ def test_fibres_of_a_law_with_memory():
     step = 1e3
     between = (left(300e6 + step)[0] - left(300e6 - step)[0]) / (2 * step)
     assert_allclose(slope, between, rtol=1e-5)
+
+
+def test_increments_of_a_law_with_memory_have_derivatives():
+    """Displacements, forces and strains of a path, and not only its end, against differences."""
+    held = np.array([[True] * 3, [False, True, False], [True] * 3])
+    loads = jc.NodalLoads([1], (50e3, 0.0, -420e3))
+    phases = [jc.Phase(loads=loads.scaled(f), increments=3) for f in (1.0, -1.6)]
+
+    def rows(y):
+        bars = jc.Bars([[0, 1], [1, 2]], area=1e-3, law=Prager(200e9, 20e9, y))
+        structure = jc.Structure(NODES, bars, jc.Supports(held))
+        method = jc.Newton(tol=1e-13)
+        solution = jc.solve(structure, phases, method, differentiate_path=True)
+        path = solution.phases[0].path
+        return path.displacement[2, 1, 2], path.tension[2, 0], path.strain[2, 0]
+
+    step = 1e3
+    for k in range(3):
+        slope = jax.grad(lambda y, k=k: rows(y)[k])(300e6)
+        between = (rows(300e6 + step)[k] - rows(300e6 - step)[k]) / (2 * step)
+        assert_allclose(slope, between, rtol=1e-5)
+        assert slope != 0
