@@ -1,9 +1,8 @@
 """The whole structure: residual, tangent, energy and results of one loaded state.
 
-A `System` holds everything that is fixed while equilibrium is sought at one load factor. Its
-unknowns ``x`` are the free displacements, [n_free]; held ones are not among them. The `motion` of
-the nodes, which the elements see, is their displacement, [n_node, 3]. Structures with beams have
-rotations too: `frames.FrameSystem` has the same members for them.
+A `System` holds everything that is fixed while equilibrium is sought at one load factor: elements,
+loads, and the space in which nodes move (`spaces`). The point ``x`` of an iteration is the motion
+of all rows, [n_row, n_motion], which begins with displacements, m; a step [n_free] moves it on.
 """
 
 import jax
@@ -12,8 +11,9 @@ import jax.numpy as jnp
 from . import linear
 from ._tree import copy, pytree
 from .elements.element import Rounding
-from .elementwise import Elementwise, each
-from .freedoms import along, carriers, combined, numbers_of
+from .elements.prestress import element
+from .elementwise import Elementwise, each, motion_of
+from .freedoms import carriers
 
 
 @pytree
@@ -24,10 +24,8 @@ class System(Elementwise):
         nodes: initial positions, [n_node, 3], m.
         groups: element groups, their links arrays.
         states: element states, one per group (prestress).
-        load: dead load on every node, [n_node, 3], N.
-        held: displacement of every freedom along its own direction, used where it is held,
-            [3 n_node], m.
-        freedoms: numbering of the unknowns.
+        load: dead load on every row, [n_row, n_freedom], N and N m.
+        space: `Space`: what supports do, and the numbering of the unknowns.
         followers: loads that depend on where the nodes are, a list of what has the
             members of `load_stacks.Following`, or None.
     """
@@ -36,65 +34,59 @@ class System(Elementwise):
     groups: object
     states: object
     load: object
-    held: object
-    freedoms: object
+    space: object
     followers: object = None
 
-    turning = False
+    @property
+    def freedoms(self):
+        """The numbering of the unknowns, `Freedoms`."""
+        return self.space.freedoms
 
-    def motion(self, x):
-        """Displacement of all nodes, [n_node, 3], from the unknowns [n_free]."""
-        own = jnp.concatenate([x, self.held])[self.freedoms.source].reshape(self.nodes.shape)
-        return own if self.freedoms.axes is None else combined(self.freedoms.axes, own)
-
-    def unknowns(self, motion):
-        """The unknowns [n_free] of a motion [n_node, 3]."""
-        own = motion if self.freedoms.axes is None else along(self.freedoms.axes, motion)
-        return own.reshape(-1)[self.freedoms.free]
+    # --- points and steps
 
     def place(self, x):
-        """Unknowns to start from: `x` itself, which holds nothing of the supports."""
-        return x
+        """`x` with what supports hold where they prescribe it."""
+        return self.space.place(x)
 
     def carried(self, x):
-        """`x`, a constant, as a function of what supports do to free nodes: nothing."""
-        return x
+        """`x`, a constant, as a function of what supports do to free nodes."""
+        return self.space.carried(x)
 
     def move(self, x, step):
-        """The unknowns after a step [n_free]."""
-        return x + step
+        """The motion after a step [n_free]."""
+        return self.space.move(x, step)
 
     def reach(self, x):
-        """Largest displacement of a point, m."""
-        return jnp.max(jnp.abs(x), initial=0.0)
+        """Largest displacement along an axis, m: what is said of rotations is no length."""
+        return jnp.max(jnp.abs(x[:, :3]), initial=0.0)
 
     def chart(self, x):
-        """Residual as a function of numbers [n_free], the numbers of `x`, and the way back.
+        """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
+        x = self.place(x)
+        # zero whatever x is, with the axes that x has in a batch: a root is sought from there
+        zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
+        zero = jnp.full(self.freedoms.free.shape[0], zero, x.dtype)
 
-        What only other phases leave free stays where it is: it has some stiffness, and no force.
-        """
-        return (lambda x: self._held_still(self.residual(x), x)), x, lambda numbers: numbers
+        def residual(step):
+            return self.space.held_still(self._residual_about(x, step), step)
 
-    def _held_still(self, residual, numbers):
-        """Residual [n_free], about `numbers`, with that of what is held in this phase only."""
-        bound = self.freedoms.bound
-        if bound is None:
-            return residual
-        return residual + jnp.where(bound, numbers - jax.lax.stop_gradient(numbers), 0.0)
+        return residual, zero, lambda step: self.move(x, step)
 
-    def internal_force(self, motion, end_forces=None):
-        """Sum of the end forces at every node, [n_node, 3], and of their norms, [n_node], N.
+    # --- forces
+
+    def internal_force(self, x, end_forces=None):
+        """Sum of the end forces at every row, [n_row, n_freedom], and of their sizes, [n_row], N.
 
         `end_forces` are those of every group, if they are at hand.
         """
         if end_forces is None:
-            end_forces = self.reading(motion, "end_forces")["end_forces"]
-        rows, ends = self._at_ends(end_forces)
-        force = jnp.zeros_like(motion).at[rows].add(ends)
-        size = jnp.zeros_like(motion[:, 0]).at[rows].add(jnp.sqrt(jnp.sum(ends**2, axis=-1)))
+            end_forces = self.reading(x, "end_forces")["end_forces"]
+        rows, ends = self._at_ends([self.space.padded(own) for own in end_forces])
+        force = jnp.zeros_like(self.load).at[rows].add(ends)
+        size = jnp.zeros_like(x[:, 0]).at[rows].add(self.space.size(ends))
         for group, state in zip(self.groups, self.states, strict=True):
             if group.remembers:
-                size = size.at[group.links].add(self.part_sizes(group, state, motion))
+                size = size.at[group.links].add(self.part_sizes(group, state, x))
         return force, size
 
     def _at_ends(self, values):
@@ -102,6 +94,15 @@ class System(Elementwise):
         rows = [group.links.reshape(-1) for group in self.groups]
         values = [own.reshape(-1, *own.shape[2:]) for own in values]
         return (own[0] if len(own) == 1 else jnp.concatenate(own) for own in (rows, values))
+
+    def _end_forces_about(self, x, spread):
+        """End forces of every group conjugate to a step of all rows from `x`."""
+        found = []
+        for group, state in zip(self.groups, self.states, strict=True):
+            own = motion_of(group, x), spread[group.links, : group.n_freedom]
+            about = jax.vmap(lambda p, *at, group=group: element(group, p).end_forces_about(*at))
+            found.append(about(group.properties(), state, self.nodes[group.links], *own))
+        return found
 
     def part_sizes(self, group, state, motion):
         """Forces inside elements that can balance each other there, at both ends, [n_elem, 2], N.
@@ -111,42 +112,48 @@ class System(Elementwise):
         sizes = each("size", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
-    def all_load(self, motion):
-        """Dead and following loads on every node, as `load`, N."""
+    def all_load(self, x):
+        """Dead and following loads on every row, as `load`."""
         if self.followers is None:
             return self.load
-        following = self.following(self.nodes + motion[:, :3])
-        if self.load.shape[1] > 3:
-            following = jnp.pad(following, ((0, 0), (0, 3)))
-        return self.load + following
+        return self.load + self.space.padded(self.following(self.nodes + x[:, :3]))
 
     def following(self, moved):
-        """Following loads on every node at the positions `moved`, both [n_node, 3], N."""
+        """Following loads on every row at the positions `moved`, both [n_row, 3], N."""
         arguments = self.groups, self.states, self.nodes, moved
         return sum(own.following_forces(*arguments) for own in self.followers)
 
-    def unbalanced(self, motion, end_forces=None):
-        """Internal force minus load at every node, [n_node, 3], N."""
-        return self.internal_force(motion, end_forces)[0] - self.all_load(motion)
+    def unbalanced(self, x, end_forces=None):
+        """Internal force minus load at every row, as `load`."""
+        return self.internal_force(x, end_forces)[0] - self.all_load(x)
 
     def residual(self, x):
-        """Unbalanced force at every free freedom, [n_free], N."""
-        return self.collected(self.unbalanced(self.motion(x)))
+        """Unbalanced force at every free freedom, [n_free], N (moments over a length)."""
+        return self.space.collected(self.unbalanced(x), x)
+
+    def _residual_about(self, x, step):
+        """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
+        spread = self.space.spread(x, step)
+        load = self.space.conjugate(self.load, spread)
+        if self.followers is not None:
+            moved = self.nodes + x[:, :3] + spread[:, :3]
+            load = load + self.space.padded(self.following(moved))
+        internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
+        return self.space.collected(internal - load, x, spread)
 
     def evaluated(self, x):
         """`residual_and_scale`, and tangents of elements that are found with it, for `tangent`."""
-        end_forces, tangents = self.linearized(self.motion(x))
+        end_forces, tangents = self.linearized(x)
         return *self.residual_and_scale(x, end_forces), tangents
 
     def residual_and_scale(self, x, end_forces=None):
         """Residual [n_free], and the force it is judged by, N.
 
-        The scale is the largest, over nodes, of the sum of absolute end forces plus the load.
+        The scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
-        motion = self.motion(x)
-        (force, size), load = self.internal_force(motion, end_forces), self.all_load(motion)
-        scale = jnp.max(size + jnp.sqrt(jnp.sum(load**2, axis=-1)))
-        return self.collected(force - load), scale
+        (force, size), load = self.internal_force(x, end_forces), self.all_load(x)
+        scale = jnp.max(size + self.space.size(load))
+        return self.space.collected(force - load, x), scale
 
     @property
     def rounds(self):
@@ -155,25 +162,21 @@ class System(Elementwise):
 
     def rounding(self, x):
         """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
-        motion = self.motion(x)
         left = jnp.zeros_like(self.load)
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
-                ends = each("rounding", group, state, self.nodes, motion)
+                ends = each("rounding", group, state, self.nodes, x)
                 left = left.at[group.links, : ends.shape[-1]].add(ends)
-        return self.collected(left)
-
-    def collected(self, force):
-        """Forces on the nodes [n_node, 3] at the free freedoms, [n_free], N."""
-        return self.freedoms.released(self.unknowns(force))
+        return self.space.collected(left, x)
 
     def load_norm(self, x):
-        """Euclidean norm of the load on the free freedoms, N."""
-        return jnp.linalg.norm(self.collected(self.all_load(self.motion(x))))
+        """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
+        return jnp.linalg.norm(self.space.collected(self.all_load(x), x))
 
     def unsymmetric(self):
-        """Whether the tangent is not symmetric: loads follow."""
-        return self.followed
+        """Whether the tangent is not symmetric, scalar bool: nodal moments act, or loads follow."""
+        moments = self.space.moments(self.load)
+        return self.followed if moments is None else jnp.any(moments != 0) | self.followed
 
     @property
     def followed(self):
@@ -182,76 +185,55 @@ class System(Elementwise):
             return jnp.zeros((), bool)
         return jnp.any(jnp.stack([own.acts for own in self.followers]))
 
+    # --- matrices
+
     def tangent(self, x, known=None):
-        """Tangent stiffness, a matrix of `linear`, N/m: autodiff of the element forces.
+        """Tangent stiffness, a matrix of `linear`, N/m: derivative of the residual by a step.
 
-        Dense [n_free, n_free], or sparse if the freedoms have a pattern. `known` are tangents of
-        elements that are at hand, see `linearized`.
+        By autodiff of the element forces. Dense [n_free, n_free], or sparse if the freedoms have a
+        pattern. `known` are tangents of elements that are at hand, see `linearized`.
         """
-        motion = self.motion(x)
-        parts = self.parts(self.tangents(motion, known), motion)
-        return self._assemble(parts + self._following_blocks(motion))
+        parts = self.parts(self.tangents(x, known), x) + self._following_blocks(x)
+        own = self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
+        return self.space.regular(self._assemble(parts + own), x)
 
-    def parts(self, matrices, motion):
+    def parts(self, matrices, x):
         """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
-        pairs = zip(matrices, self.groups, strict=True)
-        return [self._part(b, g.links, g.n_freedom, motion, g.inner) for b, g in pairs]
+        return self._parts(zip(matrices, self.groups, strict=True), x)
 
-    def assembled(self, parts, motion):
+    def _parts(self, pairs, x):
+        part = self.space.part
+        return [part(own, group.links, group.n_freedom, group.inner, x) for own, group in pairs]
+
+    def assembled(self, pairs, x):
         """A matrix as `tangent` from those of elements, list of ([n_elem, d, d], their group)."""
-        return self._assemble(
-            [self._part(b, group.links, group.n_freedom, motion, group.inner) for b, group in parts]
-        )
+        return self._assemble(self._parts(pairs, x))
 
-    def _following_blocks(self, motion):
+    def _following_blocks(self, x):
         """What following loads take from the tangent, as `parts`."""
         if self.followers is None:
             return []
-        arguments = self.groups, self.states, self.nodes, self.nodes + motion[:, :3]
+        arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         return [
-            self._part(-blocks, links, 3, motion)
+            self.space.part(-blocks, links, 3, (), x)
             for own in self.followers
             for blocks, links in own.following_blocks(*arguments)
         ]
 
-    def _part(self, blocks, links, width, motion, inner=()):
-        """Matrices of elements as `linear.assemble` takes them, by the unknowns of their ends."""
-        freedoms = self.freedoms
-        number = numbers_of(freedoms.number, links, width, inner, freedoms.carried)
-        n_elem = len(blocks)
-        blocks = blocks.reshape(n_elem, -1, round((blocks.size // n_elem) ** 0.5))
-        slopes = self._slopes(motion)
-        if slopes is not None:
-            n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
-            own = slopes[links[:, :n_end], :width]
-            if freedoms.carried is None:
-                own = own[..., :width]
-            blocks = _by_numbers(blocks, own, len(inner))
-        return blocks, number
-
-    def _slopes(self, motion):
-        """Change of a row's motion by the numbers of its unknowns; None if these are the same.
-
-        [n_row, 3, 3]: the directions of its freedoms.
-        """
-        axes = self.freedoms.axes
-        return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
-
     def secant(self, before, x):
-        """Secant stiffness between two states, each [n_free], as `tangent`, N/m."""
-        before, motion = self.motion(before), self.motion(x)
-        return self._assemble(self.parts(self.secants(before, motion), motion))
+        """Secant stiffness between two points, as `tangent`, N/m."""
+        return self._assemble(self.parts(self.secants(before, x), x))
 
-    def displaced_by(self, motion):
-        """Displacements of all rows by the unknowns, [n_row, 3, n_free], about a motion."""
-        freedoms, n_row = self.freedoms, len(motion)
-        number, slopes = freedoms.number, self._slopes(motion)
+    def displaced_by(self, x):
+        """Displacements of all rows by the unknowns, [n_row, 3, n_free], about a point."""
+        freedoms, n_row = self.freedoms, len(x)
+        number, slopes = freedoms.number, self.space.slopes(x)
         if freedoms.carried is not None:
             number = number[carriers(n_row, freedoms.carried)]
         if slopes is None:
             number = number[:, :3]
-            slopes = jnp.broadcast_to(jnp.eye(3, dtype=motion.dtype), (n_row, 3, 3))
-        moved = jnp.zeros((n_row, 3, freedoms.free.shape[0] + 1), motion.dtype)
+            slopes = jnp.broadcast_to(jnp.eye(3, dtype=x.dtype), (n_row, 3, 3))
+        moved = jnp.zeros((n_row, 3, freedoms.free.shape[0] + 1), x.dtype)
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
@@ -260,20 +242,18 @@ class System(Elementwise):
         bound = self.freedoms.bound
         return matrix if bound is None else linear.held_at(matrix, bound)
 
+    # --- results
+
     def potential(self, x):
-        """Stored energy minus the work of the dead loads, J; the residual is its gradient.
+        """Stored energy minus the work of the dead nodal forces, J; the residual is its gradient.
 
-        Following loads are left out: they need not have a potential.
+        Following loads and nodal moments are left out: they need not have a potential.
         """
-        motion = self.motion(x)
-        return self.stored_energy(motion) - jnp.sum(self.load * motion)
+        return self.stored_energy(x) - jnp.sum(self.load[:, :3] * x[:, :3])
 
-    def reactions(self, motion, end_forces=None):
-        """Forces of the supports on the structure, [n_node, 3], N; zero where free."""
-        force, axes = self.unbalanced(motion, end_forces), self.freedoms.axes
-        if axes is None:
-            return jnp.where(self.freedoms.fixed, force, 0.0)
-        return combined(axes, jnp.where(self.freedoms.fixed, along(axes, force), 0.0))
+    def reactions(self, x, end_forces=None):
+        """Forces of the supports on the structure, as `load`; zero where free."""
+        return self.space.reactions(self.unbalanced(x, end_forces), x)
 
     def loose_nodes(self, motion, slack=None):
         """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
@@ -326,18 +306,3 @@ class System(Elementwise):
     def softened(self, compliance):
         """The same system with a spring in series with every element, strain per force, 1/N."""
         return copy(self, groups=[group.softened(compliance) for group in self.groups])
-
-
-def _by_numbers(blocks, slopes, n_inner):
-    """Matrices [n_elem, d, d] of ends by those of the numbers behind them; inner numbers stay.
-
-    `slopes`: change of each end by its numbers, [n_elem, n_end, width, n_number].
-    """
-    n_elem, n_end, width, n_number = slopes.shape
-    whole = jnp.zeros((n_elem, n_end * width + n_inner, n_end * n_number + n_inner), blocks.dtype)
-    for k in range(n_end):
-        rows, columns = slice(k * width, (k + 1) * width), slice(k * n_number, (k + 1) * n_number)
-        whole = whole.at[:, rows, columns].set(slopes[:, k].astype(blocks.dtype))
-    if n_inner:
-        whole = whole.at[:, n_end * width :, n_end * n_number :].set(jnp.eye(n_inner))
-    return jnp.einsum("eai,eab,ebj->eij", whole, blocks, whole)

@@ -124,7 +124,7 @@ class Bundles(NamedTuple):
 
 def _sort(number, group):
     """What groups have in common that go into one bundle."""
-    own = [type(group), group.n_freedom]
+    own = [type(group)]
     for field in dataclasses.fields(group):
         value = getattr(group, field.name)
         if field.name == "links":

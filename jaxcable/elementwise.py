@@ -138,6 +138,4 @@ def _over(function, group, state, nodes, *motions):
 
 def motion_of(group, motion):
     """What the ends of a group's elements see of the motion, [n_elem, n_end, 3 or 7]."""
-    width = 3 if group.n_freedom == 3 else 7
-    at_ends = motion[group.links]
-    return at_ends if at_ends.shape[-1] == width else at_ends[..., :width]
+    return motion[group.links][..., : group.n_motion]

@@ -139,7 +139,7 @@ def newton(system, x, method, active, memory=None, judge=False):
 
     Args:
         system: `System` of one load factor.
-        x: start, a point of the system, [n_free] or a motion.
+        x: start, a motion.
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
         memory: of sparse solves in earlier increments, if they were on the same pattern.
@@ -153,7 +153,7 @@ def newton(system, x, method, active, memory=None, judge=False):
         memory = linear.no_memory(system.freedoms.pattern, x.dtype)
     end = _iterated(system, x, method, active, memory, judge)
     # the iteration follows curves beyond their ends, an answer does not
-    broken = system.breaks and system.beyond(system.motion(end.x))
+    broken = system.breaks and system.beyond(end.x)
     return _outcome(end, x, active, broken, memory), end.memory
 
 
@@ -213,7 +213,7 @@ def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
         active = live & (code == status.OK)
         end = _iterated(system, x, method, active, memory, judge)
         begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
-        motion, broken = jnp.where(begins, ramp.begin.motion, system.motion(end.x)), False
+        motion, broken = jnp.where(begins, ramp.begin.motion, end.x), False
         new = lax.cond(
             begins | ended,
             lambda: read(_as_begun(system, begun, factor), motion),

@@ -13,7 +13,6 @@ import numpy as np
 
 from . import linear
 from ._tree import Indices, places, pytree
-from .supports import N_FREEDOM
 
 
 class Rows:
@@ -49,8 +48,6 @@ class Freedoms:
 
     Attributes:
         free: free freedoms as flat numbers n_freedom row + direction, [n_free].
-        source: where each freedom finds its value in (unknowns, held values), [3 n_node]; None in a
-            structure with beams.
         number: unknown's number, or n_free for a held freedom, [n_row, n_freedom].
         fixed: True where held, [n_row, n_freedom].
         axes: directions of the freedoms, rows of [n_row, 3, 3]; None if they are x, y, z.
@@ -64,7 +61,6 @@ class Freedoms:
     """
 
     free: object
-    source: object
     number: object
     fixed: object
     axes: object = None
@@ -87,11 +83,14 @@ class Freedoms:
         return ~jnp.append(self.bound, True)[self.number]
 
     @property
+    def row_of_unknown(self):
+        """The row that every unknown belongs to, [n_free]."""
+        return self.free // self.number.shape[1]
+
+    @property
     def held(self):
         """What results need of it: all but the numbering."""
-        return Freedoms(
-            *(None, None, None, self.fixed, self.axes, self.rows, self.inner, self.carried)
-        )
+        return Freedoms(*(None, None, self.fixed, self.axes, self.rows, self.inner, self.carried))
 
 
 def numbers_of(number, links, width, inner=(), carried=None):
@@ -128,7 +127,9 @@ def carriers(n_row, carried):
 
 
 @functools.lru_cache(maxsize=16)
-def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, rigid=None):
+def number_freedoms(
+    fixed, rows=None, links=None, solver=None, symmetric=True, rigid=None, space=None
+):
     """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
 
     Args:
@@ -137,8 +138,9 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
         links: (`Indices` of links, freedoms of an end, inner numbers) for every group and every
             load that follows, a tuple; None for no pattern.
         solver: the solver that the pattern is made for; None to choose by size.
-        symmetric: False if loads follow; with rotations it is unsymmetric in any case.
+        symmetric: whether the tangent is.
         rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
+        space: the `Space` that says what a row couples by itself; None for nothing.
     """
     mask, spins = fixed.array.copy(), fixed.spins
     carried = None
@@ -152,23 +154,18 @@ def number_freedoms(fixed, rows=None, links=None, solver=None, symmetric=True, r
     n_free = len(free)
     number = np.full(mask.size, n_free, np.int32)
     number[free] = np.arange(n_free, dtype=np.int32)
-    source = np.where(mask.ravel(), n_free + np.arange(mask.size), number).astype(np.int32)
     number = number.reshape(mask.shape)
     if rows is not None:
         number[shared, :3] = number[rows.node[shared], :3]
-    turning = mask.shape[1] > N_FREEDOM
-    pattern = None
-    dense = turning and linear.choose(n_free, False, solver).on_device
+    pattern, own = None, [] if space is None else space.coupled(number)
+    dense = own and linear.choose(n_free, False, solver).on_device
     if links is not None and n_free > 0 and not dense:
         numbers = [
             numbers_of(number, own.array, width, inner, carried) for own, width, inner in links
         ]
-        if turning:  # moments have entries of their own, unsymmetric ones
-            numbers.append(number[:, 3:])
-        pattern = linear.make_pattern(numbers, n_free, symmetric and not turning, solver)
+        pattern = linear.make_pattern([*numbers, *own], n_free, symmetric, solver)
     return Freedoms(
         places(free),
-        None if turning else places(source),
         places(number),
         fixed.array,
         None if fixed.axes is None else fixed.axes.array,

@@ -78,11 +78,9 @@ def _solved(problem, linearized, rhs):
     system, x, valid, memory, tol, limit = fill(*lax.stop_gradient(problem))
 
     def build():
-        motion = system.motion(x)
         matrix = linear.or_identity(system.tangent(x), valid)
-        matrix = linear.or_nan(matrix, ~(system.kinked(motion) & valid))
-        node = system.freedoms.free // system.freedoms.number.shape[1]
-        return matrix, system.loose_nodes(motion)[node] & valid
+        matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
+        return matrix, system.loose_nodes(x)[system.freedoms.row_of_unknown] & valid
 
     return linear.solve_marked(build, rhs, linearized, memory, tol, limit)
 

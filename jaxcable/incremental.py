@@ -148,7 +148,7 @@ def _increment(ramp, factor, x, method, code, plastic, first):
         (unbalanced > method.tol * jnp.where(load > 0, load, scale), status.DRIFTED),
     ]
     if system.breaks:
-        outcomes.insert(1, (frozen.beyond(frozen.motion(reached)), status.MATERIAL_FAILURE))
+        outcomes.insert(1, (frozen.beyond(reached), status.MATERIAL_FAILURE))
     own = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
     code = status.first_failure(code, jnp.asarray(own, jnp.int32))
     good = code == status.OK
@@ -157,7 +157,7 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     # where the energy is not convex the solver asks at the end of the phase
     outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
     if plastic is not None:
-        plastic = ramp.settle(system, system.strains(system.motion(x)), good, plastic)
+        plastic = ramp.settle(system, system.strains(x), good, plastic)
     return outcome, plastic
 
 
@@ -170,9 +170,10 @@ def _step(system, x, ramp, method):
         rhs = implicit.gate(factor.regular, residual)
         return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
     # secant from the geometry in which the phase began
-    origin = system.unknowns(ramp.begin.motion)
-    matrix = system.secant(origin, x)
+    origin = system.place(ramp.begin.motion)
+    matrix = system.secant(origin, system.place(x))
     factor = linear.factorize(matrix)
     rhs = implicit.gate(factor.regular, system.residual(origin))
     matrix = implicit.gate(factor.regular, matrix)
-    return origin - factor.or_identity().solve(rhs, lambda v: matrix @ v), factor.regular
+    step = factor.or_identity().solve(-rhs, lambda v: matrix @ v)
+    return system.move(origin, step), factor.regular

@@ -5,6 +5,7 @@ import numpy as np
 
 from . import _check
 from ._rules import Rule, or_nan
+from .elements.element import Bending
 from .elements.prestress import element
 from .ramp import make_system
 from .tangent import filled, prepared
@@ -55,7 +56,7 @@ def section_forces(structure, state, places=11):
         >>> print(solution.status, jnp.abs(forces[:, 4]).round())  # q L^2 / 8 = 4500 N m
         0 [   0. 2500. 4500.]
     """
-    if not structure.turning:
+    if not any(isinstance(group, Bending) for group in structure.groups):
         raise ValueError("structure: has no beams; its elements have a tension and no other force")
     if isinstance(places, int | np.integer) and not isinstance(places, bool):
         if places < 2:
@@ -84,4 +85,4 @@ def _forces(thawed, arrays, freedoms, places):
         return jax.vmap(one)(group.properties(), state, ends, motion)
 
     pairs = zip(groups, system.states, strict=True)
-    return [along(*pair) if pair[0].n_freedom == 6 else None for pair in pairs]
+    return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]

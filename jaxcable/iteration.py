@@ -75,7 +75,7 @@ class Task:
         self.length, self.extent = system.length_scale(), system.extent()
         self.softens, self.judges = system.may_be_convex, not system.always_convex
         self.convex = system.convex
-        self.sprints = system.turning or self.softens or system.followers is not None
+        self.sprints = system.space.rotates or self.softens or system.followers is not None
 
     def start(self, memory):
         """The first evaluation is ahead, at the start itself."""
@@ -217,7 +217,7 @@ class Task:
             sprinting = jnp.zeros((), bool)
             if self.sprints:
                 sprinting = it.sprint.on & ~converged
-            if working.turning:
+            if working.space.rotates:
                 shift = jnp.where(sprinting, 0.0, shift)
             if self.judges:
                 shift = jnp.where(converged, no_stiffness(matrix), shift)

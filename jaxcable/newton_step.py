@@ -20,7 +20,7 @@ def direction(working, matrix, it, sprinting, tol, wanted):
     step, definite, memory = linear.solve_next(
         matrix, -it.residual, it.memory, forcing, limit, wanted
     )
-    if working.turning or working.followers is not None:
+    if working.space.rotates or working.followers is not None:
         # Moments and following loads have no potential, hence no definite tangent to ask for. In a
         # batch both are done: after each other, as LAPACK's batched calls can wait for each other.
         after, _ = lax.optimization_barrier((-it.residual, step))

@@ -13,6 +13,7 @@ from .equilibrium import Newton
 from .reading import read
 from .rooted import told
 from .solution import LOG, Path
+from .spaces import space_of
 
 
 class Ended(NamedTuple):
@@ -63,9 +64,10 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, memory, see
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _reached(good, count, ramp.begin.motion.dtype)
     carry, bare = _end(ramp, factor, (x, bare), valid, before, plastic)
-    path, counts = _path(rows, _moved(ramp, factors[1:], xs), good, good | ~live)
-    if carry.motion.shape[1] > 3:  # else displacements say it all
-        path = copy(path, motion=jnp.where(good[:, None, None], xs, jnp.nan))
+    moved = (xs - ramp.begin.motion[None])[..., :3]
+    path, counts = _path(rows, moved, good, good | ~live)
+    motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
+    path = copy(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
     if not isinstance(method, Newton):
         end, here = lax.stop_gradient((ramp.at(factor, plastic), x))
@@ -85,8 +87,7 @@ def _iterated(ramp, count, given, differentiate_path, memory, seen, fresh, tell)
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
-    start = frozen.at(factors[0]).unknowns(frozen.begin.motion)
-    found = equilibrium.march(frozen, start, *given, memory, seen, fresh, tell)
+    found = equilibrium.march(frozen, frozen.begin.motion, *given, memory, seen, fresh, tell)
     *whole, seen, plastic, memory = found
     xs, log, rows = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
@@ -113,8 +114,7 @@ def _stepped(ramp, count, given, fresh, tell):
     """The increments by the paper's scheme, differentiated as it is; as `_iterated`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
-    start = ramp.at(factors[1]).unknowns(ramp.begin.motion)
-    xs, log = incremental.march(ramp, start, increments, method, code, tell)
+    xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
     x, plastic = xs[-1], None
     if ramp.plastic is None:
         rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors[1:], xs)
@@ -132,14 +132,7 @@ def _reached(good, count, dtype):
 
 def _row(system, x):
     """What a path keeps of one increment."""
-    return read(system, system.motion(x)).of_path
-
-
-def _moved(ramp, factors, xs):
-    """Displacements of all rows since the phase began, [n_inc, n_row, 3]."""
-    begin = ramp.begin.motion
-    moved = jax.vmap(lambda f, x: ramp.at(f).motion(x) - begin)(factors, xs)
-    return moved if begin.shape[1] == 3 else moved[..., :3]
+    return read(system, x).of_path
 
 
 def _follow(ramp, factors, xs, good, converges):
@@ -160,7 +153,7 @@ def _follow(ramp, factors, xs, good, converges):
         if converges:
             x = implicit.attach(system, x, ok)
         last = jnp.where(ok, x, last)
-        seen = read(system, system.motion(x))
+        seen = read(system, x)
         return (ramp.settle(system, seen.section_strain, ok, plastic), last), (seen.of_path, x)
 
     start = (ramp.plastic, lax.stop_gradient(xs[0]))
@@ -179,7 +172,7 @@ def _end(ramp, factor, points, valid, before, plastic=None):
 
     Of two points, see `implicit.attach_apart`; and the motion of the second.
     """
-    motion, bare = map(ramp.at(factor, plastic).motion, points)
+    motion, bare = points
     after = copy(ramp.leave(factor, motion, plastic), loads=None), bare
     before = copy(before, loads=None), before.motion
     carry, bare = where(valid, after, before)

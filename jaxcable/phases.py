@@ -161,9 +161,9 @@ def _is_scalar(value):
 
 def _passes_by(group, name, structure):
     """Whether a scalar for the whole structure leaves out `group`: beams beside cables or bars."""
-    mixed = any(other.n_freedom == 3 for other in structure.groups)
+    mixed = any(not other.rotates for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
-    return group.n_freedom == 6 and mixed and not warms
+    return group.rotates and mixed and not warms
 
 
 def spread(value, structure, name):

@@ -109,7 +109,7 @@ def members(group, where, nodes):
     if area is not None:
         text = "thicker than the element is long; is it in m2?"
         yield from _first(f"elements{where}.area", area, area > _chords(group, nodes) ** 2, text)
-    if group.n_freedom == 6:
+    if group.rotates:
         section = group.section
         fibres = [_there(section.y), _there(section.z)]
         size = 0.0 if any(f is None for f in fibres) else max(np.ptp(f) for f in fibres)
@@ -186,7 +186,7 @@ def loading(number, loads, fixed, groups, alone):
             f"{int(acts.any(axis=1).argmax())}) and strain nothing; look at the numbers of the "
             "nodes, which start at 0, and at the supports"
         )
-    if fixed.shape[1] > 3:  # beams bend
+    if any(group.rotates for group in groups):  # beams bend
         return
     size = np.sqrt(np.sum(total**2, axis=1))
     each = [axial_stiffness(group) for group in groups]
@@ -221,8 +221,6 @@ def held(number, fixed, groups):
 
 def axial_stiffness(group):
     """EA of a group whose law is a line, [n_elem], N, NumPy; None if it is not known."""
-    if group.n_freedom == 6:
-        return None
     return _there(group.stiffness_along())
 
 

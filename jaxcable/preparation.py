@@ -22,6 +22,7 @@ from .phases import Phase, keeps_rules
 from .ramp import unloaded
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
+from .spaces import space_of
 from .structure import Structure, place_rules
 from .topology import require_same
 
@@ -86,7 +87,7 @@ def prepare(structure, phases, method, start, earlier=0):
     numbered = _numbered(structure, method, everything, bundled, bundles)
     freedoms, changes, before = numbering(sets, numbered)
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
-    shape, dtype = (len(nodes), 6 if structure.turning else 3), jnp.result_type(nodes)
+    shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
         inputs=stated([bundles.inputs(own) for own in inputs], bundled),
@@ -134,7 +135,7 @@ def _loads(structure, phase, fixed):
 
 def _numbered(structure, method, stacks, groups, bundles):
     """A function that numbers the unknowns which a `Fixed` leaves, for the groups of bundles."""
-    rows, _ = structure.rows()
+    (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
     if followers and getattr(method, "stiffness", None) == "secant":
         raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
@@ -142,8 +143,9 @@ def _numbered(structure, method, stacks, groups, bundles):
     pressed = tuple((own, 3, ()) for stack in followers for own in stack.touches(groups, bundles))
 
     def number(fixed):
-        solver, symmetric = method.linear_solver, not followers
-        return number_freedoms(fixed, rows, (*links, *pressed), solver, symmetric, structure.rigid)
+        solver, symmetric = method.linear_solver, space.symmetric and not followers
+        coupled = (*links, *pressed)
+        return number_freedoms(fixed, rows, coupled, solver, symmetric, structure.rigid, space)
 
     return number
 
@@ -164,7 +166,7 @@ def _support_sets(structure, phases, fixed):
     sets = [fixed]
     for phase in phases:
         sets.append(sets[-1] if phase.supports is None else structure.fixed(phase.supports))
-        if phase.supports is not None and structure.turning:
+        if phase.supports is not None and structure.space.rotates:
             spins.warn(structure, sets[-1].spins)
     if all(own.axes is None for own in sets):
         return sets
@@ -236,8 +238,8 @@ def ready(parameters, bundles):
         carry = unloaded(nodes, groups)
     else:
         carry = copy(carry, states=_warm(groups, bundles, carry.states))
-    if carry.bearing is None and carry.motion.shape[1] > 3 and schedule.freedoms.axes is not None:
-        carry = copy(carry, bearing=carry.motion[:, 3:])
+    if carry.bearing is None and schedule.freedoms.axes is not None:
+        carry = copy(carry, bearing=space_of(groups).rotations(carry.motion))
     begun = nodes + carry.motion[:, :3]
     loads = [stack.bundled(bundles) for stack in (*carry.loads, *schedule.loads)]
     carry = copy(

@@ -12,9 +12,8 @@ from . import load_stacks
 from ._tree import copy, pytree, where
 from .assembly import System
 from .elementwise import each
-from .frames import FrameSystem
 from .freedoms import along, combined
-from .rotations import IDENTITY, turned
+from .spaces import space_of
 
 
 @pytree
@@ -22,13 +21,12 @@ class Carry:
     """What a phase hands to the next one.
 
     Attributes:
-        motion: displacement from the initial nodes, [n_node, 3], m; in a structure with beams
-            [n_node, 7], with the unit quaternion of the node's rotation.
+        motion: of all rows since the initial nodes, [n_row, n_motion]; see `spaces`.
         states: element states, one per group.
-        nodal_load: sum of the nodal loads so far, [n_node, 3], N; with moments [n_node, 6].
+        nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
         amounts: how much of them acts, a list of `Amounts`.
-        bearing: `FrameSystem.bearing`: rotation in which the support of every row was set.
+        bearing: `RigidNodes.bearing`: rotation in which the support of every row was set.
     """
 
     motion: object
@@ -42,11 +40,8 @@ class Carry:
 def unloaded(nodes, groups):
     """The `Carry` of a structure that nothing has happened to."""
     states = [group.start(nodes[group.links]) for group in groups]
-    if all(group.n_freedom == 3 for group in groups):
-        return Carry(jnp.zeros_like(nodes), states, jnp.zeros_like(nodes), [], [])
-    still = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
-    motion = jnp.concatenate([jnp.zeros_like(nodes), still], axis=1)
-    return Carry(motion, states, jnp.zeros((len(nodes), 6), nodes.dtype), [], [])
+    space = space_of(groups)
+    return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
 
 
 def knowing(carry, phase):
@@ -175,9 +170,7 @@ class Ramp:
         begin = self.begin.motion
         if self.moved is None:
             return begin
-        if begin.shape[1] == 3:
-            return begin + factor * self.moved
-        return jax.vmap(turned)(begin, factor * self.moved)
+        return space_of(self.groups).advanced(begin, factor * self.moved)
 
     def at(self, factor, plastic=None):
         """The system at a load factor."""
@@ -242,12 +235,9 @@ def _change_supports(nodes, groups, carry, data):
         carry = copy(carry, bearing=bearing)
     after = make_system(nodes, groups, carry, carry.motion, data.freedoms)
     released, left = [], []
-    for k in range(0, was.shape[1], 3):
-        part = slice(k, k + 3)
-        own, own_before = (
-            system.freedoms.axes if k == 0 else system._spin_axes(carry.motion)
-            for system in (after, before)
-        )
+    pairs = zip(*(own.space.directions(carry.motion) for own in (after, before)), strict=True)
+    for k, (own, own_before) in enumerate(pairs):
+        part = slice(3 * k, 3 * k + 3)
         gone = jnp.where(now[:, part], 0.0, along(own, reaction[:, part]))
         released.append(combined(own, gone))
         whole = jnp.all(now[:, part], axis=1)[:, None, None]
@@ -259,7 +249,7 @@ def _change_supports(nodes, groups, carry, data):
 
 
 def make_system(nodes, groups, carry, held, freedoms, load=None):
-    """The system of a state: a net's, or a frame's if nodes rotate; shapes elements by their loads.
+    """The system of a state; shapes elements by their loads.
 
     `held` is the motion that supports prescribe, None if it is not asked for; `load` the loads of
     the carry, if at hand.
@@ -276,13 +266,8 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
         else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
-    followers = load_stacks.following(carry)
-    if carry.motion.shape[1] == 3:
-        if held is not None:
-            axes = freedoms.axes
-            held = (held if axes is None else along(axes, held)).reshape(-1)
-        return System(nodes, groups, states, load, held, freedoms, followers)
-    return FrameSystem(nodes, groups, states, load, held, freedoms, followers, carry.bearing)
+    space = space_of(groups).of(nodes, groups, freedoms, held, carry.bearing)
+    return System(nodes, groups, states, load, space, load_stacks.following(carry))
 
 
 def _mix(start, end, factor):

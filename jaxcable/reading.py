@@ -34,7 +34,7 @@ RESULTS = ("tension", "peak_tension", "section_strain", "end_forces", "section_f
 
 def read(system, motion):
     """The `Reading` of a system in a motion of all rows."""
-    names = RESULTS if system.turning else RESULTS[:-1]
+    names = RESULTS if system.space.rotates else RESULTS[:-1]
     found = system.reading(motion, *names, "is_slack")
     slack = found.pop("is_slack")
     found.setdefault("section_forces", [None] * len(slack))

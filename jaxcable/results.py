@@ -58,7 +58,7 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     nodes, groups = frame
     system = system_of(frame, carry, reached, schedule)
     (motion, marks), n_node, freedoms = point, schedule.n_node, system.freedoms
-    turns = motion.shape[1] > 3
+    space = system.space
     beside, within = _marked(groups, marks)
 
     def summed(values):  # a hinge passes its force to the node
@@ -87,12 +87,12 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         fixed=None,
         peak_tension=within(read["peak_tension"]),
     )
-    if not turns:
+    if not space.rotates:
         return state
     return copy(
         state,
-        rotation=carry.motion[:n_node, 3:],
-        reaction_moments=reactions[:, 3:],
+        rotation=space.rotations(carry.motion[:n_node]),
+        reaction_moments=space.moments(reactions),
         section_forces=within(read["section_forces"]),
     )
 
@@ -103,7 +103,7 @@ _OF_END = ("tension", "peak_tension", "end_forces", "section_forces")
 def _read(problem):
     """What the end of a phase has of its elements, by name, from a system and a motion."""
     system, motion = fill(*problem)
-    names = _OF_END if system.turning else _OF_END[:-1]
+    names = _OF_END if system.space.rotates else _OF_END[:-1]
     found = system.reading(motion, *names)
     return {name: found.get(name, [None] * len(system.groups)) for name in _OF_END}
 

@@ -125,10 +125,6 @@ def numbering(sets, numbered):
         freedoms = numbered(Fixed(both, own[0].axes))
         changes = _held(own)
         changes["bound"] = changes["fixed"].reshape(len(own), -1)[:, np.asarray(freedoms.free)]
-        if freedoms.source is not None:
-            held = len(freedoms.free) + np.arange(both.size, dtype=np.int32)
-            flat = changes["fixed"].reshape(len(own), -1)
-            changes["source"] = np.where(flat, held, freedoms.source)
         spins = _spins([fixed.spins for fixed in own])
         if spins is not None:
             changes["spins"] = spins

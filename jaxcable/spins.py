@@ -3,7 +3,7 @@
 A mast on a ball joint with guys at its axis can spin: no force, no strain and no node's place
 depends on it, but the tangent is singular. Such pieces are found on the host, from the geometry,
 and named in a warning; the analysis holds one of their nodes softly where the spin is without
-stiffness indeed (`frames.FrameSystem.tangent`). Equilibrium is not touched: under a torque about
+stiffness indeed (`spaces.RigidNodes.regular`). Equilibrium is not touched: under a torque about
 the line there is none.
 """
 
@@ -65,7 +65,7 @@ def _pieces(structure):
     n_node = structure.n_node
     pairs, joined, own_rows, wide = [], [], [], []
     for given, group in zip(structure.groups, groups, strict=True):
-        if group.n_freedom != 6:
+        if not group.rotates:
             continue
         links = given.links.array
         loose = given.balls()

@@ -11,6 +11,7 @@ from ._rules import Rule, refuse
 from ._tree import Indices, copy, plain, pytree
 from .elements.element import Element
 from .freedoms import Rows
+from .spaces import space_of
 from .spins import free_spins
 from .spins import warn as warn_of_spins
 from .supports import Fixed, Supports
@@ -153,15 +154,15 @@ class Structure:
         return jax.tree.unflatten(jax.tree.structure(self.elements, is_leaf=is_group), per_group)
 
     @property
-    def turning(self):
-        """Whether any group gives its nodes rotations."""
-        return any(group.n_freedom == 6 for group in self.groups)
+    def space(self):
+        """What its nodes' motion is made of, a class of `spaces`."""
+        return space_of(self.groups)
 
     def joined(self):
         """Whether a beam is joined to a node rigidly, at least in part, [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
-            if group.n_freedom == 6:
+            if group.rotates:
                 loose = group.balls()
                 rigid = np.ones(group.links.shape, bool) if loose is None else ~loose
                 joined[group.links.array[rigid]] = True
@@ -221,7 +222,7 @@ class Structure:
         if not fixed[:, :3].any():
             raise ValueError("supports: no freedom is fixed; the structure would float away")
         self._require_touched(fixed)
-        if not self.turning:
+        if not self.space.rotates:
             if supports.turns:
                 raise ValueError(
                     "supports mask: expected [n_node, 3]; no element of the structure has rotations"

@@ -26,7 +26,7 @@ def tangent_of(structure, state, fixed=None):
 
     Returns:
         [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, spins follow the three
-        displacements of a node, times a length (`FrameSystem.arm`).
+        displacements of a node, times a length (`spaces.RigidNodes.arm`).
 
     Raises:
         ValueError: not a state, or `fixed` of the wrong shape.
@@ -51,7 +51,7 @@ def tangent_at(thawed, arrays, freedoms):
     """The tangent stiffness of what `prepared` gives, [n_free, n_free], N/m."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
-    return system.tangent(system.unknowns(carry.motion))
+    return system.tangent(carry.motion)
 
 
 def displaced_by(thawed, arrays, freedoms):

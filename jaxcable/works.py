@@ -17,7 +17,7 @@ from .compilation import program
 from .elementwise import each
 from .preparation import ready
 from .ramp import Ramp, knowing
-from .rotations import angles, inverse, product, stereographic
+from .spaces import space_of
 
 _FIRST = 1e-6  # part of the first increment's load that stands for none: it has a direction
 
@@ -59,16 +59,16 @@ def marks(carry):
 
 def _phase(ramp, codes, path):
     """Terms of the increments of a phase, [6, n_inc], its level, and the `Carry` that it leaves."""
-    begin, n_inc = ramp.begin.motion, len(codes)
+    begin, n_inc, space = ramp.begin.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
-    path = path if begin.shape[1] > 3 else begin[None] + path
+    path = path if space.kept(path) is not None else begin[None] + path
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
     plastics = None if ramp.plastic is None else _plastics(ramp, factors, motions)
     points = lax.map(lambda own: _point(ramp, n_inc, *own), (factors, motions, plastics))
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
-    moved = jax.vmap(_moved)(old.motion, new.motion)
+    moved = jax.vmap(space.between)(old.motion, new.motion)
 
     def work(name):
         force = getattr(points, name)
@@ -103,18 +103,6 @@ def _plastics(ramp, factors, motions):
 
     _, later = lax.scan(step, ramp.plastic, (factors[1:], motions[1:]))
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), ramp.plastic, later)
-
-
-def _moved(before, after):
-    """Displacement, and the rotation vector where nodes turn, between motions, [n_row, 3 or 6]."""
-    shift = (after - before)[:, :3]
-    if before.shape[1] == 3:
-        return shift
-
-    def turn(old, new):
-        return angles(stereographic(product(new, inverse(old))))
-
-    return jnp.concatenate([shift, jax.vmap(turn)(before[:, 3:], after[:, 3:])], axis=1)
 
 
 @pytree
@@ -167,8 +155,7 @@ def _point(ramp, n_inc, factor, motion, plastic):
     if ramp.moved is not None:
         supports = system.reactions(motion) + (0.0 if supports is None else supports)
     if system.followers is not None:
-        following = system.following(system.nodes + motion[:, :3])
-        following = jnp.pad(following, ((0, 0), (0, load.shape[1] - 3)))
+        following = system.space.padded(system.following(system.nodes + motion[:, :3]))
     # what has no load at first has the shape of its first small part
     first = ramp.at(jnp.where(factor > 0, factor, _FIRST / n_inc), plastic).states
     own = [[], [], [], []]

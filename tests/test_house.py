@@ -23,12 +23,12 @@ FLOORS = [
     ["elements"],
     ["supports", "spins"],
     ["freedoms"],
+    ["spaces"],
     ["structure"],
     ["parts", "topology"],
     ["loads"],
     ["load_stacks", "elementwise", "bundles"],
     ["assembly"],
-    ["frames"],
     ["newton_step", "globalisation", "reading"],
     ["iteration"],
     ["equilibrium"],
@@ -116,6 +116,20 @@ def test_nobody_asks_groups_loads_and_laws_for_names(path):
         if isinstance(node, ast.Call) and named(node.func) in ("hasattr", "getattr"):
             literal = isinstance(node.args[1], ast.Constant)
             if literal and named(node.args[0]) in _OBJECTS:
+                found.append(ast.unparse(node))
+    assert not found
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_only_spaces_know_how_many_numbers_a_motion_has(path):
+    """Nobody compares `n_freedom`, or columns of a motion, a load, a step: spaces and elements
+    say what they do with them."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Compare):
+            asked = ast.unparse(node.left)
+            widths = ("motion.shape", "begin.shape", "before.shape", "load.shape")
+            if asked.endswith(("n_freedom", "n_motion")) or any(w in asked for w in widths):
                 found.append(ast.unparse(node))
     assert not found
 

@@ -48,7 +48,7 @@ def timed(function, *arguments):
 
 
 def system(structure, solution, solver):
-    """The loaded state as a `System` of arrays, and its unknowns."""
+    """The loaded state as a `System` of arrays, and the motion of its nodes."""
     from jaxcable._tree import fill, thaw
     from jaxcable.freedoms import number_freedoms
     from jaxcable.ramp import make_system
@@ -59,7 +59,7 @@ def system(structure, solution, solver):
     thawed, arrays = thaw((structure.nodes, structure.groups, solution.last.carry))
     nodes, groups, carry = fill(thawed, [jnp.asarray(array) for array in arrays])
     made = make_system(nodes, groups, carry, carry.motion, freedoms)
-    return made, made.unknowns(carry.motion)
+    return made, carry.motion
 
 
 def pieces(structure, solution, solver, repeats):

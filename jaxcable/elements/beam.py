@@ -86,7 +86,6 @@ class Beams(Member, Prestressed, Bending, Rounding):
     points: int = None
     springs: object = None
 
-    n_freedom = 6
     shaped_by_load = True
     results = ("tension", "section_strain", "section_forces")
     per_element = (

@@ -35,7 +35,8 @@ class Element(abc.ABC):
         results: names of the methods that tell something of an element from its state, ends and
             motion, among those that an analysis records: `tension`, the axial force, N;
             `peak_tension`, that of largest size along it; `section_strain`, `section_forces`.
-        n_freedom: freedoms that it gives a node, 3 or 6.
+        rotates: whether it gives its nodes rotations.
+        n_freedom, n_motion: columns of its end forces, and of the motion that it sees.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
             take after those of the ends (`member`).
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
@@ -50,7 +51,8 @@ class Element(abc.ABC):
     per_element = ()
     results = ()
     hinges = None
-    n_freedom = 3
+    rotates = False
+    n_freedom = n_motion = 3
     inner = ()
     n_inner_row = 0
     weight = expansion = strength = area = section = rest_length = None
@@ -131,6 +133,13 @@ class Element(abc.ABC):
 
         Of inner numbers in the rows after them.
         """
+
+    def end_forces_about(self, state, ends, motion, step):
+        """End forces conjugate to a step from a motion, both [n_end, n_freedom].
+
+        Where there are rotations a step has spins, which are not added.
+        """
+        return self.end_forces(state, ends, motion + step)
 
     @abc.abstractmethod
     def energy(self, state, ends, motion):
@@ -227,11 +236,8 @@ class Rounding(Element):
 class Bending(Element):
     """It gives its nodes rotations and has section forces."""
 
-    n_freedom = 6
-
-    @abc.abstractmethod
-    def end_forces_about(self, state, ends, motion, step):
-        """Forces and moments conjugate to a step (translation and spin), both [n_end, 6]."""
+    rotates = True
+    n_freedom, n_motion = 6, 7
 
     @abc.abstractmethod
     def section_forces(self, state, ends, motion, places=None):

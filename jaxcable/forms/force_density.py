@@ -22,6 +22,7 @@ from .._tree import copy, fill, pytree, thaw
 from ..assembly import System
 from ..equilibrium import Newton
 from ..freedoms import number_freedoms
+from ..spaces import Translations
 from ..supports import Fixed
 from .along import OnForm, carries, split, touched
 from .members import check_members, stated, total, verdict
@@ -181,8 +182,8 @@ def _loaded(thawed, arrays, net, freedoms, method):
         pairs = zip(densities, lengths, strict=True)
         states = [StringState(jnp.zeros_like(q), q, length) for q, length in pairs]
         followers = [others]
-        held = jnp.zeros(nodes.size, dtype)
-        return System(nodes, strings, states, load, held, freedoms, followers)
+        space = Translations(freedoms, jnp.zeros_like(nodes))
+        return System(nodes, strings, states, load, space, followers)
 
     frozen = lax.stop_gradient(data)
     sought = system(frozen)
@@ -193,15 +194,14 @@ def _loaded(thawed, arrays, net, freedoms, method):
         return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
 
     x = lax.fori_loop(0, _FIRST, step, frozen[0])
-    start = (x - frozen[0]).reshape(-1)[freedoms.free]
-    found, memory = equilibrium.newton(sought, start, method, jnp.ones((), bool))
-    forces = sought.tensions(sought.motion(found.x))
+    found, memory = equilibrium.newton(sought, x - frozen[0], method, jnp.ones((), bool))
+    forces = sought.tensions(found.x)
     valid = (found.code == status.OK) & carries(frozen[3].groups, forces)
     valid = valid & (verdict(nodes, groups, others) == status.OK)
     attached = system(implicit.gate(valid, data))
     tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
-    x, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
-    moved = implicit.nan_unless(valid, attached.motion(x), parameters)
+    moved, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
+    moved = implicit.nan_unless(valid, moved, parameters)
     free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)
     return jnp.where(free, nodes + moved, nodes)
 

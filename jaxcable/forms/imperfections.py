@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import _check
 from .._tree import pytree, replace
+from ..elements import Beams
 from ..tangent import displaced_by, prepared, tangent_of
 
 
@@ -131,7 +132,7 @@ def imperfect(structure, shapes, amplitudes):
     nodes = jnp.asarray(structure.nodes)
     upright = [
         replace(group, up=group.axes_of(nodes)[:, 2])
-        if group.n_freedom == 6 and group.up is None
+        if isinstance(group, Beams) and group.up is None
         else group
         for group in structure.groups
     ]

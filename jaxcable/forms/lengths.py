@@ -100,8 +100,13 @@ class Saddle:
             at += size
         return z[:n_free], parts
 
-    def join(self, x, forces):
-        """The unknowns [n_all] of displacements [n_free] and of all forces per group, N."""
+    def motion(self, z):
+        """Displacements of all nodes, [n_node, 3], m."""
+        return self.system.move(self.system.space.held, self.split(z)[0])
+
+    def join(self, motion, forces):
+        """The unknowns [n_all] of displacements [n_node, 3] and of all forces per group, N."""
+        x = motion.reshape(-1)[self.system.freedoms.free]
         pairs = zip(forces, self.numbering.elements, strict=True)
         own = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
         return jnp.concatenate([x, *own])
@@ -118,7 +123,7 @@ class Saddle:
         """The system with all forces, and the motion of its nodes."""
         pairs = zip(self.system.states, self.forces(z), strict=True)
         system = copy(self.system, states=[copy(state, force=force) for state, force in pairs])
-        return system, system.motion(self.split(z)[0])
+        return system, self.motion(z)
 
     def _given(self, motion):
         """Initial ends, motion of the ends, L and unknowns, of each group with given lengths."""
@@ -134,18 +139,19 @@ class Saddle:
         """Gradient of the Lagrangian, [n_all]: unbalanced forces, then gaps times the unit."""
         system, motion = self.filled(z)
         gaps = [self.unit * jax.vmap(_gap)(*own) for *own, _ in self._given(motion)]
-        return jnp.concatenate([system.residual(self.split(z)[0]), *gaps])
+        return jnp.concatenate([system.residual(motion), *gaps])
 
     def judged(self, z):
         """Unbalanced forces [n_free], their scale, and gaps over lengths, [n_given]."""
         system, motion = self.filled(z)
         gaps = [jax.vmap(_gap)(*own) / own[2] for *own, _ in self._given(motion)]
-        return *system.residual_and_scale(self.split(z)[0]), jnp.concatenate(gaps)
+        return *system.residual_and_scale(motion), jnp.concatenate(gaps)
 
     def tangent(self, z):
         """Hessian of the Lagrangian, a matrix of `linear`."""
         system, motion = self.filled(z)
-        system = copy(system, freedoms=copy(system.freedoms, number=self.numbering.number))
+        freedoms = copy(system.freedoms, number=self.numbering.number)
+        system = copy(system, space=copy(system.space, freedoms=freedoms))
         parts = system.parts(system.tangents(motion), motion)
         return self._assemble(parts, motion)
 
@@ -155,20 +161,19 @@ class Saddle:
         parts = parts + [(couple(*own), rows) for *own, rows in self._given(motion)]
         return linear.assemble(parts, len(self.numbering.zero), self.numbering.pattern)
 
-    def balanced(self, x):
-        """Unknowns with displacements x and the forces that leave least of the residual there.
+    def balanced(self, motion):
+        """Unknowns with displacements [n_node, 3] and the forces that leave least of the residual.
 
         Weighted least squares: the saddle with a matrix of ones on the diagonal for the stiffness.
         """
         none = [jnp.zeros_like(state.force) for state in self.system.states]
-        z = self.join(x, none)
-        n_free = len(x)
+        z, n_free = self.join(motion, none), self.system.freedoms.free.shape[0]
         blocks = []
         for group in self.system.groups:
             rows = self.numbering.number[group.links].reshape(-1, 6)
-            ones = jnp.broadcast_to(jnp.eye(6, dtype=x.dtype), (len(rows), 6, 6))
+            ones = jnp.broadcast_to(jnp.eye(6, dtype=z.dtype), (len(rows), 6, 6))
             blocks.append((ones, rows))
-        matrix = self._assemble(blocks, self.system.motion(x))
+        matrix = self._assemble(blocks, motion)
         rhs = -self.residual(z).at[n_free:].set(0.0)
         found, regular = linear.solve_general(matrix, rhs)
         return z.at[n_free:].set(jnp.where(regular, found[n_free:], 0.0))

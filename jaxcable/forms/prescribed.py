@@ -22,6 +22,7 @@ from .._tree import Indices, copy, fill, thaw
 from ..assembly import System
 from ..equilibrium import Newton
 from ..freedoms import number_freedoms
+from ..spaces import Translations
 from ..supports import Fixed
 from . import lengths
 from .along import OnForm, split, touched
@@ -186,9 +187,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     allowed = verdict(parameters[0], parameters[1], method, others)
     system = functools.partial(_system, groups, freedoms=freedoms, convex=convex)
     frozen = lax.stop_gradient(data)
-    start = jnp.zeros(freedoms.free.shape, dtype)
-    if net is not None:
-        start = _draped(frozen, net).reshape(-1)[freedoms.free]
+    start = jnp.zeros_like(nodes) if net is None else _draped(frozen, net)
     if extra is None:
         found, memory = equilibrium.newton(system(frozen), start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
@@ -196,8 +195,8 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
         tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
-        x, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
-        forces, motion = [state.force for state in attached.states], attached.motion(x)
+        motion, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
+        forces = [state.force for state in attached.states]
     else:
         struts = not all(group.tension_only for group in groups)
         z, code, steps, residual, scale = _with_lengths(
@@ -207,7 +206,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         valid = code == status.OK
         saddle = _saddle(system, implicit.gate(valid, data), extra)
         z = lengths.attach(saddle, z, valid)
-        forces, motion = saddle.forces(z), saddle.system.motion(saddle.split(z)[0])
+        forces, motion = saddle.forces(z), saddle.motion(z)
         attached = saddle.system
     # a frozen start where nothing was found, so that lengths are those of real elements
     positions = jnp.where(valid, attached.nodes + motion, nodes)
@@ -235,9 +234,9 @@ def _system(groups, data, freedoms, convex, stiffness=None):
             excess = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1) - length
         states.append(StringState(force, spring, excess))
         strings.append(Strings(group.links, convex))
-    held = jnp.zeros(nodes.size, nodes.dtype)
     followers = None if others is None else [others]
-    return System(nodes, strings, states, load, held, freedoms, followers)
+    space = Translations(freedoms, jnp.zeros_like(nodes))
+    return System(nodes, strings, states, load, space, followers)
 
 
 def _draped(data, net):
@@ -290,7 +289,7 @@ def _with_lengths(system, data, start, extra, method, struts):
         known = first[1] == status.OK
     sprung = system(data, stiffness=_STIFF * _force(data))
     near, _ = equilibrium.newton(sprung, start, copy(method, tol=_NEAR), ~known)
-    z = saddle.join(near.x, sprung.tensions(sprung.motion(near.x)))
+    z = saddle.join(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
     limit = method.max_steps - near.steps
     z, code, steps, residual, scale = lengths.settle(saddle, z, tol, limit, active)

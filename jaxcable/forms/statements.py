@@ -95,7 +95,7 @@ def _group(group, state, nodes, motion):
     nothing = jnp.full_like(state.rest_length, jnp.nan)
     said = dict.fromkeys(Statements.__dataclass_fields__, nothing)
     said["rest_length"] = state.rest_length
-    if group.n_freedom == 6:
+    if group.rotates:
         return said
     strain = each("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)

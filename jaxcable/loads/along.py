@@ -235,4 +235,4 @@ def room(geometry, structure):
 
 def padded(forces, shape):
     """Forces [n_node, 3] with no moments beside them if `shape` has columns for them."""
-    return forces if shape[1] == 3 else jnp.pad(forces, ((0, 0), (0, 3)))
+    return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

@@ -85,7 +85,7 @@ class CablePressure(Following):
         numbers = chosen(self.on, structure)
         for number in numbers:
             group = structure.groups[number]
-            if group.links.shape[1] != 2 or (group.shaped_by_load and group.n_freedom == 3):
+            if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
                     f"on = {self.on!r}: a group of {type(group).__name__} cannot be pressed; "
                     "only cables and bars of two nodes, and beams"
@@ -126,7 +126,7 @@ class CablePressure(Following):
 
         None if it does not act on the group, or on one that has no deflection.
         """
-        if number not in self.on or group.n_freedom == 3:
+        if number not in self.on or not group.rotates:
             return None
         count = len(group.links)
         axis = self.axis / _length(self.axis)

@@ -118,9 +118,9 @@ def _point(ramp, a, found, turn, rise, closing):
     system = ramp.at(found.factor, a.plastic)
     loose = loose_unknowns(system, found.x)
     # loads that follow and moments of frames can make the tangent unsymmetric
-    general = system.followers is not None or system.turning
+    general = system.followers is not None or system.space.rotates
     found_out = linear.spectrum(found.matrix, loose, general, closing)
-    slack = _slack(system, system.motion(found.x), a.slack)
+    slack = _slack(system, found.x, a.slack)
     return Point(found.x, found.factor, turn, rise, a.plastic, *found_out, found.pull, slack)
 
 

@@ -59,7 +59,7 @@ def _start(course, code):
     n_row, n_event = course.capacity
     dtype = ramp.begin.motion.dtype
     zero, no, number = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
-    x = begin.place(begin.unknowns(ramp.begin.motion))
+    x = begin.place(ramp.begin.motion)
     nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1

@@ -36,7 +36,7 @@ class Corrected:
     """Where the iteration ended.
 
     Attributes:
-        x: point of the system, [n_free] or a motion.
+        x: point of the system.
         moved: sum of the steps since the condition's origin, [n_free].
         factor: load factor.
         turn, rise: tangent of the path, du [n_free] and df, with ``row . turn + rise rise = 1``.
@@ -148,9 +148,7 @@ def _residual(system, x):
 
 def loose_unknowns(system, x):
     """Unknowns of nodes that touch only slack elements, [n_free] bool."""
-    freedoms = system.freedoms
-    node = freedoms.free // freedoms.number.shape[1]
-    return system.loose_nodes(system.motion(x))[node]
+    return system.loose_nodes(x)[system.freedoms.row_of_unknown]
 
 
 def by_load(ramp, plastic, x, factor, method, active):

@@ -112,7 +112,7 @@ def _settled(course, p, a):
     if a.plastic is None:
         return p
     system = course.ramp.at(p.factor, a.plastic)
-    return copy(p, plastic=system.settle(system.strains(system.motion(p.x))))
+    return copy(p, plastic=system.settle(system.strains(p.x)))
 
 
 def _nominal(course, run, tried, seen, decided):

@@ -91,4 +91,4 @@ def detect(course, run, tried):
 def _broken(course, a, p):
     """Whether an element is strained beyond its curve at a point."""
     system = course.ramp.at(p.factor, a.plastic)
-    return system.beyond(system.motion(p.x)) if system.breaks else jnp.zeros((), bool)
+    return system.beyond(p.x) if system.breaks else jnp.zeros((), bool)

@@ -50,7 +50,7 @@ def _elements(course, kind, a, p):
         return a.slack & ~p.slack
     system = course.ramp.at(p.factor, a.plastic)
     if kind == events.MATERIAL_FAILURE and system.breaks:
-        return system.broken(system.strains(system.motion(p.x)))
+        return system.broken(system.strains(p.x))
     return jnp.zeros_like(p.slack)
 
 
@@ -77,11 +77,10 @@ def row_at(ramp, p, plastic, found):
 
 def _row_of(ramp, system, x):
     """Displacement since the phase began, and what is read there."""
-    motion = system.motion(x)
-    seen = read(system, motion)
+    seen = read(system, x)
     strain = seen.section_strain
     strain = None if all(own is None for own in strain) else strain
-    moved = (motion - ramp.begin.motion)[:, :3]
+    moved = (x - ramp.begin.motion)[:, :3]
     return moved, seen.tension, seen.peak_tension, seen.n_slack, seen.n_loose, strain
 
 

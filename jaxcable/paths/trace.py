@@ -209,21 +209,17 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
 
 def _moved(ramp, point):
     """Displacement since the phase began, [n_node, 3]."""
-    motion = ramp.at(point.factor, point.plastic).motion(point.x)
-    return (motion - ramp.begin.motion)[:, :3]
+    return (point.x - ramp.begin.motion)[:, :3]
 
 
 def _shape(ramp, point):
     """Null vector as displacements, the largest of a node 1, [n_node, 3]."""
-    if ramp.freedoms.axes is None and ramp.freedoms.carried is None:
-        shape = jnp.append(point.phi, 0.0)[ramp.freedoms.number[:, :3]]
-    else:
-        system = ramp.at(point.factor, point.plastic)
+    space = ramp.at(point.factor, point.plastic).space
 
-        def moved(step):
-            return system.motion(system.move(point.x, step))[:, :3]
+    def moved(step):
+        return space.spread(point.x, step)[:, :3]
 
-        shape = jax.jvp(moved, (jnp.zeros_like(point.phi),), (point.phi,))[1]
+    shape = jax.jvp(moved, (jnp.zeros_like(point.phi),), (point.phi,))[1]
     size = jnp.linalg.norm(shape, axis=-1)
     largest = jnp.max(size)
     flat = shape.reshape(-1)

@@ -162,7 +162,7 @@ def _blocks(thawed, arrays, gravity, distribution):
         blocks = None
         if group.weight is not None:
             whole = group.weight * state.loaded / gravity
-            if group.n_freedom == 6:
+            if group.rotates:
                 blocks = _of_beams(system, group, state, carry.motion, whole, distribution)
             else:
                 blocks = _of_cables(group, nodes + carry.motion[:, :3], whole, distribution)

@@ -133,7 +133,7 @@ def members(structure, state, states):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
     if _compressed(structure, used, own, *each.values()):
         notes.append(BUCKLING)
-    if known and structure.turning:
+    if known and structure.space.rotates:
         notes.append("utilisation of beams is that of their axial force alone: see fibre_stress")
     title = "Forces, tension positive, and their envelope"
     return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)

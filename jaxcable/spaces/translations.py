@@ -1,0 +1,70 @@
+"""Nodes that have a displacement and nothing else: cable nets, trusses."""
+
+import jax.numpy as jnp
+
+from .._tree import pytree
+from ..freedoms import along, combined, numbers_of
+from .space import Space, by_numbers, square
+
+
+@pytree
+class Translations(Space):
+    """A row's motion is its displacement, [3], m; see `Space`."""
+
+    @classmethod
+    def of(cls, nodes, groups, freedoms, held, bearing):
+        """The space of a system."""
+        return cls(freedoms, held)
+
+    @classmethod
+    def still(cls, nodes):
+        """No displacement."""
+        return jnp.zeros_like(nodes)
+
+    @classmethod
+    def advanced(cls, motion, step):
+        """Their sum."""
+        return motion + step
+
+    @classmethod
+    def between(cls, before, after):
+        """Their difference."""
+        return after - before
+
+    def spread(self, x, step):
+        """Displacement of every row."""
+        own = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
+        return own if self.freedoms.axes is None else combined(self.freedoms.axes, own)
+
+    def move(self, x, step):
+        """The motion after a step [n_free]."""
+        return x + self.spread(x, step)
+
+    def size(self, force):
+        """Their norms."""
+        return jnp.sqrt(jnp.sum(force**2, axis=-1))
+
+    def collected(self, force, x, spread=None):
+        """Those along the free freedoms."""
+        own = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
+        return self.freedoms.released(own.reshape(-1)[self.freedoms.free])
+
+    def reactions(self, unbalanced, motion):
+        """What is not balanced along freedoms that are held."""
+        fixed, axes = self.freedoms.fixed, self.freedoms.axes
+        if axes is None:
+            return jnp.where(fixed, unbalanced, 0.0)
+        return combined(axes, jnp.where(fixed, along(axes, unbalanced), 0.0))
+
+    def slopes(self, x):
+        """The directions of its freedoms, if these are not x, y, z."""
+        axes = self.freedoms.axes
+        return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
+
+    def part(self, blocks, links, width, inner, x):
+        """Blocks and numbers of the unknowns."""
+        number = numbers_of(self.freedoms.number, links, width, inner)
+        blocks, slopes = square(blocks), self.slopes(x)
+        if slopes is not None:
+            blocks = by_numbers(blocks, slopes[links], len(inner))
+        return blocks, number
