@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from .elements.element import PEAK_TENSION, TENSION
 from .elements.prestress import element, of_each
 
 
@@ -37,6 +38,12 @@ class Elementwise:
 
             found.append(_over(read, group, state, self.nodes, motion))
         return {name: [own.get(name) for own in found] for name in names}
+
+    def results(self):
+        """What any group tells in its state, `Result` by name; tensions in any case."""
+        pairs = zip(self.groups, self.states, strict=True)
+        found = [own for g, s in pairs for own in g.results if g.has_result(own.name, s)]
+        return {own.name: own for own in (TENSION, PEAK_TENSION, *found)}
 
     def linearized(self, motion):
         """End forces of every group, and tangents of those whose elements find both together.

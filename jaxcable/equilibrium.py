@@ -220,13 +220,13 @@ def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
             lambda: seen,
         )
         if system.breaks:
-            broken = jnp.any(system.broken(new.section_strain))
+            broken = jnp.any(system.broken(new.strains))
         outcome = _outcome(end, x, active, broken, memory)
         if system.breaks:
             new = where(begins | outcome.equilibrated, new, seen)
         code = status.first_failure(code, outcome.code)
         if plastic is not None:
-            plastic = ramp.settle(system, new.section_strain, outcome.equilibrated, plastic)
+            plastic = ramp.settle(system, new.strains, outcome.equilibrated, plastic)
         outcome = copy(outcome, code=code)
         if tell is not None:
             lax.cond(live, lambda: tell(factor, outcome), lambda: None)

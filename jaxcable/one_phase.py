@@ -12,7 +12,7 @@ from ._tree import copy, fill, thaw, where
 from .equilibrium import Newton
 from .reading import read
 from .rooted import told
-from .solution import LOG, Path
+from .solution import LOG, Path, named
 from .spaces import space_of
 
 
@@ -154,7 +154,7 @@ def _follow(ramp, factors, xs, good, converges):
             x = implicit.attach(system, x, ok)
         last = jnp.where(ok, x, last)
         seen = read(system, x)
-        return (ramp.settle(system, seen.section_strain, ok, plastic), last), (seen.of_path, x)
+        return (ramp.settle(system, seen.strains, ok, plastic), last), (seen.of_path, x)
 
     start = (ramp.plastic, lax.stop_gradient(xs[0]))
     (plastic, last), (rows, xs) = lax.scan(step, start, (factors, xs, good))
@@ -185,13 +185,7 @@ def _path(rows, moved, good, finite):
     def known(x):
         return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
 
-    strain = rows.section_strain
-    values = {
-        "displacement": moved,
-        "tension": rows.tension,
-        "strain": None if all(own is None for own in strain) else strain,
-        "peak_tension": rows.peak_tension,
-    }
+    values = {"displacement": moved, **named(rows.found)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
     path = copy(path, **jax.tree.map(known, values))
     return path, jnp.where(good[:, None], jnp.stack([rows.n_slack, rows.n_loose], axis=1), -1)

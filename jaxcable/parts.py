@@ -1,8 +1,11 @@
 """A structure and its results in parts: groups by name, values per group, straight pieces."""
 
+from typing import NamedTuple
+
 import jax
 import numpy as np
 
+from .elements.element import PEAK_TENSION, TENSION
 from .structure import is_group
 
 
@@ -28,11 +31,50 @@ def per_group(structure, values):
     return found
 
 
-def pieces(links):
-    """Straight pieces of all elements.
+class Column(NamedTuple):
+    """What elements tell in one number each.
+
+    Attributes:
+        label: name of the result, and of its component if it has some: ``membrane_forces xx``.
+        unit: of the numbers.
+        values: a list with an array [n_elem], NumPy, or None for every group.
+    """
+
+    label: str
+    unit: str
+    values: list
+
+
+def columns(groups, told):
+    """What elements tell, each number by itself, a list of `Column`.
+
+    What has numbers at several places of an element is left out.
 
     Args:
-        links: node numbers per group, `Indices` [n_elem, n_end], as of a `Solution`.
+        groups: element groups, or the parts of a `Topology`.
+        told: results by name, each in the shape of the elements, as of `Told`.
+    """
+    every = (TENSION, PEAK_TENSION, *(own for group in groups for own in group.results))
+    results = {own.name: own for own in every}
+    found = []
+    for name, tree in told.items():
+        own = results[name]
+        values = jax.tree.leaves(tree, is_leaf=lambda x: x is None)
+        values = [None if x is None else np.asarray(x) for x in values]
+        if all(x is None or x.ndim == 1 for x in values):
+            found.append(Column(name, own.unit, values))
+        elif all(x is None or x.shape[1:] == (len(own.components),) for x in values):
+            for k, component in enumerate(own.components):
+                parts = [None if x is None else x[:, k] for x in values]
+                found.append(Column(f"{name} {component}", own.unit, parts))
+    return found
+
+
+def pieces(groups):
+    """Straight pieces of all elements, as pictures have them.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
 
     Returns:
         ends: their node numbers, [n_piece, 2].
@@ -40,8 +82,10 @@ def pieces(links):
         group: number of their group, [n_piece].
     """
     ends, element, owner, count = [], [], [], 0
-    for number, own in enumerate(links):
-        chain = own.array
+    for number, own in enumerate(groups):
+        chain = own.links.array
+        if own.outline is not None:
+            chain = chain[:, own.outline]
         pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
         which = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
         real = pairs[..., 0] != pairs[..., 1]  # chains are filled up with their last node

@@ -160,8 +160,17 @@ def _is_scalar(value):
 
 
 def _passes_by(group, name, structure):
-    """Whether a scalar for the whole structure leaves out `group`: beams beside cables or bars."""
-    mixed = any(not other.rotates for other in structure.groups)
+    """Whether a scalar for the whole structure leaves out `group`.
+
+    What it cannot be stated for, beside what it can; beams beside cables or bars.
+    """
+
+    def takes(own):
+        return isinstance(own, Prestressable) and name in own.statements
+
+    if not takes(group):
+        return any(map(takes, structure.groups))
+    mixed = any(takes(other) and not other.rotates for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
     return group.rotates and mixed and not warms
 
@@ -212,6 +221,9 @@ def _checked(value, group, name):
         raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
     if not isinstance(group, Prestressable):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
+    if name not in group.statements:
+        told = ", ".join(group.statements)
+        raise ValueError(f"{name}: of a group of {type(group).__name__} state {told}")
     if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
         raise ValueError(
             "sag: stated for catenaries with a weight only; for a chain of straight elements "

@@ -5,7 +5,6 @@ with index arrays in place of topology. `Ramp.build` turns the prestress stateme
 end states once; `Ramp.at` interpolates.
 """
 
-import jax
 import jax.numpy as jnp
 
 from . import load_stacks
@@ -135,13 +134,9 @@ class Ramp:
     def states(self, factor, plastic=None):
         """Element states at a load factor; plastic strains per group, if not the start's."""
         now = []
-        for start, end, jack in zip(self.begin.states, self.end_states, self.held, strict=True):
-            state = start
-            if end is not None:
-                mixed = jax.tree.map(lambda a, b: _mix(a, b, factor), start, end)
-                # taken in altogether: no such cable, and NaN becomes the status NONFINITE
-                length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
-                state = copy(mixed, rest_length=length)
+        parts = self.groups, self.begin.states, self.end_states, self.held
+        for group, start, end, jack in zip(*parts, strict=True):
+            state = start if end is None else group.between(start, end, factor)
             if jack is not None:
                 force, stated = jack
                 held = _mix(force, stated.values, factor)

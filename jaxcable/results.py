@@ -7,11 +7,21 @@ from ._tree import copy, fill, pytree, thaw, where
 from .elementwise import each
 from .ramp import make_system
 from .rooted import told
-from .solution import State
+from .solution import State, named
 from .topology import topology_of
 
-PER_ELEMENT = ("tension", "peak_tension", "rest_length", "section_forces", "strain", "began")
-"""What results have for every element, a list with an item a group."""
+_PER_ELEMENT = (
+    *("tension", "peak_tension", "rest_length", "section_forces", "strain", "began", "results"),
+)
+
+
+def per_element(part, function):
+    """A result with a function of what has an item a group, each a list of them."""
+    own = {name: getattr(part, name, None) for name in _PER_ELEMENT}
+    others = own.pop("results") or {}
+    changes = {name: function(value) for name, value in own.items() if value is not None}
+    others = {name: function(value) for name, value in others.items()}
+    return copy(part, **changes, results=others)
 
 
 @pytree
@@ -68,16 +78,17 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         return jnp.zeros_like(values[:n_node]).at[freedoms.rows].add(values)
 
     displacement = carry.motion[:n_node, :3]
+    problem = thaw((system, motion))
     if seen is None:
-        read = _read(thaw((system, motion)))
+        found = _read(problem)
     else:
-        read = told(_read, {name: getattr(seen, name) for name in _OF_END}, thaw((system, motion)))
-    reactions = summed(system.reactions(motion, read["end_forces"]))
+        found = {name: seen.found[name] for name in (*seen.of_ends, "end_forces")}
+        found = told(_read, found, problem)
+    reactions = summed(system.reactions(motion, found.pop("end_forces")))
     load = summed(_acting(system, motion))
-    state = State(
+    return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
-        tension=within(read["tension"]),
         rest_length=[state.rest_length for state in carry.states],
         reactions=reactions[:, :3],
         load=load[:, :3],
@@ -85,27 +96,17 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         load_factor=reached.factor,
         carry=None,
         fixed=None,
-        peak_tension=within(read["peak_tension"]),
-    )
-    if not space.rotates:
-        return state
-    return copy(
-        state,
         rotation=space.rotations(carry.motion[:n_node]),
         reaction_moments=space.moments(reactions),
-        section_forces=within(read["section_forces"]),
+        **named({name: within(own) for name, own in found.items()}),
     )
-
-
-_OF_END = ("tension", "peak_tension", "end_forces", "section_forces")
 
 
 def _read(problem):
     """What the end of a phase has of its elements, by name, from a system and a motion."""
     system, motion = fill(*problem)
-    names = _OF_END if system.space.rotates else _OF_END[:-1]
-    found = system.reading(motion, *names)
-    return {name: found.get(name, [None] * len(system.groups)) for name in _OF_END}
+    names = [name for name, own in system.results().items() if own.ends]
+    return system.reading(motion, *names, "end_forces")
 
 
 def _marked(groups, marks):
@@ -145,20 +146,17 @@ def with_peaks(part):
     return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
 
 
-def on_nodes(structure, part, per_element, per_node=("displacement",)):
-    """Lists with an item per group put into the shape of the elements, rows onto their nodes.
+def on_nodes(structure, part, per_node=("displacement",)):
+    """Rows of motion put onto their nodes.
 
     Args:
         structure: `Structure`.
         part: result of the compiled core.
-        per_element: names of what has an item per group.
         per_node: names of what has an entry for each row of motion, on its second axis.
     """
-    present = [name for name in per_element if getattr(part, name) is not None]
-    changes = {name: structure.arrange(getattr(part, name)) for name in present}
-    if structure.rows()[0] is not None:
-        changes |= {name: getattr(part, name)[:, : structure.n_node] for name in per_node}
-    return copy(part, **changes)
+    if structure.rows()[0] is None:
+        return part
+    return copy(part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node})
 
 
 def arranged(structure, solution, task):
@@ -170,17 +168,12 @@ def arranged(structure, solution, task):
         task: `preparation.Prepared`.
     """
 
-    def arrange(part, *names):
-        present = [name for name in names if getattr(part, name) is not None]
-        return copy(part, **{name: structure.arrange(getattr(part, name)) for name in present})
+    def arrange(part):
+        return per_element(with_peaks(part), structure.arrange)
 
-    names = ("tension", "peak_tension", "rest_length", "section_forces")
-    solution, last, ends = (
-        arrange(with_peaks(part), *names)
-        for part in (solution, solution.last, solution.phases.ends)
-    )
-    paths = arrange(with_peaks(solution.phases.paths), "tension", "peak_tension", "strain")
-    phases = copy(solution.phases, ends=arrange(ends, "began"), paths=paths)
+    parts = solution, solution.last, solution.phases.ends, solution.phases.paths
+    solution, last, ends, paths = map(arrange, parts)
+    phases = copy(solution.phases, ends=ends, paths=paths)
     loads = [
         copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves))
         for stack, leaves in zip(task.loads, last.carry.loads, strict=True)

@@ -17,12 +17,54 @@ PER_PHASE = (
     "rotation",
     "reaction_moments",
     "section_forces",
+    "results",
 )
 """Results that a state, a phase and a solution have in common."""
 
+_FIELDS = {
+    "tension": "tension",
+    "peak_tension": "peak_tension",
+    "section_forces": "section_forces",
+    "section_strain": "strain",
+}
+"""What elements tell that has a field of its own, and this field."""
+
+
+def named(found):
+    """What elements tell, by name, as fields of a `Told`."""
+    fields = {field: found[name] for name, field in _FIELDS.items() if name in found}
+    others = {name: own for name, own in found.items() if name not in _FIELDS}
+    return fields | {"results": others}
+
+
+class Told:
+    """What has results of elements.
+
+    Attributes:
+        results: what elements tell beside tensions, section forces and strains, by the name that
+            they give it, in the shape of `elements`; none of those of this package does.
+    """
+
+    @property
+    def told(self):
+        """All that elements tell, by name, each in the shape of `elements`, a dict.
+
+        ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as there are
+        such elements, and `results`.
+
+        Example:
+            >>> structure, phases = jc.scenes.flat_net(load=15.0)
+            >>> solution = jc.solve(structure, phases)
+            >>> print(solution.status, list(solution.told))
+            0 ['tension', 'peak_tension']
+        """
+        fields = {name: getattr(self, field, None) for name, field in _FIELDS.items()}
+        own = {name: value for name, value in fields.items() if value is not None}
+        return own | (self.results or {})
+
 
 @pytree(static=("fixed", "topology"))
-class State:
+class State(Told):
     """A converged state: the end of an analysis, or where it stopped.
 
     NaN only if the structure's own numbers are not finite: then there is no state.
@@ -77,10 +119,11 @@ class State:
     section_forces: object = None
     peak_tension: object = None
     topology: object = None
+    results: object = None
 
 
 @pytree
-class Path:
+class Path(Told):
     """The increments of a phase, one row each.
 
     Attributes:
@@ -140,10 +183,11 @@ class Path:
     peak_tension: object = None
     stable: object = None
     motion: object = None
+    results: object = None
 
 
 @pytree
-class PhaseResult:
+class PhaseResult(Told):
     """The end of a phase and its path; NaN if it, or a phase before it, failed.
 
     Attributes:
@@ -183,6 +227,7 @@ class PhaseResult:
     began: object = None
     peak_tension: object = None
     stable: object = None
+    results: object = None
 
 
 LOG = (
@@ -290,7 +335,7 @@ def _relative(np, log):
 
 
 @pytree(static=("links",))
-class Solution:
+class Solution(Told):
     """Result of `solve`.
 
     Everything but `status`, `last` and the counts in `phases` is NaN, with NaN derivatives, unless
@@ -343,3 +388,4 @@ class Solution:
     section_forces: object = None
     peak_tension: object = None
     stable: object = None
+    results: object = None

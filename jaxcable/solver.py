@@ -15,7 +15,7 @@ from .preparation import exact, prepare, ready, verdicts
 from .progress import Increment, listener, tell
 from .ramp import Ramp, knowing
 from .reading import read
-from .results import PER_ELEMENT, Reached, arranged, state_of, system_of
+from .results import Reached, arranged, per_element, state_of, system_of
 from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution
 
 
@@ -159,9 +159,7 @@ def _given(parameters):
 
 def _apart(bundles, part, axis=0):
     """Results of bundles as those of their groups; `axis` is that of the elements."""
-    own = {name: getattr(part, name, None) for name in PER_ELEMENT}
-    own = {name: x for name, x in own.items() if x is not None}
-    return copy(part, **{name: bundles.apart(x, axis) for name, x in own.items()})
+    return per_element(part, lambda own: bundles.apart(own, axis))
 
 
 @pytree

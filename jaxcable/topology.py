@@ -14,6 +14,8 @@ class Part(NamedTuple):
         name: key in the elements as text.
         kind: name of its class.
         links: node numbers of its elements, `Indices`.
+        outline: ends through which pictures draw an element, a tuple, or None.
+        results: what its elements tell, a tuple of `elements.element.Result`.
         hinges: `Indices` of ends that turn, or None.
         inner: its inner numbers: their places and how many rows they take.
         remembered: shapes of the plastic strains that its law remembers, as text; None of none.
@@ -22,6 +24,8 @@ class Part(NamedTuple):
     name: str
     kind: str
     links: object
+    outline: object
+    results: tuple
     hinges: object
     inner: object
     remembered: str
@@ -50,6 +54,8 @@ def topology_of(structure):
             name,
             type(group).__name__,
             group.links,
+            group.outline,
+            group.results,
             group.hinges,
             (tuple(group.inner), group.n_inner_row),
             str(jax.tree.map(jnp.shape, group.virgin())),

@@ -54,7 +54,8 @@ def works(thawed, arrays, paths, bundles):
 
 def marks(carry):
     """What tells one end of an analysis from another."""
-    return [carry.motion, carry.nodal_load, *(state.rest_length for state in carry.states)]
+    lengths = [state.rest_length for state in carry.states]
+    return jax.tree.leaves((carry.motion, carry.nodal_load, lengths))
 
 
 def _phase(ramp, codes, path):
@@ -227,14 +228,17 @@ def _mixed(ramp, points, k, lengths, at, plastic):
 
     def one(numbers):
         length, place, strains = numbers
-        state, load = jax.tree.map(lambda x: x[place], (states, along))
-        own = {name: getattr(states, name)[length] for name in ("rest_length", "elongation")}
-        own["plastic"] = jax.tree.map(lambda x: x[strains], states.plastic)
-        state = copy(state, **own)
+        state, load = _at(states, length), _at(along, place)
+        state = copy(state, plastic=_at(states.plastic, strains))
         state = state if load is None else _under(state, load)
         return _energy(ramp.groups[k], state, ramp.nodes, points.motion[place])
 
     return lax.map(one, tuple(map(jnp.asarray, (lengths, at, plastic))))
+
+
+def _at(tree, k):
+    """One of the points that all arrays of a tree have."""
+    return jax.tree.map(lambda x: x[k], tree)
 
 
 def _along(state):

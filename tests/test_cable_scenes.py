@@ -78,7 +78,7 @@ def test_picture_of_a_running_rope(tmp_path):
         structure, [jc.Phase(prestrain=0.01), jc.Phase(loads=jc.NodalLoads([1], (0, 0, -100.0)))]
     )
     assert int(solution.status) == 0
-    pairs, element, _ = pieces(solution.links)
+    pairs, element, _ = pieces(solution.last.topology.parts)
     assert pairs.tolist() == [[0, 1], [1, 2], [0, 1]] and element.tolist() == [0, 0, 1]
     jc.plots.net(solution, tmp_path / "rope.png")
     assert (tmp_path / "rope.png").stat().st_size > 20_000

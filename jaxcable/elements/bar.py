@@ -20,14 +20,14 @@ from .._tree import changed, copy, kind, pytree
 from ..materials import Elastic, Parallel
 from ..materials.law import uniaxial
 from ..sections import Section
-from .element import Element, Jacked, Rounding, Secant
+from .element import SECTION_STRAIN, TENSION, Element, Jacked, Rounding, Secant
 from .prestress import Prestressed, checked_links, held_or, stretch
 
 
 class Axial(Element):
     """Elements of two nodes with a force along the line through them."""
 
-    results = ("tension",)
+    results = (TENSION,)
 
     @abc.abstractmethod
     def tension(self, state, ends, motion):
@@ -73,6 +73,7 @@ class Straight(Axial, Prestressed):
     compliance: object = None
     section: object = None
 
+    results = (TENSION, SECTION_STRAIN)
     per_element = (
         "axial_stiffness",
         "area",

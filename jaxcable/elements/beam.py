@@ -20,7 +20,14 @@ from .._rules import Rule, not_negative, or_nan, positive, refuse
 from .._tree import Indices, changed, copy, kind, plain, pytree
 from ..rotations import cross
 from ..sections import Section
-from .element import Bending, Rounding
+from .element import (
+    PEAK_TENSION,
+    SECTION_FORCES,
+    SECTION_STRAIN,
+    TENSION,
+    Bending,
+    Rounding,
+)
 from .member import Member
 from .prestress import Prestressed, checked_links, of_each
 
@@ -87,7 +94,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
     springs: object = None
 
     shaped_by_load = True
-    results = ("tension", "section_strain", "section_forces")
+    results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)
     per_element = (
         "torsional_stiffness",
         "up",

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from .._tree import pytree
 from . import hanging
 from .cable import TensionOnly
-from .element import Sagging
+from .element import PEAK_TENSION, Sagging
 from .prestress import stretch
 
 
@@ -55,6 +55,7 @@ class Catenaries(TensionOnly, Sagging):
     """
 
     shaped_by_load = True
+    results = (*TensionOnly.results, PEAK_TENSION)
 
     def __post_init__(self):
         if self.law is not None or self.section is not None or self.area is not None:

@@ -17,6 +17,38 @@ import numpy as np
 from .._tree import Each
 
 
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """What an element tells of itself: the method of this name, of its state, ends and motion.
+
+    Solutions, files, pictures and reports have it under this name.
+
+    Attributes:
+        name: of the method.
+        unit: of its numbers.
+        components: names of the numbers on its last axis; none if it is one number an element.
+        ends, increments: whether it is kept at the ends of phases, and of every increment.
+    """
+
+    name: str
+    unit: str
+    components: tuple = ()
+    ends: bool = True
+    increments: bool = True
+
+
+TENSION = Result("tension", "N")
+"""Axial force; of an element along which it varies the mean."""
+PEAK_TENSION = Result("peak_tension", "N")
+"""Axial force of largest size along an element, where that is another one."""
+SECTION_STRAIN = Result("section_strain", "-, 1/m", ends=False)
+"""Strains of what has fibres, or a law that ends or remembers."""
+SECTION_FORCES = Result(
+    "section_forces", "N, N m", ("N", "Vy", "Vz", "T", "My", "Mz"), increments=False
+)
+"""Forces at places along an element, [n, 6]."""
+
+
 class ElementState:
     """What phases change in a group: a pytree, its arrays with an axis [n_elem].
 
@@ -32,9 +64,8 @@ class Element(abc.ABC):
     Attributes:
         links: node numbers, [n_elem, n_end].
         per_element: names of the arrays that have a value for every element, [n_elem, ...].
-        results: names of the methods that tell something of an element from its state, ends and
-            motion, among those that an analysis records: `tension`, the axial force, N;
-            `peak_tension`, that of largest size along it; `section_strain`, `section_forces`.
+        results: what an analysis records of it, a tuple of `Result`.
+        outline: ends through which pictures draw it, by number; default one after the other.
         rotates: whether it gives its nodes rotations.
         n_freedom, n_motion: columns of its end forces, and of the motion that it sees.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
@@ -50,6 +81,7 @@ class Element(abc.ABC):
 
     per_element = ()
     results = ()
+    outline = None
     hinges = None
     rotates = False
     n_freedom = n_motion = 3
@@ -174,23 +206,35 @@ class Element(abc.ABC):
 
     def has_result(self, name, state):
         """Whether it has a result of a name, with a state of the group."""
-        return name in ("end_forces", "is_slack", *self.results)
+        return name in ("end_forces", "is_slack", *(result.name for result in self.results))
 
 
 class Prestressable(Element):
-    """Its state can be changed by what a phase states (`Phase`)."""
+    """Its state can be changed by what a phase states (`Phase`).
+
+    Attributes:
+        statements: names of what can be stated for it.
+    """
+
+    statements = ()
 
     @abc.abstractmethod
     def restate(self, state, ends, inputs):
         """State of the group after statements, names to `prestress.Stated`; ends [n_elem, ...]."""
 
-    @abc.abstractmethod
-    def strain_at(self, force, plastic=None):
-        """Strain of one element at an axial force, N; NaN where its law has none."""
+    def between(self, start, end, factor):
+        """State of the group in a phase that takes it from one to another.
+
+        What does not change keeps every digit, and the end is met.
+        """
+        return jax.tree.map(lambda a, b: b - (1 - factor) * (b - a), start, end)
 
 
 class Jacked(Prestressable):
-    """Its force can be held by a jack; the state then has `held` and `jacked`."""
+    """Its force can be held by a jack, by the statement "jacking".
+
+    The state then has `held` and `jacked`.
+    """
 
     @abc.abstractmethod
     def lock(self, state, ends, motion):
@@ -198,7 +242,7 @@ class Jacked(Prestressable):
 
 
 class Sagging(Prestressable):
-    """It hangs under its weight."""
+    """It hangs under its weight, by the statement "sag"."""
 
     @abc.abstractmethod
     def strain_at_sag(self, ends, sag, warmth=1.0):

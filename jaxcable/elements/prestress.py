@@ -1,5 +1,7 @@
 """What every element with an axis shares: its prestress, its weight, and how phases change them."""
 
+import abc
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -76,6 +78,21 @@ class Prestressed(Prestressable):
 
     The group has `rest_length`.
     """
+
+    statements = (
+        *("pretension", "force_density", "prestrain", "rest_length"),
+        *("shortening", "temperature", "sag", "jacking"),
+    )
+
+    @abc.abstractmethod
+    def strain_at(self, force, plastic=None):
+        """Strain of one element at an axial force, N; NaN where its law has none."""
+
+    def between(self, start, end, factor):
+        """As of `Prestressable`; NaN where all of an element is taken in: there is no such one."""
+        mixed = super().between(start, end, factor)
+        length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
+        return copy(mixed, rest_length=length)
 
     def start(self, ends):
         """State before the first phase: the group's unstressed length, or the chord itself."""

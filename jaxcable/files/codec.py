@@ -26,7 +26,9 @@ from ..loads import (
     SelfWeight,
     SupportMovement,
 )
+from ..loads.load import Load
 from ..materials import Elastic, Parallel, Polygonal
+from ..materials.law import Law
 from ..phases import Phase
 from ..sections import Section
 from ..selection import Only, Selection
@@ -63,13 +65,6 @@ def register(cls):
 
 
 _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
-_WORKED_OUT = {
-    Polygonal: ("rising", "n_plastic"),  # by the constructor, from the points
-    LineLoads: ("begun", "part"),  # by the analysis
-    SelfWeight: ("part",),
-    CablePressure: ("part",),
-    AreaLoads: ("begun",),
-}
 _DEEPEST = 32  # nested objects; no structure comes near
 
 
@@ -113,7 +108,7 @@ def _encode_object(value, where, implied):
     fields = {} if cls is implied else {"type": cls.__name__}
     for field in dataclasses.fields(cls):
         own = getattr(value, field.name)
-        if own is None or field.name in _WORKED_OUT.get(cls, ()):
+        if own is None or field.name in _worked_out(cls):
             continue
         if field.default is not dataclasses.MISSING and own is field.default:
             continue
@@ -124,6 +119,11 @@ def _encode_object(value, where, implied):
         place = f"{where}.{field.name}"
         fields[field.name] = encode(own, place, _IMPLIED.get(field.name))
     return fields
+
+
+def _worked_out(cls):
+    """Fields of a class that nobody states: its constructor or the analysis puts them in."""
+    return cls.worked_out if issubclass(cls, Load | Law) else ()
 
 
 def _once(rows):
@@ -200,7 +200,7 @@ def _decode_object(data, where, implied, depth):
     cls = TYPES[name]
     if implied is not None and cls is not implied:
         raise FileError(f"{where}: expected a {implied.__name__}, got a {name}")
-    known = [f.name for f in dataclasses.fields(cls) if f.name not in _WORKED_OUT.get(cls, ())]
+    known = [f.name for f in dataclasses.fields(cls) if f.name not in _worked_out(cls)]
     values = {}
     for key, value in data.items():
         if key == "type":

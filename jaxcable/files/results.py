@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from .. import status
-from ..parts import first_and_last, groups_by_name, one_case, per_group
+from ..parts import Column, columns, first_and_last, groups_by_name, one_case, per_group
 from ..topology import require_same
 from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable result"
 _PER_NODE = ("positions", "displacement", "reactions", "load", "rotation", "reaction_moments")
-_PER_ELEMENT = ("tension", "peak_tension", "rest_length", "section_forces")
 _PER_INCREMENT = (
     *("load_factor", "status", "iterations", "factorizations", "residual", "relative_residual"),
     *("n_slack", "n_loose", "displacement"),
@@ -143,14 +142,11 @@ def flat(structure, solution):
         raise ValueError(f"elements: two groups would be called alike in a file: {names}")
     found = {name: np.asarray(getattr(solution, name)) for name in ("status", "stable")}
     for prefix, part in (("", solution), ("last.", solution.last)):
-        for name in (*_PER_NODE, *_PER_ELEMENT):
-            value = getattr(part, name)
-            if value is None:
-                continue
-            if name in _PER_NODE:
-                found[prefix + name] = np.asarray(value)
-            else:
-                _put(found, prefix + name, structure, value)
+        for name in _PER_NODE:
+            if getattr(part, name) is not None:
+                found[prefix + name] = np.asarray(getattr(part, name))
+        for name, value in (part.told | {"rest_length": part.rest_length}).items():
+            _put(found, prefix + name, structure, value)
     for name in ("phase", "load_factor"):
         found["last." + name] = np.asarray(getattr(solution.last, name))
     for name, group in groups_by_name(structure):
@@ -159,8 +155,8 @@ def flat(structure, solution):
         found[f"phase{number}.stable"] = np.asarray(phase.stable)
         for name in _PER_INCREMENT:
             found[f"phase{number}.{name}"] = np.asarray(getattr(phase.path, name))
-        for name in ("tension", "peak_tension"):
-            _put(found, f"phase{number}.{name}", structure, getattr(phase.path, name))
+        for name, value in phase.path.told.items():
+            _put(found, f"phase{number}.{name}", structure, value)
     return found
 
 
@@ -202,7 +198,7 @@ def tables(structure, solution):
     require_same(structure, solution.last.topology, "solution")
     last = solution.last
     fixed = last.fixed[int(last.phase) + 1].array[: structure.n_node, :3]
-    columns = [
+    vectors = [
         np.asarray(getattr(solution, name))
         for name in ("positions", "displacement", "load", "reactions")
     ]
@@ -212,14 +208,13 @@ def tables(structure, solution):
     nodes = [header]
     for k in range(structure.n_node):
         held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
-        nodes.append([k, held, *(float(v) for column in columns for v in column[k])])
-    columns = {
-        "tension (N)": solution.tension,
-        "unstressed length (m)": solution.rest_length,
-        "peak tension (N)": solution.peak_tension,
-    }
-    elements = [["group", "element", "first", "last", *columns]]
-    values = zip(*(per_group(structure, own) for own in columns.values()), strict=True)
+        nodes.append([k, held, *(float(v) for column in vectors for v in column[k])])
+    lengths = Column("unstressed length", "m", per_group(structure, solution.rest_length))
+    told = columns(structure.groups, solution.told)
+    told.insert(1 if told and told[0].label == "tension" else len(told), lengths)
+    heads = [f"{own.label.replace('_', ' ')} ({own.unit})" for own in told]
+    elements = [["group", "element", "first", "last", *heads]]
+    values = zip(*(own.values for own in told), strict=True)
     for (name, group), own in zip(groups_by_name(structure), values, strict=True):
         for k, ends in enumerate(first_and_last(group).tolist()):
             numbers = (None if column is None else float(column[k]) for column in own)

@@ -2,22 +2,22 @@
 
 from pathlib import Path
 
+import jax
 import numpy as np
 
-from ..parts import groups_by_name, one_case, per_group, pieces
+from ..parts import columns, groups_by_name, one_case, per_group, pieces
 from ..topology import require_same
 from .reading import written
 
 _LINE = 3  # cell type of VTK
-_FORCES = ("tension", "peak_tension")
 
 
 def save_vtk(path, structure, solution, increments=False):
     """Write a result as lines in space, for ParaView.
 
     Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have
-    ``tension``, ``peak_tension``, ``rest_length``, and the numbers of their ``element`` and
-    ``group``. Cables over several nodes are drawn in pieces.
+    ``tension``, ``peak_tension``, what else elements tell in a number each, ``rest_length``, and
+    the numbers of their ``element`` and ``group``. Cables over several nodes are drawn in pieces.
 
     Args:
         path: of the file, ending with .vtk.
@@ -50,7 +50,8 @@ def save_vtk(path, structure, solution, increments=False):
         last = solution.last
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
         vectors = {name: np.asarray(getattr(last, own)) for name, own in names.items()}
-        scalars = {name: getattr(last, name) for name in (*_FORCES, "rest_length")}
+        scalars = {own.label: own.values for own in columns(structure.groups, last.told)}
+        scalars["rest_length"] = per_group(structure, last.rest_length)
         _write(path, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
     done = []
@@ -64,16 +65,14 @@ def save_vtk(path, structure, solution, increments=False):
         for k in good:
             moved = np.asarray(phase.path.displacement[k])
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
-            scalars = {
-                name: structure.arrange([f[k] for f in per_group(structure, own)])
-                for name, own in ((name, getattr(phase.path, name)) for name in _FORCES)
-            }
+            told = jax.tree.map(lambda x, k=k: x[k], phase.path.told)
+            scalars = {own.label: own.values for own in columns(structure.groups, told)}
             _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
     return done
 
 
 def _write(path, structure, points, vectors, scalars):
-    ends, element, group = pieces([own.links for own in structure.groups])
+    ends, element, group = pieces(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
     )
@@ -86,8 +85,8 @@ def _write(path, structure, points, vectors, scalars):
     lines += [f"CELL_DATA {len(ends)}"]
     for name, number in (("element", element), ("group", group)):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
-    for name, values in scalars.items():
-        pairs = zip(structure.groups, per_group(structure, values), strict=True)
+    for label, values in scalars.items():
+        name, pairs = label.replace(" ", "_"), zip(structure.groups, values, strict=True)
         own = [np.full(len(g.links), np.nan) if x is None else x for g, x in pairs]
         row = np.concatenate(own)[element]
         lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, row.tolist())]

@@ -9,7 +9,12 @@ class Load(abc.ABC):
     """Something that acts on a structure in a phase; a pytree whose leaves are its numbers.
 
     It derives from one of the four classes below.
+
+    Attributes:
+        worked_out: names of fields that nobody states: the analysis puts them in.
     """
+
+    worked_out = ("begun", "part")
 
     def check(self, structure):
         """Raise ValueError if it does not fit a structure."""

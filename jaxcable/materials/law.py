@@ -16,8 +16,10 @@ class Law(abc.ABC):
         breaks: whether the curve can end.
         rising: whether stress is known not to fall with strain: the energy is then convex. Such a
             law gives `softened`.
+        worked_out: names of fields that nobody states: the constructor puts them in.
     """
 
+    worked_out = ()
     n_plastic = 0
     breaks = False
     rising = False

@@ -72,6 +72,8 @@ class Polygonal(Law):
 
     breaks = True
 
+    worked_out = ("rising", "n_plastic")
+
     def __post_init__(self):
         strain, stress = _check.floats(self.strain, "strain"), _check.floats(self.stress, "stress")
         if strain.ndim != 1 or len(strain) < 2:

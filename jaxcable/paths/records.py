@@ -78,10 +78,8 @@ def row_at(ramp, p, plastic, found):
 def _row_of(ramp, system, x):
     """Displacement since the phase began, and what is read there."""
     seen = read(system, x)
-    strain = seen.section_strain
-    strain = None if all(own is None for own in strain) else strain
     moved = (x - ramp.begin.motion)[:, :3]
-    return moved, seen.tension, seen.peak_tension, seen.n_slack, seen.n_loose, strain
+    return moved, seen.of_path.found, seen.n_slack, seen.n_loose
 
 
 def nothing(p):

@@ -15,7 +15,8 @@ from ..compilation import program
 from ..equilibrium import Newton
 from ..preparation import as_phases, prepare, ready, verdicts
 from ..ramp import Ramp
-from ..results import on_nodes, with_peaks
+from ..results import on_nodes, per_element, with_peaks
+from ..solution import named
 from ..solver import solve
 from .continuation import march
 from .events import BIFURCATION, LIMIT_POINT, Events
@@ -111,8 +112,9 @@ def trace_path(
     room = int(steps), int(events)
     core = task.thawed, task.arrays, task.method, settings, task.code
     path, n_row, n_event = _trace(*core, room, task.bundles, size=task.n_free)
-    path = on_nodes(structure, with_peaks(path), ("tension", "peak_tension", "strain"))
-    happened = on_nodes(structure, path.events, ("elements",), ("displacement", "mode"))
+    path = per_element(with_peaks(on_nodes(structure, path)), structure.arrange)
+    happened = on_nodes(structure, path.events, ("displacement", "mode"))
+    happened = copy(happened, elements=structure.arrange(happened.elements))
     if not isinstance(n_row, jax.core.Tracer):
         happened = jax.tree.map(lambda a: a[: int(n_event)], happened)
         cut = jax.tree.map(lambda a: a[: int(n_row)], copy(path, status=None, events=None))
@@ -145,9 +147,8 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
     run = lax.stop_gradient(march(ramp, method, settings, code, room))
     code = run.code
     factor, own, negative, stiffness, rise, steps, residual, scale = run.rows
-    moved, tension, peak, n_slack, n_loose, strain = own
-    tension, peak = bundles.apart(tension, axis=1), bundles.apart(peak, axis=1)
-    strain = None if strain is None else bundles.apart(strain, axis=1)
+    moved, found, n_slack, n_loose = own
+    found = {name: bundles.apart(value, axis=1) for name, value in found.items()}
     reached = jnp.arange(room[0]) < run.n_row
     happened = jnp.arange(room[1]) < run.n_event
 
@@ -179,7 +180,6 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
     path = TracedPath(
         load_factor=known(factor, reached),
         displacement=known(moved, reached),
-        tension=known(tension, reached),
         status=code,
         iterations=known(steps, reached),
         factorizations=None,
@@ -188,12 +188,11 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
         n_slack=known(jnp.asarray(n_slack, jnp.int32), reached),
         n_loose=known(jnp.asarray(n_loose, jnp.int32), reached),
         equilibrated=None,
-        strain=None if strain is None else known(strain, reached),
-        peak_tension=known(peak, reached),
         n_negative=known(negative, reached),
         stiffness=known(stiffness, reached),
         rise=known(rise, reached),
         events=events,
+        **named(known(found, reached)),
     )
     path = implicit.undifferentiated(path, parameters)
     located = jax.vmap(lambda *own: _load_factor(*own, ramp, problem, parameters))

@@ -12,8 +12,8 @@ from PIL import Image
 from ..parts import pieces
 from .glyphs import draw_supports, support_keys, supports
 from .layout import arrange, settle
-from .members import Forces, Members, Scale, ghost, keys
-from .stages import check, start_of
+from .members import Members, Scale, ghost, keys
+from .stages import forces_of, shown, start_of
 from .style import SLACK, colour_map
 from .views import View, choose
 
@@ -70,14 +70,14 @@ def animation(
         raise ValueError(f"frames = {frames}: must be a positive integer")
     if not rate > 0:
         raise ValueError(f"rate = {rate}: must be positive")
-    check(solution, structure, colour)
+    colour = shown(solution, structure, colour)
     begin = start_of(solution, solution.last)
     shots = _shots(solution, begin, structure, magnify, colour, frames)
     everything = np.concatenate([begin, *(shot.positions for shot in shots)])
     seen = choose(everything, view)
     if view is None and not seen.plane:
         seen = View("space")
-    images = _draw(shots, begin, seen, everything, solution, structure, colour, dpi)
+    images = _draw(shots, begin, seen, everything, solution, structure, dpi)
     (_gif if path.suffix == ".gif" else _html)(images, path, rate)
     return path
 
@@ -107,10 +107,9 @@ def _shots(solution, begin, structure, magnify, colour, frames):
         place = base + own.displacement[row]
         if k > 0 or len(solution.phases) == 1:
             place = origin + magnify * (place - origin)
-        both = own.tension, own.peak_tension
-        tension, peak = jax.tree.map(lambda t, row=row: t[row], both)
         title = f"Phase {k + 1}, load factor {own.load_factor[row]:.2f}"
-        forces = Forces(tension, solution.links, structure, colour, peak)
+        part = jax.tree.map(lambda t, row=row: t[row], own)
+        forces = forces_of(part, solution, structure, colour)
         shots.append(_Shot(k, title, place, forces))
     return shots
 
@@ -120,12 +119,12 @@ def evenly(n, most):
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 
 
-def _draw(shots, begin, seen, everything, solution, structure, colour, dpi):
+def _draw(shots, begin, seen, everything, solution, structure, dpi):
     """The frames as images, all with one palette, so that no colour flickers."""
     palette = Image.new("P", (1, 1))
     palette.putpalette(_palette())
-    links = pieces(solution.links)[:2]
-    scale = Scale([shot.forces for shot in shots], colour)
+    links = pieces(solution.last.topology.parts)[:2]
+    scale = Scale([shot.forces for shot in shots])
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     figure.set_dpi(dpi)
     axes = seen.add_axes(figure, everything, shots[0].title)

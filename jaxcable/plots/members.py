@@ -11,7 +11,6 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from .. import design
 from .style import GHOST, SLACK, colour_map, force_unit
 
-COLOURS = ("tension", "utilisation")
 DASHES = (0, (3, 1.5))
 _NOTHING = 1e-9  # of the largest force: compression that is none
 
@@ -23,16 +22,18 @@ class Forces:
         tension: of all elements, in their shape, N; None of groups without an axial force.
         links: node numbers per group, as of a `Solution`.
         structure: `Structure`, or None.
-        colour: what colours them, of `COLOURS`.
+        colour: what colours them: "tension", "utilisation", or any other name, of `column`.
         peak: their forces of largest size, which utilisation is of; default `tension`.
+        column: `parts.Column` of what else colours them.
 
     Attributes:
         tension: [n_elem], N.
         slack, compressed: [n_elem] bool.
-        value: what colours them, in the unit of `Scale`, [n_elem]; NaN where it is not known.
+        value: what colours them, [n_elem]; NaN where it is not known.
+        colour, unit: what that is, and its unit.
     """
 
-    def __init__(self, tension, links, structure=None, colour="tension", peak=None):
+    def __init__(self, tension, links, structure=None, colour="tension", peak=None, column=None):
         counts = [len(own) for own in links]
         self.tension = _row(tension, counts)
         self.slack = self.tension == 0.0
@@ -46,6 +47,9 @@ class Forces:
         if colour == "utilisation":
             found = _utilisation(structure, tension if peak is None else peak)
             self.value = _row(found, counts)
+        elif column is not None:
+            self.value = _row(column.values, counts)
+        self.colour, self.unit = colour, "N" if column is None else column.unit
 
 
 class Scale:
@@ -57,17 +61,26 @@ class Scale:
         look: colour map and norm, for collections.
     """
 
-    def __init__(self, forces, colour="tension"):
+    def __init__(self, forces):
+        colour = forces[0].colour
         values = np.concatenate([own.value for own in forces])
-        values = values[np.isfinite(values)]
+        values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
         if colour == "utilisation":
             # 1 is on the bar: what is far from it looks so
             self.factor, self.label, low, high = 1.0, "force over strength (-)", 0.0, max(high, 1.0)
         else:
-            self.factor, unit = force_unit(max(abs(low), abs(high)))
+            self.factor, unit = 1.0, forces[0].unit
+            if unit.startswith("N"):
+                self.factor, kilo = force_unit(max(abs(low), abs(high)))
+                unit = kilo + unit[1:]
             signed = ", tension positive" if low < -_NOTHING * max(abs(low), abs(high)) else ""
-            self.label = f"{'axial force' if signed else 'tension'} ({unit}){signed}"
+            name = colour.replace("_", " ")
+            if colour == "tension":
+                name = "axial force" if signed else "tension"
+            else:
+                signed = ""
+            self.label = f"{name} ({unit}){signed}"
             low, high = self.factor * low, self.factor * high
             if high - low <= 1e-9 * max(abs(high), 1.0):
                 width = max(0.05 * abs(high), 1e-3)

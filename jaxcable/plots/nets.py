@@ -35,8 +35,10 @@ def net(
         path: where to save a picture (the suffix says in which format), or None.
         magnify: factor on the displacement after the first phase, in the second picture; None for a
             round one that makes the largest a tenth of the structure.
-        colour: "tension" (of catenaries the mean of both ends), or "utilisation", the largest force
-            along an element over its breaking strength, which needs `structure`.
+        colour: "tension" (of catenaries the mean of both ends; where no element has one, the first
+            thing that elements tell), or "utilisation", the largest force along an element over its
+            breaking strength, which needs `structure`; or another name in ``solution.told``, with
+            that of a component after it if it has some.
         structure: the `Structure` that was analysed. It tells cables from bars and beams: without
             it whatever has exactly no tension is drawn as slack, and no support as clamped.
         state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.
@@ -83,7 +85,7 @@ def net(
     points = [np.concatenate(stage.places()) for stage in stages]
     points[-1] = np.concatenate([points[-1], *(own.ends for own in arrows)])
 
-    scale = Scale([stage.forces for stage in stages], colour)
+    scale = Scale([stage.forces for stage in stages])
     ratios = [one.ratio(seen) for one, seen in zip(views, points, strict=True)]
     figure, slots = arrange(ratios, [one.flat for one in views])
     for number, (one, stage) in enumerate(zip(views, stages, strict=True)):

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..parts import pieces
+from ..parts import columns, pieces
 from .glyphs import supports
-from .members import COLOURS, Forces
+from .members import Forces
 
 _ROUND = (5.0, 2.0, 1.0)
 _SEEN = 2e-3  # of the extent: a displacement that can be seen
@@ -42,7 +42,7 @@ class Stage:
 
 def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension"):
     """Pieces of all elements, the stages before and after loading, and the `State` at the end."""
-    check(solution, structure, colour)
+    colour = shown(solution, structure, colour)
     if state is None:
         if int(solution.status) != 0:
             raise ValueError(
@@ -64,7 +64,7 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
             round_factor(end - origin, np.concatenate([end, begin])) if magnify is None else magnify
         )
 
-    forces = Forces(state.tension, solution.links, structure, colour, state.peak_tension)
+    forces = forces_of(state, solution, structure, colour)
     stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
     unstable = [", unstable" if _unstable(phase) else "" for phase in solution.phases]
     own = "" if stopped or number < 0 else unstable[number]
@@ -76,18 +76,18 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
             Stage(name, end, begin, forces, fixed(number)),
             Stage(name + _times(factor), moved, begin, forces, fixed(number)),
         ]
-        return pieces(solution.links)[:2], stages, state
+        return pieces(solution.last.topology.parts)[:2], stages, state
     middle = np.asarray(first.positions)
     name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{own}"
     factor = factor(middle)
-    before = Forces(first.tension, solution.links, structure, colour, first.peak_tension)
+    before = forces_of(first, solution, structure, colour)
     stages = [
         Stage(f"Before loading{unstable[0]}", middle, begin, before, fixed(0)),
         Stage(
             name + _times(factor), middle + factor * (end - middle), middle, forces, fixed(number)
         ),
     ]
-    return pieces(solution.links)[:2], stages, state
+    return pieces(solution.last.topology.parts)[:2], stages, state
 
 
 def _unstable(phase):
@@ -95,16 +95,34 @@ def _unstable(phase):
     return int(phase.status) == 0 and not bool(phase.stable)
 
 
-def check(solution, structure, colour):
-    """Refuse what cannot be drawn."""
+def forces_of(part, solution, structure, colour):
+    """`Forces` of a state, or of an increment as `Told`."""
+    told = columns(solution.last.topology.parts, part.told)
+    column = None
+    if colour not in ("tension", "utilisation"):
+        column = next(own for own in told if own.label == colour)
+    return Forces(part.tension, solution.links, structure, colour, part.peak_tension, column)
+
+
+def shown(solution, structure, colour):
+    """What colours elements; refuses what cannot be drawn.
+
+    That is `colour`; if it is "tension" and no element has one, the first thing that they tell.
+    """
     refuse_batch(solution)
-    if colour not in COLOURS:
-        raise ValueError(f'colour = {colour!r}: expected "tension" or "utilisation"')
+    told = columns(solution.last.topology.parts, solution.last.told)
+    names = [own.label for own in told if any(x is not None for x in own.values)]
+    if colour == "tension" and names and "tension" not in names:
+        colour = names[0]
+    if colour not in ("tension", "utilisation", *names):
+        expected = ", ".join(f'"{name}"' for name in dict.fromkeys((*names, "utilisation")))
+        raise ValueError(f"colour = {colour!r}: expected one of {expected}")
     if structure is None:
-        return
+        return colour
     own, theirs = ([g.links.array for g in structure.groups], [l.array for l in solution.links])
     if len(own) != len(theirs) or not all(map(np.array_equal, own, theirs)):
         raise ValueError("structure: its links are not those of the solution")
+    return colour
 
 
 def refuse_batch(solution):

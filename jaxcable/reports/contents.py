@@ -7,7 +7,7 @@ import numpy as np
 from ..design import utilisation
 from ..elements.element import Sagging
 from ..energy import energy_balance
-from ..parts import first_and_last, groups_by_name, per_group, pieces
+from ..parts import columns, first_and_last, groups_by_name, per_group, pieces
 from ..paths import buckling_factor
 from .table import Table
 
@@ -139,11 +139,39 @@ def members(structure, state, states):
     return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
 
 
+def others(structure, state):
+    """What elements tell beside forces along them, a table by name of the result.
+
+    Of what they tell in a number each, or one for each of its components.
+    """
+    found = {}
+    for name, value in (state.results or {}).items():
+        told = columns(structure.groups, {name: value})
+        rows = []
+        for number, (label, group) in enumerate(groups_by_name(structure)):
+            own = [column.values[number] for column in told]
+            if not own or own[0] is None:
+                continue
+            for k, ends in enumerate(first_and_last(group).tolist()):
+                rows.append([label, k, *ends, *(float(x[k]) for x in own)])
+        if rows:
+            heads = [column.label.removeprefix(name).strip() or name for column in told]
+            units = ("", "", "", "", *(column.unit for column in told))
+            title = name.replace("_", " ").capitalize()
+            names = ("group", "element", "first", "last", *heads)
+            found[name] = Table(title, names, units, rows, governing=4)
+    return found
+
+
 def _compressed(structure, used, *forces):
     """Whether compression is compared with strength anywhere; all lists with an item per group."""
-    largest = max(np.abs(own).max() for state in forces for own in state if own is not None)
+    largest = [np.abs(own).max() for state in forces for own in state if own is not None]
+    largest = max(largest, default=0.0)
     return any(
-        share is not None and not group.tension_only and (own < -_ROUNDING * largest).any()
+        share is not None
+        and own is not None
+        and not group.tension_only
+        and (own < -_ROUNDING * largest).any()
         for state in forces
         for group, share, own in zip(structure.groups, used, state, strict=True)
     )
@@ -159,7 +187,7 @@ def buckling(structure, state, reference=None):
     before = np.asarray(structure.nodes)
     if reference is not None:
         before = np.asarray(getattr(reference, "last", reference).positions)
-    ends = pieces([group.links for group in structure.groups])[0]
+    ends = pieces(structure.groups)[0]
     turn = np.degrees(_turn(before[ends], np.asarray(state.positions)[ends]))
     loads = "the loads and all forces of this state"
     if reference is not None:
@@ -242,7 +270,7 @@ def slack(structure, states):
         for (label, group), force in zip(
             groups_by_name(structure), per_group(structure, own.tension), strict=True
         ):
-            if group.tension_only:
+            if group.tension_only and force is not None:
                 for k in np.flatnonzero(force <= 0):
                     found.setdefault((label, int(k)), []).append(name)
     rows = [[label, k, ", ".join(names)] for (label, k), names in found.items()]
@@ -256,7 +284,9 @@ def loose(structure, states):
     for name, own in states.items():
         taut = own.fixed[: structure.n_node, :3].all(axis=1)
         for group, force in zip(structure.groups, per_group(structure, own.tension), strict=True):
-            holds = force > 0 if group.tension_only else np.ones(len(group.links), bool)
+            holds = np.ones(len(group.links), bool)
+            if group.tension_only and force is not None:
+                holds = force > 0
             taut[group.links.array[holds]] = True
         for k in np.flatnonzero(~taut):
             found.setdefault(int(k), []).append(name)

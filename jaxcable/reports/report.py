@@ -170,6 +170,7 @@ def report(structure, solution, phases=None, cases=None, names=None, buckling=Fa
         "slack": contents.slack(structure, {**at_end, **states}),
         "loose": contents.loose(structure, {**at_end, **states}),
     }
+    tables |= contents.others(structure, state)
     if balanced:
         start = None if energy is True else energy
         tables["energy"] = contents.energy(structure, solution, phases, start)
