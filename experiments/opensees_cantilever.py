@@ -132,7 +132,7 @@ def steel(yield_stress):
     e = yield_stress / E
     top = yield_stress + HARDENING * E * (end - e)
     stress = [-top, -yield_stress, 0.0, yield_stress, top]
-    return jc.Polygonal([-end, -e, 0.0, e, end], stress, "elastic", n_plastic=known.n_plastic)
+    return jc.Polygonal([-end, -e, 0.0, e, end], stress, "elastic", n_memory=known.n_memory)
 
 
 def analyse(parameters, n, fibres=(1, 40), plane=True, law=steel):

@@ -268,7 +268,7 @@ class System(Elementwise):
     def kinked(self, motion):
         """Whether a cable that moves with free nodes is exactly unstressed.
 
-        Equilibrium then has no derivative. (Laws with plastic strains slacken elsewhere.)
+        Equilibrium then has no derivative. (Laws with a memory slacken elsewhere.)
         """
         found, free = jnp.zeros((), bool), self.freedoms.moves()
         for group, state in zip(self.groups, self.states, strict=True):

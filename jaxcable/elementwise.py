@@ -85,7 +85,7 @@ class Elementwise:
 
     @property
     def remembers(self):
-        """Whether any group has plastic strains."""
+        """Whether any group remembers what has happened to it."""
         return any(group.remembers for group in self.groups)
 
     @property
@@ -112,10 +112,14 @@ class Elementwise:
         """Whether any element is strained beyond its curve."""
         return jnp.any(self.broken(self.strains(motion)))
 
-    def settle(self, strains):
-        """Plastic strains after an increment that ended with these strains, per group, or None."""
+    def settle(self, strains, duration=0.0):
+        """Memory after an increment of a duration, s, that ended so, a list, None without any.
+
+        Phases say nothing of time yet: theirs have none.
+        """
+        own = {"duration": duration}
         return [
-            of_each("settle", group, strain, state.plastic) if group.remembers else None
+            of_each("settle", group, strain, state.memory, **own) if group.remembers else None
             for group, state, strain in zip(self.groups, self.states, strains, strict=True)
         ]
 

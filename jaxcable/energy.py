@@ -44,7 +44,7 @@ class EnergyBalance:
             lengths, on what is between the ends of the elements, [n_phase].
         stored: change of the stored energy, [n_phase]. The potential of weight is none of it: what
             a load does is work.
-        dissipated: by plastic strains, [n_phase].
+        dissipated: by laws with a memory, [n_phase].
         level: stored energy at the end of each phase, or where it stopped, [n_phase].
         increments: the imbalance of every increment, a tuple of [n_inc].
 

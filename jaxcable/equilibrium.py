@@ -134,7 +134,7 @@ def adjoint_effort(method, system, dtype):
     return 0.1 * limit(method, dtype), jnp.where(system.convex, WORTH, 0)
 
 
-def newton(system, x, method, active, memory=None, judge=False):
+def newton(system, x, method, active, factored=None, judge=False):
     """Bring `system` to equilibrium from `x`.
 
     Args:
@@ -142,35 +142,35 @@ def newton(system, x, method, active, memory=None, judge=False):
         x: start, a motion.
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
-        memory: of sparse solves in earlier increments, if they were on the same pattern.
+        factored: what sparse solves factorised in earlier increments, if on the same pattern.
         judge: whether to ask if the equilibrium is stable.
 
     Returns:
-        `Outcome`, and the memory after it. Not differentiable: `implicit.attach` gives the
+        `Outcome`, and what was factored after it. Not differentiable: `implicit.attach` gives the
         derivative.
     """
-    if memory is None:
-        memory = linear.no_memory(system.freedoms.pattern, x.dtype)
-    end = _iterated(system, x, method, active, memory, judge)
+    if factored is None:
+        factored = linear.nothing_factored(system.freedoms.pattern, x.dtype)
+    end = _iterated(system, x, method, active, factored, judge)
     # the iteration follows curves beyond their ends, an answer does not
     broken = system.breaks and system.beyond(end.x)
-    return _outcome(end, x, active, broken, memory), end.memory
+    return _outcome(end, x, active, broken, factored), end.factored
 
 
-def _iterated(system, x, method, active, memory, judge):
+def _iterated(system, x, method, active, factored, judge):
     """The `iteration.Iterate` in which Newton's method ends."""
     task = Task(system, x, method, judge)
-    return lax.while_loop(lambda it: active & ~it.done, task.turn, task.start(memory))
+    return lax.while_loop(lambda it: active & ~it.done, task.turn, task.start(factored))
 
 
-def _outcome(end, x, active, broken, memory):
+def _outcome(end, x, active, broken, factored):
     """`Outcome` of an iteration from `x`; `broken`: whether it ended beyond a curve."""
     code = jnp.maximum(end.code, status.OK)
     broken = active & (code != status.NONFINITE) & broken
     code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
     x = jnp.where(good, end.x, x)
-    count = end.steps if memory is None else end.memory.count - memory.count
+    count = end.steps if factored is None else end.factored.count - factored.count
     # nothing is evaluated after a failure
     residual = jnp.where(active, largest(end.residual), jnp.nan)
     return Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
@@ -184,7 +184,7 @@ def is_stable(system, x):
     return system.convex | linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
 
 
-def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
+def march(ramp, x, increments, method, code, factored, seen, fresh, tell=None):
     """Bring a phase to equilibrium at each load factor in turn, each from the one before.
 
     Args:
@@ -194,24 +194,24 @@ def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
             first is 0: there is nothing to solve, but to read.
         method: `Newton`.
         code: status so far; if it is a failure, or from the first failure on, nothing moves.
-        memory: as for `newton`.
+        factored: as for `newton`.
         seen: `Reading` of the last good increment.
         fresh: whether there is none, so that the start is read.
         tell: function of a load factor and its `Outcome` that is called after each, or None.
 
     Returns:
         Points, [1 + n_inc, ...]; the log of each (`Outcome.log`), codes latched; `Reading`s, each
-        that of the last good increment; the last of these; plastic strains at the end; and the
-        memory.
+        that of the last good increment; the last of these; memory of laws at the end; and what was
+        factored.
     """
     begun = ramp.begun()
 
     def step(carry, increment):
-        x, code, plastic, memory, seen = carry
+        x, code, memory, factored, seen = carry
         factor, live = increment
-        system, judge = ramp.at(factor, plastic), method.watch | (factor == 1)
+        system, judge = ramp.at(factor, memory), method.watch | (factor == 1)
         active = live & (code == status.OK)
-        end = _iterated(system, x, method, active, memory, judge)
+        end = _iterated(system, x, method, active, factored, judge)
         begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
         motion, broken = jnp.where(begins, ramp.begin.motion, end.x), False
         new = lax.cond(
@@ -221,21 +221,21 @@ def march(ramp, x, increments, method, code, memory, seen, fresh, tell=None):
         )
         if system.breaks:
             broken = jnp.any(system.broken(new.strains))
-        outcome = _outcome(end, x, active, broken, memory)
+        outcome = _outcome(end, x, active, broken, factored)
         if system.breaks:
             new = where(begins | outcome.equilibrated, new, seen)
         code = status.first_failure(code, outcome.code)
-        if plastic is not None:
-            plastic = ramp.settle(system, new.strains, outcome.equilibrated, plastic)
+        if memory is not None:
+            memory = ramp.settle(system, new.strains, outcome.equilibrated, memory)
         outcome = copy(outcome, code=code)
         if tell is not None:
             lax.cond(live, lambda: tell(factor, outcome), lambda: None)
-        carry = outcome.x, code, plastic, end.memory, new
+        carry = outcome.x, code, memory, end.factored, new
         return carry, (outcome.x, outcome.log, new.of_path)
 
-    start = x, code, ramp.plastic, memory, seen
-    (_, _, plastic, memory, seen), (xs, log, rows) = lax.scan(step, start, increments)
-    return xs, log, rows, seen, plastic, memory
+    start = x, code, ramp.memory, factored, seen
+    (_, _, memory, factored, seen), (xs, log, rows) = lax.scan(step, start, increments)
+    return xs, log, rows, seen, memory, factored
 
 
 def _as_begun(system, begun, factor):

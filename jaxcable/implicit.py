@@ -34,7 +34,7 @@ def attach(system, x, valid):
     return attach_apart(system, x, valid)[0]
 
 
-def attach_apart(system, x, valid, memory=None, tol=0.0, limit=0):
+def attach_apart(system, x, valid, factored=None, tol=0.0, limit=0):
     """Return `x` with the derivative of the equilibrium of `system`, and where it has none.
 
     Args:
@@ -43,7 +43,7 @@ def attach_apart(system, x, valid, memory=None, tol=0.0, limit=0):
         valid: whether `x` is an equilibrium; if not, the result has derivative zero (and the caller
             must see to it that nobody takes that for an answer). An equilibrium with a cable
             between taut and slack has no derivative: NaN.
-        memory, tol, limit: see `linear.solve_marked`.
+        factored, tol, limit: see `linear.solve_marked`.
 
     Returns:
         x: with NaN for a derivative where it has none.
@@ -59,7 +59,7 @@ def attach_apart(system, x, valid, memory=None, tol=0.0, limit=0):
     # What has no derivative is marked beside the root: its NaN goes out to whoever asks, and not
     # into the residual at the root, where second derivatives would meet it times zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
-    problem = thaw((system, x, valid, memory, tol, limit))
+    problem = thaw((system, x, valid, factored, tol, limit))
     found = rooted(_marked, start, problem, _solved)
     found, mark = jnp.split(found, 2)
     marks = jnp.sum(jnp.append(mark, 0.0)[system.freedoms.number], axis=1)
@@ -75,14 +75,14 @@ def _marked(found, problem):
 
 def _solved(problem, linearized, rhs):
     """Solve with the derivative of `_marked`."""
-    system, x, valid, memory, tol, limit = fill(*lax.stop_gradient(problem))
+    system, x, valid, factored, tol, limit = fill(*lax.stop_gradient(problem))
 
     def build():
         matrix = linear.or_identity(system.tangent(x), valid)
         matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
         return matrix, system.loose_nodes(x)[system.freedoms.row_of_unknown] & valid
 
-    return linear.solve_marked(build, rhs, linearized, memory, tol, limit)
+    return linear.solve_marked(build, rhs, linearized, factored, tol, limit)
 
 
 def undifferentiated(tree, parameters):

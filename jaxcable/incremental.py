@@ -92,32 +92,32 @@ def march(ramp, x, increments, method, code, tell=None):
     @jax.checkpoint
     def step(carry, increment):
         factor, live, first = increment
-        x, code, plastic = carry
+        x, code, memory = carry
 
-        def go(x, code, plastic):
-            outcome, plastic = _increment(ramp, factor, x, method, code, plastic, first)
+        def go(x, code, memory):
+            outcome, memory = _increment(ramp, factor, x, method, code, memory, first)
             if tell is not None:
                 tell(factor, outcome)
-            return outcome, plastic
+            return outcome, memory
 
-        def pass_by(x, code, plastic):
+        def pass_by(x, code, memory):
             zero, none = jnp.zeros((), x.dtype), jnp.int32(0)
             no = jnp.zeros((), bool)
-            return Outcome(x, code, none, none, zero, zero, no, no), plastic
+            return Outcome(x, code, none, none, zero, zero, no, no), memory
 
-        outcome, plastic = lax.cond(live, go, pass_by, x, code, plastic)
-        return (outcome.x, outcome.code, plastic), (outcome.x, outcome.log)
+        outcome, memory = lax.cond(live, go, pass_by, x, code, memory)
+        return (outcome.x, outcome.code, memory), (outcome.x, outcome.log)
 
     first = jnp.arange(len(increments[0])) == 0
-    return lax.scan(step, (x, code, ramp.plastic), (*increments, first))[1]
+    return lax.scan(step, (x, code, ramp.memory), (*increments, first))[1]
 
 
-def _increment(ramp, factor, x, method, code, plastic, first):
-    """One increment of the scheme and the plastic strains that it leaves.
+def _increment(ramp, factor, x, method, code, memory, first):
+    """One increment of the scheme and the memory that it leaves.
 
     The `first` increment of a phase may be solved to equilibrium.
     """
-    active, system, begin = code == status.OK, ramp.at(factor, plastic), x
+    active, system, begin = code == status.OK, ramp.at(factor, memory), x
     frozen = lax.stop_gradient(system)
     x, regular = _step(system, x, ramp, method)
 
@@ -156,9 +156,9 @@ def _increment(ramp, factor, x, method, code, plastic, first):
     steps = jnp.where(active, steps, 0)
     # where the energy is not convex the solver asks at the end of the phase
     outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
-    if plastic is not None:
-        plastic = ramp.settle(system, system.strains(x), good, plastic)
-    return outcome, plastic
+    if memory is not None:
+        memory = ramp.settle(system, system.strains(x), good, memory)
+    return outcome, memory
 
 
 def _step(system, x, ramp, method):

@@ -39,7 +39,7 @@ class Iterate:
         stepless: whether it is the last of these.
         shift, sprint, softening: `globalisation`; None where there is none.
         steps, code: steps so far, and OK while nothing has gone wrong.
-        memory: of sparse solves, see `linear.solve_next`.
+        factored: what sparse solves factorised last, see `linear.solve_next`.
         released, came_from: what the first evaluation says of residuals that are allowed.
         stable: whether the tangent at the end is definite.
         done: whether the end is reached.
@@ -58,7 +58,7 @@ class Iterate:
     softening: object
     steps: object
     code: object
-    memory: object
+    factored: object
     released: object
     came_from: object
     stable: object
@@ -77,7 +77,7 @@ class Task:
         self.convex = system.convex
         self.sprints = system.space.rotates or self.softens or system.followers is not None
 
-    def start(self, memory):
+    def start(self, factored):
         """The first evaluation is ahead, at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
         still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
@@ -101,7 +101,7 @@ class Task:
             softening=softening,
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing is known yet
-            memory=memory,
+            factored=factored,
             released=zero,
             came_from=still if self.system.rounds else None,
             stable=self.convex,
@@ -222,7 +222,7 @@ class Task:
             if self.judges:
                 shift = jnp.where(converged, no_stiffness(matrix), shift)
             matrix = linear.plus_diagonal(matrix, shift)
-            step, definite, memory = direction(working, matrix, it, sprinting, self.tol, wanted)
+            step, definite, factored = direction(working, matrix, it, sprinting, self.tol, wanted)
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
             softening = it.softening
@@ -236,7 +236,7 @@ class Task:
                 stepless=~usable,
                 softening=softening,
                 steps=it.steps + ~converged,
-                memory=memory,
+                factored=factored,
                 stable=it.stable | (converged & definite),
                 done=converged,
             )

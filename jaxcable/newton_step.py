@@ -10,15 +10,15 @@ _INEXACT = 1e-2  # residual that it may leave, at most
 
 
 def direction(working, matrix, it, sprinting, tol, wanted):
-    """The step of Newton's method: solution, whether it can be used, memory of sparse solves."""
+    """The step of Newton's method: solution, whether it can be used, what was factored."""
     # Conjugate gradients cannot tell that a matrix is indefinite; a convex energy has no such.
     # They leave what the next step of Newton's method will leave anyway; the bounds steer effort
     # and hide nothing, since the residual of the step is judged as ever.
     relative = largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
     limit = jnp.where(working.convex, WORTH, 0)
-    step, definite, memory = linear.solve_next(
-        matrix, -it.residual, it.memory, forcing, limit, wanted
+    step, definite, factored = linear.solve_next(
+        matrix, -it.residual, it.factored, forcing, limit, wanted
     )
     if working.space.rotates or working.followers is not None:
         # Moments and following loads have no potential, hence no definite tangent to ask for. In a
@@ -32,7 +32,7 @@ def direction(working, matrix, it, sprinting, tol, wanted):
             after,
             (step, definite),
         )
-    return step, definite, memory
+    return step, definite, factored
 
 
 def largest(residual):

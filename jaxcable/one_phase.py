@@ -27,7 +27,7 @@ class Ended(NamedTuple):
         factor: load factor there, 0 if there is no good increment.
         seen: `Reading` there.
         path: `Path`, and log: the numbers `LOG` of every increment, [n_inc, 9].
-        memory: of sparse solves.
+        factored: what sparse solves factorised last.
     """
 
     code: object
@@ -38,10 +38,10 @@ class Ended(NamedTuple):
     seen: object
     path: object
     log: object
-    memory: object
+    factored: object
 
 
-def run_phase(ramp, before, steps, method, code, differentiate_path, memory, seen, fresh, tell):
+def run_phase(ramp, before, steps, method, code, differentiate_path, factored, seen, fresh, tell):
     """Go through the increments of a phase: `Ended`.
 
     Args:
@@ -49,7 +49,7 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, memory, see
         before: the carry that it begins with.
         steps: number of its increments and the load factors of all, [1 + n_inc], the first of them
             0, those beyond 1 for phases with more of them.
-        method, code, memory, seen, fresh, tell: see `equilibrium.march`.
+        method, code, factored, seen, fresh, tell: see `equilibrium.march`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
     count, factors = steps
@@ -57,57 +57,57 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, memory, see
     factors = jnp.minimum(factors, 1)  # what passes by stays at the end, and is cut off in results
     given = (factors, live), method, code
     if isinstance(method, Newton):
-        found = _iterated(ramp, count, given, differentiate_path, memory, seen, fresh, tell)
+        found = _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell)
     else:
         found = _stepped(ramp, count, given, fresh, tell)
-    ramp, (x, bare, marks), xs, rows, log, plastic, seen, memory = found
+    ramp, (x, bare, marks), xs, rows, log, memory, seen, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _reached(good, count, ramp.begin.motion.dtype)
-    carry, bare = _end(ramp, factor, (x, bare), valid, before, plastic)
+    carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
     moved = (xs - ramp.begin.motion[None])[..., :3]
     path, counts = _path(rows, moved, good, good | ~live)
     motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
     if not isinstance(method, Newton):
-        end, here = lax.stop_gradient((ramp.at(factor, plastic), x))
+        end, here = lax.stop_gradient((ramp.at(factor, memory), x))
         judged = equilibrium.is_stable(end, here) & (code == status.OK)
         log = log.at[count - 1, stable].set(judged.astype(log.dtype))
     log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
     stable = jnp.take(log[:, stable], count - 1) > 0
-    return Ended(code, stable, carry, (bare, marks), factor, seen, path, log, memory)
+    return Ended(code, stable, carry, (bare, marks), factor, seen, path, log, factored)
 
 
-def _iterated(ramp, count, given, differentiate_path, memory, seen, fresh, tell):
+def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
     """The increments by Newton's method; of their derivatives only the end's, if not all are asked.
 
     Returns:
         The ramp; the last point as `implicit.attach_apart` gives it; all points, rows and log;
-        plastic strains at the end; what was read there; memory.
+        memory at the end; what was read there; what was factored.
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
-    found = equilibrium.march(frozen, frozen.begin.motion, *given, memory, seen, fresh, tell)
-    *whole, seen, plastic, memory = found
+    found = equilibrium.march(frozen, frozen.begin.motion, *given, factored, seen, fresh, tell)
+    *whole, seen, memory, factored = found
     xs, log, rows = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
     valid, factor = _reached(good, count, factors.dtype)
     ramp = implicit.gate(valid, ramp)
     x = xs[-1]  # the point stays where it was when an increment fails
-    if plastic is None:
+    if memory is None:
         tol, worth = equilibrium.adjoint_effort(method, ramp.at(factor), factors.dtype)
-        point = implicit.attach_apart(ramp.at(factor), x, valid, memory, tol, worth)
+        point = implicit.attach_apart(ramp.at(factor), x, valid, factored, tol, worth)
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
             xs = attach(factors, xs, good)
             rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors, xs)
     else:
         problem = thaw((ramp, factors, xs, good))
-        x, plastic = told(_followed, (x, plastic), problem)
+        x, memory = told(_followed, (x, memory), problem)
         point = x, x, None
         if differentiate_path:
             rows, xs, *_ = _follow(ramp, factors, xs, good, True)
-    return ramp, point, xs, rows, log, plastic, seen, memory
+    return ramp, point, xs, rows, log, memory, seen, factored
 
 
 def _stepped(ramp, count, given, fresh, tell):
@@ -115,13 +115,13 @@ def _stepped(ramp, count, given, fresh, tell):
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
-    x, plastic = xs[-1], None
-    if ramp.plastic is None:
+    x, memory = xs[-1], None
+    if ramp.memory is None:
         rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors[1:], xs)
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        rows, _, plastic, x = _follow(ramp, factors[1:], xs, good, False)
-    return ramp, (x, x, None), xs, rows, log, plastic, None, None
+        rows, _, memory, x = _follow(ramp, factors[1:], xs, good, False)
+    return ramp, (x, x, None), xs, rows, log, memory, None, None
 
 
 def _reached(good, count, dtype):
@@ -138,42 +138,42 @@ def _row(system, x):
 def _follow(ramp, factors, xs, good, converges):
     """Go through the increments of a phase with memory again, to differentiate them.
 
-    Every increment depends on the plastic strains that the one before left, so that the end of the
+    Every increment depends on the memory that the one before left, so that the end of the
     phase is not one implicit function, but each increment is. Their points are known by now.
 
     Returns:
-        Rows and points of all increments; plastic strains and point at the end.
+        Rows and points of all increments; memory and point at the end.
     """
 
     @jax.checkpoint
     def step(carry, increment):
-        plastic, last = carry
+        memory, last = carry
         factor, x, ok = increment
-        system = ramp.at(factor, plastic)
+        system = ramp.at(factor, memory)
         if converges:
             x = implicit.attach(system, x, ok)
         last = jnp.where(ok, x, last)
         seen = read(system, x)
-        return (ramp.settle(system, seen.strains, ok, plastic), last), (seen.of_path, x)
+        return (ramp.settle(system, seen.strains, ok, memory), last), (seen.of_path, x)
 
-    start = (ramp.plastic, lax.stop_gradient(xs[0]))
-    (plastic, last), (rows, xs) = lax.scan(step, start, (factors, xs, good))
-    return rows, xs, plastic, last
+    start = (ramp.memory, lax.stop_gradient(xs[0]))
+    (memory, last), (rows, xs) = lax.scan(step, start, (factors, xs, good))
+    return rows, xs, memory, last
 
 
 def _followed(problem):
-    """Last point and plastic strains of a phase with memory, see `_follow`."""
-    *_, plastic, last = _follow(*fill(*problem), True)
-    return last, plastic
+    """Last point and memory of a phase that has one, see `_follow`."""
+    *_, memory, last = _follow(*fill(*problem), True)
+    return last, memory
 
 
-def _end(ramp, factor, points, valid, before, plastic=None):
+def _end(ramp, factor, points, valid, before, memory=None):
     """Carry at the end of a phase; that `before` it if it has no good increment.
 
     Of two points, see `implicit.attach_apart`; and the motion of the second.
     """
     motion, bare = points
-    after = copy(ramp.leave(factor, motion, plastic), loads=None), bare
+    after = copy(ramp.leave(factor, motion, memory), loads=None), bare
     before = copy(before, loads=None), before.motion
     carry, bare = where(valid, after, before)
     return copy(carry, loads=ramp.begin.loads), bare

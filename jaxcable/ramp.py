@@ -125,14 +125,14 @@ class Ramp:
         )
 
     @property
-    def plastic(self):
-        """Plastic strains at the start of the phase, per group; None if no law remembers any."""
+    def memory(self):
+        """Memory at the start of the phase, per group; None if no law has any."""
         if not any(group.remembers for group in self.groups):
             return None
-        return [state.plastic for state in self.begin.states]
+        return [state.memory for state in self.begin.states]
 
-    def states(self, factor, plastic=None):
-        """Element states at a load factor; plastic strains per group, if not the start's."""
+    def states(self, factor, memory=None):
+        """Element states at a load factor; with a memory per group, if not the start's."""
         now = []
         parts = self.groups, self.begin.states, self.end_states, self.held
         for group, start, end, jack in zip(*parts, strict=True):
@@ -142,8 +142,8 @@ class Ramp:
                 held = _mix(force, stated.values, factor)
                 state = copy(state, held=held, jacked=stated.chosen)
             now.append(state)
-        if plastic is not None:
-            now = [copy(state, plastic=own) for state, own in zip(now, plastic, strict=True)]
+        if memory is not None:
+            now = [copy(state, memory=own) for state, own in zip(now, memory, strict=True)]
         return now
 
     def nodal_load(self, factor):
@@ -167,23 +167,23 @@ class Ramp:
             return begin
         return space_of(self.groups).advanced(begin, factor * self.moved)
 
-    def at(self, factor, plastic=None):
+    def at(self, factor, memory=None):
         """The system at a load factor."""
-        now = self._loaded(self.begin.motion, self.states(factor, plastic), factor)
+        now = self._loaded(self.begin.motion, self.states(factor, memory), factor)
         return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
 
-    def settle(self, system, strains, ok, plastic):
-        """Plastic strains after an increment that ended so; as they were unless `ok`."""
-        return where(ok, system.settle(strains), plastic)
+    def settle(self, system, strains, ok, memory):
+        """Memory after an increment that ended so; as it was unless `ok`."""
+        return where(ok, system.settle(strains), memory)
 
     def begun(self):
         """The system that the phase begins with, of which supports are not asked."""
         return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
 
-    def leave(self, factor, motion, plastic=None):
+    def leave(self, factor, motion, memory=None):
         """What the phase leaves when it ends at `factor`; anchors the jacks."""
         states = []
-        for group, state in zip(self.groups, self.states(factor, plastic), strict=True):
+        for group, state in zip(self.groups, self.states(factor, memory), strict=True):
             state = copy(state, line_load=None)
             locked = state.held is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)

@@ -201,7 +201,8 @@ class PhaseResult(Told):
         positions, tension, peak_tension, rest_length, reactions: as in `State`.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
         path: `Path`.
-        began: plastic strains that the phase began with, in the shape of `elements`, or None.
+        began: what laws remembered when the phase began (plastic strains), in the shape of
+            `elements`, or None.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)

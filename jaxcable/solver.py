@@ -100,10 +100,10 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
         problem = nodes, groups, before, data
         sane = sound & _finite((before, data)) & (code == status.OK)
         ramp = Ramp.build(*implicit.gate(sane, problem))
-        memory = run.memory if schedule.changes is None else linear.forgotten(run.memory)
+        factored = run.factored if schedule.changes is None else linear.forgotten(run.factored)
         tell = None if teller is None else functools.partial(teller, data.number, steps[0])
         fresh = run.reached.number < 0
-        given = method, code, differentiate_path, memory, run.seen, fresh, tell
+        given = method, code, differentiate_path, factored, run.seen, fresh, tell
         done = run_phase(ramp, before, steps, *given)
         code, carry = done.code, done.carry
         path = copy(done.path, displacement=done.path.displacement[:, : schedule.n_node])
@@ -113,20 +113,20 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
         moved = end.displacement - run.carry.motion[: schedule.n_node, :3]
         result = _unless(code == status.OK, copy(end, displacement=moved), touched)
         result = {name: getattr(result, name) for name in PER_PHASE}
-        began = [state.plastic for state in ramp.begin.states]
+        began = [state.memory for state in ramp.begin.states]
         began = None if all(own is None for own in began) else began
         result = PhaseResult(status=None, stable=None, path=None, began=began, **result)
         left = copy(carry, loads=None)
-        run = _Run(code, done.stable, left, end, done.memory, reached, done.seen)
+        run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
         return run, (result, path, done.log)
 
     start, reached = copy(carry, loads=None), Reached.none(schedule, nodes.dtype)
     end = _blank(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
-    memory = seen = None
+    factored = seen = None
     if isinstance(method, Newton):
-        memory = linear.no_memory(schedule.freedoms.pattern, nodes.dtype)
+        factored = linear.nothing_factored(schedule.freedoms.pattern, nodes.dtype)
         seen = _blank(lambda: read(system_of(frame, carry, reached, schedule), carry.motion))
-    run = _Run(code, jnp.zeros((), bool), start, end, memory, reached, seen)
+    run = _Run(code, jnp.zeros((), bool), start, end, factored, reached, seen)
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.undifferentiated(paths, parameters)
@@ -170,7 +170,7 @@ class _Run:
         code, stable: status so far, and whether the end of the last phase is stable.
         carry: `Carry`, without the loads, which do not change.
         end: the `State` that it stands for.
-        memory: of sparse solves, see `linear.solve_next`.
+        factored: what sparse solves factorised last, see `linear.solve_next`.
         reached: `results.Reached`.
         seen: `Reading` of the last good increment.
     """
@@ -179,7 +179,7 @@ class _Run:
     stable: object
     carry: object
     end: object
-    memory: object
+    factored: object
     reached: object
     seen: object
 

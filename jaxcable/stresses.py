@@ -22,7 +22,7 @@ def fibre_stress(structure, phase):
         ValueError: `phase` is none of the results of a phase.
 
     Differentiable if the analysis was told to `differentiate_path`, else its derivative is NaN. A
-    law that remembers is followed from the plastic strains that the phase began with.
+    law that remembers is followed from the memory that the phase began with.
 
     Example:
         500 N in cables of 1 cm2:
@@ -41,9 +41,9 @@ def fibre_stress(structure, phase):
     path = phase.path
     records = [_leaves(structure, tree) for tree in (path.strain, path.tension, phase.began)]
     stresses = []
-    for group, strain, tension, plastic in zip(structure.groups, *records, strict=True):
+    for group, strain, tension, memory in zip(structure.groups, *records, strict=True):
         if strain is not None:
-            stresses.append(_follow(group, strain, plastic))
+            stresses.append(_follow(group, strain, memory))
         else:  # a linear law keeps no record: it needs none
             area = group.area
             stresses.append(None if area is None else tension / area[None, :])
@@ -64,19 +64,19 @@ def _leaves(structure, tree):
     return items
 
 
-def _follow(group, strain, plastic):
-    """Stress [n_inc, n_elem, ...] of a group from its strains and the plastic strains at first."""
+def _follow(group, strain, memory):
+    """Stress [n_inc, n_elem, ...] of a group from its strains and its memory at first."""
 
-    def of_all(method, strain, plastic):
-        def one(properties, strain, plastic):
-            return getattr(element(group, properties), method)(strain, plastic)
+    def of_all(method, strain, memory):
+        def one(properties, strain, memory):
+            return getattr(element(group, properties), method)(strain, memory)
 
-        return jax.vmap(one)(group.properties(), strain, plastic)
+        return jax.vmap(one)(group.properties(), strain, memory)
 
-    if plastic is None:
+    if memory is None:
         return jax.vmap(lambda e: of_all("fibre_stress", e, None))(strain)
 
-    def step(plastic, e):
-        return of_all("settle", e, plastic), of_all("fibre_stress", e, plastic)
+    def step(memory, e):
+        return of_all("settle", e, memory), of_all("fibre_stress", e, memory)
 
-    return jax.lax.scan(step, plastic, strain)[1]
+    return jax.lax.scan(step, memory, strain)[1]

@@ -18,7 +18,7 @@ class Part(NamedTuple):
         results: what its elements tell, a tuple of `elements.element.Result`.
         hinges: `Indices` of ends that turn, or None.
         inner: its inner numbers: their places and how many rows they take.
-        remembered: shapes of the plastic strains that its law remembers, as text; None of none.
+        remembered: shapes of what its law remembers, as text; None of none.
     """
 
     name: str
@@ -120,4 +120,4 @@ def _difference(own, other):
         return "hinges: other ends turn here than there"
     if own.inner != other.inner:
         return "its beams have other inner numbers (joints, or sections that are not linear)"
-    return "its law remembers other plastic strains than there"
+    return "its law remembers something else than there"

@@ -66,8 +66,8 @@ def _phase(ramp, codes, path):
     path = jnp.where(good[:, None, None], path, begin[None])
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
-    plastics = None if ramp.plastic is None else _plastics(ramp, factors, motions)
-    points = lax.map(lambda own: _point(ramp, n_inc, *own), (factors, motions, plastics))
+    memories = None if ramp.memory is None else _memories(ramp, factors, motions)
+    points = lax.map(lambda own: _point(ramp, n_inc, *own), (factors, motions, memories))
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
     moved = jax.vmap(space.between)(old.motion, new.motion)
 
@@ -89,21 +89,21 @@ def _phase(ramp, codes, path):
             dissipated,
         ]
     )
-    end = jax.tree.map(lambda x: x[n_good], (factors, motions, plastics))
+    end = jax.tree.map(lambda x: x[n_good], (factors, motions, memories))
     return jnp.where(good, terms, 0.0), points.level[n_good], ramp.leave(*end)
 
 
-def _plastics(ramp, factors, motions):
-    """Plastic strains at all points of a phase."""
+def _memories(ramp, factors, motions):
+    """Memory at all points of a phase."""
 
-    def step(plastic, point):
+    def step(memory, point):
         factor, motion = point
-        system = ramp.at(factor, plastic)
-        plastic = system.settle(system.strains(motion))
-        return plastic, plastic
+        system = ramp.at(factor, memory)
+        memory = system.settle(system.strains(motion))
+        return memory, memory
 
-    _, later = lax.scan(step, ramp.plastic, (factors[1:], motions[1:]))
-    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), ramp.plastic, later)
+    _, later = lax.scan(step, ramp.memory, (factors[1:], motions[1:]))
+    return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), ramp.memory, later)
 
 
 @pytree
@@ -146,9 +146,9 @@ class _Point:
         return total
 
 
-def _point(ramp, n_inc, factor, motion, plastic):
+def _point(ramp, n_inc, factor, motion, memory):
     """`_Point` at a load factor."""
-    system = ramp.at(factor, plastic)
+    system = ramp.at(factor, memory)
     load, following, supports = system.load, None, None
     if ramp.released is not None:
         supports = (1 - factor) * ramp.released
@@ -158,7 +158,7 @@ def _point(ramp, n_inc, factor, motion, plastic):
     if system.followers is not None:
         following = system.space.padded(system.following(system.nodes + motion[:, :3]))
     # what has no load at first has the shape of its first small part
-    first = ramp.at(jnp.where(factor > 0, factor, _FIRST / n_inc), plastic).states
+    first = ramp.at(jnp.where(factor > 0, factor, _FIRST / n_inc), memory).states
     own = [[], [], [], []]
     for group, state, soon in zip(system.groups, system.states, first, strict=True):
         if state.held is not None:
@@ -198,9 +198,9 @@ def _works_within(old, new):
 
 
 def _exchanged(ramp, points):
-    """Work of what changes unstressed lengths, and what plastic strains dissipate, 2 x [n_inc].
+    """Work of what changes unstressed lengths, and what laws with memory dissipate, 2 x [n_inc].
 
-    The force is the derivative of E at the plastic strains before the increment.
+    The force is the derivative of E at the memory before the increment.
     """
     n = len(points.motion) - 1
     old, new = np.arange(n), np.arange(1, n + 1)
@@ -209,7 +209,7 @@ def _exchanged(ramp, points):
         changes = ramp.end_states[k] is not None or ramp.held[k] is not None
         if not (changes or group.remembers):
             continue
-        # energies with unstressed lengths, at motions, and with plastic strains of these points
+        # energies with unstressed lengths, at motions, and with the memory of these points
         pairs = [(new, old, old), (old, new, old)] if changes else []
         pairs += [(new, new, old)] if group.remembers else []
         mixed = _mixed(ramp, points, k, *(np.concatenate(own) for own in zip(*pairs, strict=True)))
@@ -222,18 +222,18 @@ def _exchanged(ramp, points):
     return prestress, dissipated
 
 
-def _mixed(ramp, points, k, lengths, at, plastic):
-    """E of a group at points `at`, with unstressed lengths and plastic strains of others, J."""
+def _mixed(ramp, points, k, lengths, at, memory):
+    """E of a group at points `at`, with unstressed lengths and memory of others, J."""
     states, along = points.states[k], points.alongs[k]
 
     def one(numbers):
         length, place, strains = numbers
         state, load = _at(states, length), _at(along, place)
-        state = copy(state, plastic=_at(states.plastic, strains))
+        state = copy(state, memory=_at(states.memory, strains))
         state = state if load is None else _under(state, load)
         return _energy(ramp.groups[k], state, ramp.nodes, points.motion[place])
 
-    return lax.map(one, tuple(map(jnp.asarray, (lengths, at, plastic))))
+    return lax.map(one, tuple(map(jnp.asarray, (lengths, at, memory))))
 
 
 def _at(tree, k):

@@ -194,7 +194,7 @@ def _with_law(kind):
     return curved
 
 
-def plastic(recipe, rng):
+def memory(recipe, rng):
     """Elastic-plastic bars, loaded, unloaded and loaded back."""
     strain, stress = _laws(recipe, "hardening")
     law = jc.Polygonal(np.r_[-strain[:0:-1], strain], np.r_[-stress[:0:-1], stress], "elastic")
@@ -271,7 +271,7 @@ FAMILIES = {
     "mixed": mixed,
     "softening": _with_law("softening"),
     "hardening": _with_law("hardening"),
-    "plastic": plastic,
+    "memory": memory,
     "hanging": hanging,
     "pushed": pushed,
     "ropes": ropes,

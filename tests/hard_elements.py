@@ -167,11 +167,11 @@ def shakedown(full, dtype):
     phases = [jc.Phase(loads=jc.NodalLoads([1], (f, 0.0, 0.0))) for f in (pull, -pull)]
 
     def figure(solution):
-        plastic, lengths = np.zeros(2), np.array([1.0, 2.0])
+        memory, lengths = np.zeros(2), np.array([1.0, 2.0])
 
         def forces(u):
             e = u / lengths
-            kept = np.clip(e - plastic, -1e-3, 1e-3)
+            kept = np.clip(e - memory, -1e-3, 1e-3)
             return 1e-4 * (1e9 * e + 199e9 * kept), e - kept
 
         for _ in range(100):
@@ -180,7 +180,7 @@ def shakedown(full, dtype):
                 for _ in range(80):
                     u = 0.5 * (low + high)
                     low, high = (u, high) if forces(u)[0].sum() < load else (low, u)
-                plastic = forces(u)[1]
+                memory = forces(u)[1]
         exact = forces(u)[0]
         error = np.abs(np.asarray(solution.tension, float) - exact).max() / pull
         return error, 1e-9 + 10 * TOL[dtype] + 1e3 * EPS[dtype]

@@ -122,7 +122,7 @@ def verdict(structure, phases, solution, tol=None):
         np.add.at(force, links, ends)
         np.add.at(size, links, np.sqrt((ends**2).sum(-1)) + inner[:, None])
         apart = moved[links].max((1, 2)) - moved[links].min((1, 2))
-        if part.law.plastic is not None:  # has the rounding of the strains that it has been through
+        if part.law.memory is not None:  # has the rounding of the strains that it has been through
             apart = np.maximum(apart, 2 * largest[links].max(1))
         grain = NOISE * eps * (stiffness * apart / part.chord + np.abs(tension) + inner)
         unsure = NOISE * eps * np.where(part.blurred, stiffness, 0)
@@ -308,6 +308,6 @@ def _end_forces(part, nodes, moved, line):
 def _remember(parts, nodes, begun, path):
     """Plastic strains after the increments of a phase that began with the motion `begun`."""
     for part in parts:
-        if part.law.plastic is not None:
+        if part.law.memory is not None:
             for step in _wide(path.displacement):
                 part.law.settle(_strain(part, nodes, begun + step))

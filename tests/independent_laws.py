@@ -13,13 +13,13 @@ class AxialLaw:
     Attributes:
         EA: initial axial stiffness, [n], N.
         ends: strains at which the curve ends, or None.
-        plastic: plastic strains of the parallel parts, [n, n_part], or None.
+        memory: plastic strains of the parallel parts, [n, n_part], or None.
     """
 
     def __init__(self, group, dtype):
         self.cable = group.tension_only
         n = len(group.links)
-        self.points = self.ends = self.plastic = None
+        self.points = self.ends = self.memory = None
         law = group.law
         if group.axial_stiffness is not None:
             self.EA = _seen(group.axial_stiffness, dtype)
@@ -42,7 +42,7 @@ class AxialLaw:
             self.yields = e[zero + 1 : -1]
             self.shares = slopes[zero:-1] - slopes[zero + 1 :]
             self.last = slopes[-1]
-            self.plastic = np.zeros((n, len(self.yields)), WIDE)
+            self.memory = np.zeros((n, len(self.yields)), WIDE)
 
     def force(self, strain):
         """Axial force, largest stiffness at any strain, forces of parts inside, [n] each, N."""
@@ -50,7 +50,7 @@ class AxialLaw:
         if self.points is None:
             force, stiffness = self.EA * strain, self.EA + nothing
             inner = nothing
-        elif self.plastic is None:
+        elif self.memory is None:
             force = self.area * _polygon(*self.points, strain)
             stiffness, inner = self.EA + nothing, nothing
             if self.one_sided:
@@ -62,18 +62,18 @@ class AxialLaw:
             stiffness = self.EA + nothing
             if self.one_sided:
                 force = np.where(force < 0, 0, force)
-        if self.cable and self.plastic is None:
+        if self.cable and self.memory is None:
             force = np.where(strain < 0, 0, force)
         return force, stiffness, inner
 
     def _kept(self, strain):
-        elastic = strain[:, None] - self.plastic
+        elastic = strain[:, None] - self.memory
         low = -np.inf if self.one_sided else -self.yields
         return np.clip(elastic, low, self.yields)
 
     def settle(self, strain):
         """Plastic strains after an increment that ended at `strain`."""
-        self.plastic = strain[:, None] - self._kept(strain)
+        self.memory = strain[:, None] - self._kept(strain)
 
     def strain_at(self, force):
         """Strain at a force on the rising branch of an unused material."""

@@ -56,7 +56,7 @@ def points_of(law):
 
 
 def virgin(law):
-    return np.zeros(law.n_plastic) if law.n_plastic else None
+    return np.zeros(law.n_memory) if law.n_memory else None
 
 
 def curve(strain, stress, at):
@@ -79,37 +79,37 @@ SIZE = 400  # all batches are filled up to this size: one compilation for each k
 
 
 def batched(function):
-    """`function(law, number, plastic)` of single numbers, for arrays of up to `SIZE` of them."""
+    """`function(law, number, memory)` of single numbers, for arrays of up to `SIZE` of them."""
 
     @jax.jit
-    def run(law, number, plastic):
+    def run(law, number, memory):
         each = functools.partial(function, law)
-        return jax.vmap(each, (0, None if plastic is None else 0))(number, plastic)
+        return jax.vmap(each, (0, None if memory is None else 0))(number, memory)
 
-    def filled(law, number, plastic=None):
+    def filled(law, number, memory=None):
         n = len(number)
         rows = np.minimum(np.arange(SIZE), n - 1)
         number = np.asarray(number, float)[rows]
-        if plastic is not None:
-            plastic = np.broadcast_to(plastic, (n, law.n_plastic))[rows]
-        return tuple(np.asarray(out)[:n] for out in run(law, number, plastic))
+        if memory is not None:
+            memory = np.broadcast_to(memory, (n, law.n_memory))[rows]
+        return tuple(np.asarray(out)[:n] for out in run(law, number, memory))
 
     return filled
 
 
 @batched
-def evaluate(law, strain, plastic):
+def evaluate(law, strain, memory):
     """Stress, its slope, energy, its slope, distance from a corner, whether beyond."""
-    stress, slope = jax.value_and_grad(law.stress_at)(strain, plastic)
-    energy, gradient = jax.value_and_grad(law.energy_at)(strain, plastic)
-    distance = law.corner_distance(strain, plastic)
+    stress, slope = jax.value_and_grad(law.stress_at)(strain, memory)
+    energy, gradient = jax.value_and_grad(law.energy_at)(strain, memory)
+    distance = law.corner_distance(strain, memory)
     return stress, slope, energy, gradient, distance, law.beyond(strain)
 
 
 @batched
-def invert(law, stress, plastic):
+def invert(law, stress, memory):
     """Strain at every stress and its slope."""
-    return jax.value_and_grad(law.strain_at)(stress, plastic)
+    return jax.value_and_grad(law.strain_at)(stress, memory)
 
 
 def samples(law, n=SIZE, seed=0):
@@ -131,20 +131,20 @@ N_PATH = 120
 
 @jax.jit
 def _along(law, strains):
-    def increment(plastic, strain):
-        stress = law.stress_at(strain, plastic)
-        gradient = jax.grad(law.energy_at)(strain, plastic)
-        settled = law.settle(strain, plastic)
+    def increment(memory, strain):
+        stress = law.stress_at(strain, memory)
+        gradient = jax.grad(law.energy_at)(strain, memory)
+        settled = law.settle(strain, memory)
         again = law.stress_at(strain, settled)
-        back = law.strain_at(stress, plastic)
-        slack = law.is_slack(strain, plastic)
+        back = law.strain_at(stress, memory)
+        slack = law.is_slack(strain, memory)
         return settled, (stress, gradient, again, back, settled, slack)
 
-    return jax.lax.scan(increment, jnp.zeros(law.n_plastic), strains)[1]
+    return jax.lax.scan(increment, jnp.zeros(law.n_memory), strains)[1]
 
 
 def history(law, strains):
-    """Along a path: stress, slope of the energy, stress after settling, inverse, plastic, slack."""
+    """Along a path: stress, slope of the energy, stress after settling, inverse, memory, slack."""
     filled = np.append(strains, np.full(N_PATH - len(strains), strains[-1]))
     return tuple(np.asarray(out)[: len(strains)] for out in _along(law, filled))
 

@@ -23,36 +23,71 @@ class Prager(Law):
     H: object
     y: object
 
-    n_plastic = 1
+    n_memory = 1
 
     @property
     def modulus(self):
         return self.E
 
-    def _after(self, strain, plastic):
-        p = jnp.zeros_like(strain) if plastic is None else plastic[..., 0]
+    def _after(self, strain, memory):
+        p = jnp.zeros_like(strain) if memory is None else memory[..., 0]
         over = self.E * (strain - p) - self.H * p
         flow = jnp.maximum(jnp.abs(over) - self.y, 0.0) / (self.E + self.H)
         return p, p + jnp.sign(over) * flow
 
-    def stress_at(self, strain, plastic=None):
-        return self.E * (strain - self._after(strain, plastic)[1])
+    def stress_at(self, strain, memory=None):
+        return self.E * (strain - self._after(strain, memory)[1])
 
-    def energy_at(self, strain, plastic=None):
-        p, new = self._after(strain, plastic)
+    def energy_at(self, strain, memory=None):
+        p, new = self._after(strain, memory)
         stored = 0.5 * self.E * (strain - new) ** 2 + 0.5 * self.H * new**2
         return stored + self.y * jnp.abs(new - p)
 
-    def strain_at(self, stress, plastic=None):
-        p = jnp.zeros_like(stress) if plastic is None else plastic[..., 0]
+    def strain_at(self, stress, memory=None):
+        p = jnp.zeros_like(stress) if memory is None else memory[..., 0]
         over = stress - self.H * p
         new = jnp.where(jnp.abs(over) > self.y, (stress - jnp.sign(over) * self.y) / self.H, p)
         return new + stress / self.E
 
-    def settle(self, strain, plastic):
-        return self._after(strain, plastic)[1][..., None]
+    def settle(self, strain, memory, duration=0.0):
+        return self._after(strain, memory)[1][..., None]
 
-    def corners(self, plastic=None):
-        p = jnp.zeros(1) if plastic is None else plastic
+    def corners(self, memory=None):
+        p = jnp.zeros(1) if memory is None else memory
         ends = jnp.stack([-self.y, self.y])
         return p + (self.H * p + ends.reshape((1,) * (p.ndim - 1) + (2,))) / self.E
+
+
+@jc.files.register
+@pytree
+class Maxwell(Law):
+    """Elastic, with a strain that creeps at the stress over a viscosity: it needs time.
+
+    Attributes:
+        E, viscosity: Pa, Pa s.
+    """
+
+    E: object
+    viscosity: object
+
+    n_memory = 1
+
+    @property
+    def modulus(self):
+        return self.E
+
+    def _crept(self, like, memory):
+        return jnp.zeros_like(like) if memory is None else memory[..., 0]
+
+    def stress_at(self, strain, memory=None):
+        return self.E * (strain - self._crept(strain, memory))
+
+    def energy_at(self, strain, memory=None):
+        return 0.5 * self.E * (strain - self._crept(strain, memory)) ** 2
+
+    def strain_at(self, stress, memory=None):
+        return stress / self.E + self._crept(stress, memory)
+
+    def settle(self, strain, memory, duration=0.0):
+        rate = self.stress_at(strain, memory) / self.viscosity
+        return memory + (duration * rate)[..., None]

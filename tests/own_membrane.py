@@ -16,9 +16,10 @@ from jaxcable.elements.element import ElementState, Prestressable, Result
 
 @pytree
 class Strained(ElementState):
-    """What phases change: an initial strain, the same in all directions, [n_elem]."""
+    """What phases change: an initial strain, the same in all directions; and areas, [n_elem]."""
 
     prestrain: object
+    area: object
 
 
 @jc.files.register
@@ -30,13 +31,15 @@ class Membranes(Prestressable):
         links: corners, [n_elem, 3].
         stiffness: E t, scalar or [n_elem], N/m.
         poisson: ratio, scalar or [n_elem].
+        weight: scalar or [n_elem], N/m2.
     """
 
     links: object
     stiffness: object
     poisson: object = 0.0
+    weight: object = None
 
-    per_element = ("stiffness", "poisson")
+    per_element = ("stiffness", "poisson", "weight")
     results = (Result("membrane_forces", "N/m", ("xx", "yy", "xy")),)
     outline = (0, 1, 2, 0)
     statements = ("prestrain",)
@@ -49,11 +52,15 @@ class Membranes(Prestressable):
             object.__setattr__(self, name, own)
 
     def start(self, ends):
-        return Strained(jnp.zeros(len(ends), ends.dtype))
+        area = jax.vmap(lambda own: self._place(own)[2])(ends)
+        return Strained(jnp.zeros_like(area), area)
 
     def restate(self, state, ends, inputs):
         stated = inputs["prestrain"]
         return copy(state, prestrain=stated.over(stated.values, state.prestrain))
+
+    def weights(self, state):
+        return None if self.weight is None else self.weight * state.area
 
     def _place(self, ends):
         """Sides as columns in the plane of the triangle, x along the first, inverse; and area."""

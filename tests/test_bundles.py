@@ -207,19 +207,19 @@ def sections(sort):
             jc.Section.rectangle(0.05, 0.08 + 0.01 * k, law, shape=shape)
             for k, (law, shape) in enumerate(zip(elastic, shapes, strict=True))
         ]
-    unloading = "elastic" if sort == "plastic" else "reversible"
+    unloading = "elastic" if sort == "memory" else "reversible"
     points = np.array([-0.02, -1e-3, 0.0, 1e-3, 0.02])
     laws = [
         jc.Polygonal(points, f * np.array([-90e6, -70e6, 0, 70e6, 90e6]), unloading) for f in (1, 2)
     ]
-    counts = (4, 4) if sort == "plastic" else (4, 6)  # fibres of what remembers are results
+    counts = (4, 4) if sort == "memory" else (4, 6)  # fibres of what remembers are results
     return [
         jc.Section.rectangle(0.05, 0.08, law, shape=(3, n))
         for law, n in zip(laws, counts, strict=True)
     ]
 
 
-@pytest.mark.parametrize("sort", ["elastic", "points", "plastic"])
+@pytest.mark.parametrize("sort", ["elastic", "points", "memory"])
 def test_sections_of_one_kind(alone, sort):
     structure = mast(sections(sort))
     assert len(Bundles.of(structure.rows()[1]).members) == 2

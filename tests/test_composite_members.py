@@ -18,13 +18,13 @@ SOFT = jc.Elastic(50e9)
 # --- by NumPy, written apart: two laws at one strain, one of which yields with kinematic hardening
 
 
-def yielding(strain, plastic):
+def yielding(strain, memory):
     """Stress and plastic strain of bilinear steel after a step, by return mapping."""
     slope = HARD * E
     kinematic = E * slope / (E - slope)
-    over = E * (strain - plastic) - kinematic * plastic
+    over = E * (strain - memory) - kinematic * memory
     flow = np.sign(over) * max(0.0, abs(over) - FY) / (E + kinematic)
-    return E * (strain - plastic - flow), plastic + flow
+    return E * (strain - memory - flow), memory + flow
 
 
 def bisect(function, low, high):
@@ -39,10 +39,10 @@ class Cable:
     """Areas of steel and of an elastic core; slack where both together would be pushed."""
 
     def __init__(self, steel, core):
-        self.steel, self.core, self.plastic = steel, core, 0.0
+        self.steel, self.core, self.memory = steel, core, 0.0
 
     def sum(self, strain):
-        return self.steel * yielding(strain, self.plastic)[0] + self.core * 50e9 * strain
+        return self.steel * yielding(strain, self.memory)[0] + self.core * 50e9 * strain
 
     def force(self, strain):
         return max(0.0, self.sum(strain))
@@ -52,7 +52,7 @@ class Cable:
         return strain if self.sum(strain) >= 0 else bisect(self.sum, strain, 1.0)
 
     def settle(self, strain):
-        self.plastic = yielding(self.kept(strain), self.plastic)[1]
+        self.memory = yielding(self.kept(strain), self.memory)[1]
 
 
 # --- the law
@@ -66,16 +66,16 @@ LAW = materials.Parallel((STEEL, SOFT), SHARES).tension_only()
 def history(law, strains):
     """Stress, slope of the energy, slack, kept fibre stresses, inverse, and after settling."""
 
-    def step(plastic, e):
-        stress, gradient = law.stress_at(e, plastic), jax.grad(law.energy_at)(e, plastic)
-        settled = law.settle(e, plastic)
+    def step(memory, e):
+        stress, gradient = law.stress_at(e, memory), jax.grad(law.energy_at)(e, memory)
+        settled = law.settle(e, memory)
         again = law.stress_at(e, settled), law.settle(e, settled) - settled
-        fibres = law.stresses(e, plastic)
-        found = law.strain_at(stress, plastic)
-        slack = law.is_slack(e, plastic)
+        fibres = law.stresses(e, memory)
+        found = law.strain_at(stress, memory)
+        slack = law.is_slack(e, memory)
         return settled, (stress, gradient, slack, fibres, found, settled, again)
 
-    return jax.lax.scan(step, np.zeros(law.n_plastic), strains)[1]
+    return jax.lax.scan(step, np.zeros(law.n_memory), strains)[1]
 
 
 def paths():
@@ -92,19 +92,19 @@ def test_a_cable_of_two_laws_along_a_path(number):
     strains = list(paths())[number]
     got = jax.tree.map(np.asarray, history(LAW, strains))
     stress, gradient, slack, fibres, found, settled, (again, more) = got
-    cable, expected, kept, plastic = Cable(*SHARES), [], [], []
+    cable, expected, kept, memory = Cable(*SHARES), [], [], []
     for e in strains:
         expected.append(cable.force(e))
         kept.append(cable.kept(e))
         cable.settle(e)
-        plastic.append(cable.plastic)
+        memory.append(cable.memory)
     expected, kept = np.array(expected), np.array(kept)
     size = 1e-13 * E * 0.05  # rounding of stresses E e, over 120 increments
     assert np.abs(stress - expected).max() <= size
     assert np.abs(gradient - expected).max() <= size
     assert np.abs(again - expected).max() <= size
     # of the parallel part, which yields alone: E ep = (E - Et) p
-    assert np.abs((1 - HARD) * settled[:, 0] - plastic).max() <= 1e-13 * 0.05 / HARD
+    assert np.abs((1 - HARD) * settled[:, 0] - memory).max() <= 1e-13 * 0.05 / HARD
     assert np.abs(more).max() <= 1e-17  # what has settled stays
     # slack exactly where nothing is carried, and often enough
     assert (slack == (expected == 0))[np.array(strains) != 0].all()  # at rest it is taut
@@ -139,7 +139,7 @@ def test_secant_of_a_cable_of_two_laws():
     slack = []
     for _ in range(10):
         before, after = 0.01 * rng.normal(size=(2, 2, 3))
-        state = AxialState(0.999 * chord, 0.001 * chord, plastic=np.array([2e-3]))
+        state = AxialState(0.999 * chord, 0.001 * chord, memory=np.array([2e-3]))
         matrix = group.secant(state, ends, before, after)
         change = group.end_forces(state, ends, after) - group.end_forces(state, ends, before)
         # rounding of EA = 11 MN and of force over change of length
@@ -218,7 +218,7 @@ def test_pulled_past_yield_let_go_pushed_and_pulled_again():
             cable.settle(e)
             seen += force == 0
         before, e0 = end, e  # displacements of a phase are from its start
-    assert 0 < seen < 10 and cable.plastic > 0.01
+    assert 0 < seen < 10 and cable.memory > 0.01
 
 
 # --- a spring in series
@@ -287,12 +287,12 @@ def test_a_law_that_yields_in_series_with_a_spring():
     spring, law = 2e-12, materials.Parallel((STEEL, SOFT), SHARES)
     soft = law.softened(0.5 * spring).softened(0.5 * spring)
     own = np.random.default_rng(1).uniform(-0.04, 0.04, 120)
-    cable, plastic = Cable(*SHARES), 0.0
+    cable, memory = Cable(*SHARES), 0.0
     strains, expected = [], []
     for e in own:
         stress = cable.sum(e)
-        plastic = yielding(e, plastic)[1]
-        cable.plastic = plastic
+        memory = yielding(e, memory)[1]
+        cable.memory = memory
         strains.append(e + spring * stress)
         expected.append(stress)
     stress, gradient, slack, _, found, _, (again, _) = history(soft, np.array(strains))

@@ -72,8 +72,8 @@ def system(name, held=False, seed=0, supports=None, rigid=None):
     chord = np.asarray(group.chord(nodes[group.links.array]))
     rest = chord * rng.uniform(0.8, 1.2, len(chord))
     force = jnp.asarray(rng.uniform(1, 2, len(chord))) if held else None
-    plastic = jax.tree.map(lambda p: 0.05 * rng.normal(size=p.shape), group.virgin())
-    state = AxialState(jnp.asarray(rest), jnp.asarray(chord - rest), force, plastic=plastic)
+    memory = jax.tree.map(lambda p: 0.05 * rng.normal(size=p.shape), group.virgin())
+    state = AxialState(jnp.asarray(rest), jnp.asarray(chord - rest), force, memory=memory)
     fixed = np.zeros((n, group.n_freedom), bool)
     fixed[:2] = True
     fixed[3, 1] = True

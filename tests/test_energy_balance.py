@@ -109,8 +109,8 @@ def test_energy_does_not_jump_where_a_cable_goes_slack():
     """The same without an analysis: yielded by 4e-3 it goes slack at 3.6e-3 of strain."""
     cable = yielding(jc.Cables, 0.1).elements
     one = jc.replace(cable, area=1e-4)
-    plastic = np.array([4e-3])
-    ends = [one.energy_per_length(3.6e-3 + h, plastic).item() for h in (-1e-3, -1e-12, 1e-12)]
+    memory = np.array([4e-3])
+    ends = [one.energy_per_length(3.6e-3 + h, memory).item() for h in (-1e-3, -1e-12, 1e-12)]
     assert ends == pytest.approx([0.5 * 0.09 * 200e9 * 16e-6 * 1e-4] * 3, rel=1e-9)
 
 
@@ -414,7 +414,7 @@ def test_forces_that_are_not_those_of_the_energy_are_seen(monkeypatch):
 
     right = Straight.energy_per_length
     monkeypatch.setattr(
-        Straight, "energy_per_length", lambda self, e, plastic=None: 1.005 * right(self, e, plastic)
+        Straight, "energy_per_length", lambda self, e, memory=None: 1.005 * right(self, e, memory)
     )
     jax.clear_caches()
     try:

@@ -19,7 +19,7 @@ SHAPES = [
     ("net", "float32"),
     ("mixed", "float64"),
     ("softening", "float64"),
-    ("plastic", "float64"),
+    ("memory", "float64"),
 ]
 SLOW_SHAPES = [
     ("mixed", "float32"),

@@ -141,21 +141,21 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
     far, _ = matrix(12, True, solver, seed=5, shift=50.0)
     indefinite = first.plus_diagonal(-20.0)
     next_ = jax.jit(linear.solve_next, static_argnames="limit")
-    memory, counts = linear.no_memory(pattern, b.dtype), []
+    factored, counts = linear.nothing_factored(pattern, b.dtype), []
     for k, (own, tol, limit) in enumerate(
         [(first, 1e-8, 9), (near, 1e-8, 9), (near, 1e-8, 0), (far, 1e-12, 2), (first, 1e-8, 0)]
     ):
-        x, definite, memory = next_(own, b, memory, tol, limit, True)
+        x, definite, factored = next_(own, b, factored, tol, limit, True)
         assert bool(definite)
         exact = np.linalg.solve(np.asarray(own.dense()), b)
         error = np.linalg.norm(own.dense() @ x - b) / np.linalg.norm(b)
         assert error < (1.1e-8 if k == 1 else 1e-13)
         assert np.abs(x - exact).max() < 1e-6 * np.abs(exact).max()
-        counts.append(None if memory is None else int(memory.count))
+        counts.append(None if factored is None else int(factored.count))
     # conjugate gradients with a near matrix's factor, not with a far one's
     expected = {"dense": [None] * 5, "banded": [1, 2, 3, 4, 5]}
     assert counts == expected.get(solver, [1, 1, 2, 3, 4])
-    assert not bool(next_(indefinite, b, memory, 1e-8, 0, True)[1])
+    assert not bool(next_(indefinite, b, factored, 1e-8, 0, True)[1])
 
 
 @pytest.mark.parametrize("n", [1, 5, 30])
@@ -184,13 +184,13 @@ def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(
     own, _ = matrix(12, True, solver, seed=2)
     assert own.pattern.band is not None
     scales, b = np.array([1.0, 2.0, 4.0]), jnp.asarray(RNG.normal(size=12))
-    memory = linear.no_memory(own.pattern, b.dtype)
+    factored = linear.nothing_factored(own.pattern, b.dtype)
 
-    def solve(scale, memory):
+    def solve(scale, factored):
         scaled = linear.Sparse(scale * own.values, own.pattern)
-        return linear.solve_next(scaled, b, memory, 1e-8, 9, True)
+        return linear.solve_next(scaled, b, factored, 1e-8, 9, True)
 
-    x, definite, after = jax.vmap(solve, (0, None))(scales, memory)
+    x, definite, after = jax.vmap(solve, (0, None))(scales, factored)
     assert definite.all()
     expected = np.linalg.solve(np.asarray(own.dense()), b) / scales[:, None]
     assert np.abs(x - expected).max() < 1e-13
@@ -203,7 +203,7 @@ def test_a_batch_of_sparse_systems_is_solved_as_banded_ones_where_that_is_small(
         lambda s: linear.solve_next(
             linear.Sparse(s * values, pattern),
             jnp.ones(90),
-            linear.no_memory(pattern, values.dtype),
+            linear.nothing_factored(pattern, values.dtype),
             *(1e-8, 9, s < 3),
         )
     )(scales)
@@ -256,8 +256,8 @@ def test_the_way_back_from_another_device_gives_the_same(monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     x = jax.jit(lambda b: linear.factorize(own).solve(b, lambda v: own @ v))(b)
     assert np.abs(dense @ x - b).max() < 1e-12
-    memory = linear.no_memory(own.pattern, x.dtype)
-    y, definite, _ = linear.solve_next(own, jnp.asarray(b), memory, 1e-8, 9, True)
+    factored = linear.nothing_factored(own.pattern, x.dtype)
+    y, definite, _ = linear.solve_next(own, jnp.asarray(b), factored, 1e-8, 9, True)
     assert bool(definite) and np.abs(y - x).max() < 1e-12
 
 

@@ -211,16 +211,16 @@ def test_taylor_of_the_points(name):
     def measures(change):
         e, s = strain * (1 + change[:n]), stress * (1 + change[n:])
         law = jc.Polygonal(e, s, unloading)
-        plastic = unloaded = None
-        if law.n_plastic:  # the path is part of what is differentiated
-            unused = jnp.zeros((len(at), law.n_plastic))
-            plastic = law.settle(jnp.full(len(at), 0.6 * end), unused)
-            unloaded = plastic[: len(TARGETS)]
+        memory = unloaded = None
+        if law.n_memory:  # the path is part of what is differentiated
+            unused = jnp.zeros((len(at), law.n_memory))
+            memory = law.settle(jnp.full(len(at), 0.6 * end), unused)
+            unloaded = memory[: len(TARGETS)]
         weights = jnp.arange(1.0, 1.0 + len(at))
         return jnp.stack(
             [
-                weights @ law.stress_at(at, plastic) / top,
-                weights @ law.energy_at(at, plastic) / (top * end),
+                weights @ law.stress_at(at, memory) / top,
+                weights @ law.energy_at(at, memory) / (top * end),
                 weights[:3] @ law.strain_at(TARGETS * top, unloaded) / end,
             ]
         )
@@ -249,8 +249,8 @@ def test_laws_work_under_jit_with_traced_points():
     @functools.partial(jax.jit, static_argnums=0)
     def through(unloading, strain, stress):
         made = jc.Polygonal(strain, stress, unloading)
-        plastic = jnp.zeros((50, made.n_plastic)) if made.n_plastic else None
-        return made.stress_at(at, plastic)
+        memory = jnp.zeros((50, made.n_memory)) if made.n_memory else None
+        return made.stress_at(at, memory)
 
     for unloading, law in (
         ("reversible", LAWS["unsymmetric"]),
@@ -272,7 +272,7 @@ def test_preset_steel():
     assert float(law.modulus) == pytest.approx(205e9, rel=1e-14)
     assert np.allclose(law.capacity, [-top, top], rtol=1e-15)
     assert np.allclose(law.limits, [-0.04, 0.04], rtol=0)
-    assert (law.n_plastic, materials.steel(unloading="reversible").n_plastic) == (1, 0)
+    assert (law.n_memory, materials.steel(unloading="reversible").n_memory) == (1, 0)
     got = evaluate(law, [-0.03, 1e-3, 0.03])[0]
     at = 355e6 + 0.02 * 205e9 * (0.03 - 355e6 / 205e9)
     assert np.allclose(got, [-at, 205e6, at], rtol=1e-13)
@@ -318,17 +318,17 @@ def test_parallel_law_is_the_weighted_sum():
     law = TRIO
     path = random_path(materials.strand(), seed=9)
     steel, strand = (history(one, path) for one in law.laws[1:])
-    stress, gradient, again, _, plastic, _ = history(law, path)
+    stress, gradient, again, _, memory, _ = history(law, path)
     expected = 0.2 * 10e9 * path + 0.5 * steel[0] + 0.3 * strand[0]
     size = rounding(materials.steel())  # the largest of the three
     assert np.abs(stress - expected).max() <= size
     assert np.abs(gradient - stress).max() <= size
     assert np.abs(again - stress).max() <= size
-    assert np.array_equal(plastic, np.column_stack([steel[4], strand[4]]))
+    assert np.array_equal(memory, np.column_stack([steel[4], strand[4]]))
     # quotients of the points
     modulus = 0.2 * 10e9 + 0.5 * 210e9 + 0.3 * 195e9
     assert float(law.modulus) == pytest.approx(modulus, rel=1e-14)
-    assert law.breaks and law.rising and law.n_plastic == 2
+    assert law.breaks and law.rising and law.n_memory == 2
 
 
 def test_limits_and_capacity_of_a_parallel_law():
@@ -348,16 +348,16 @@ def test_limits_and_capacity_of_a_parallel_law():
 @pytest.mark.parametrize("state", ["virgin", "yielded"])
 def test_inverse_of_a_parallel_law(state):
     at = np.random.default_rng(10).uniform(-0.04, 0.02, 200)
-    plastic = np.zeros(2) if state == "virgin" else history(TRIO, [-0.01])[4][0]
-    stress, *_ = evaluate(TRIO, at, plastic)
-    got, _ = invert(TRIO, stress, plastic)
+    memory = np.zeros(2) if state == "virgin" else history(TRIO, [-0.01])[4][0]
+    stress, *_ = evaluate(TRIO, at, memory)
+    got, _ = invert(TRIO, stress, memory)
     # rounding of the stress over the smallest slope, 2 GPa
     assert np.abs(got - at).max() <= 10 * rounding(materials.steel()) / 2e9
-    assert np.isnan(invert(TRIO, [2e9], plastic)[0]).all()
+    assert np.isnan(invert(TRIO, [2e9], memory)[0]).all()
 
 
 def test_parallel_law_without_plastic_strains_is_the_first_loading():
-    """As of its parts: `plastic=None`."""
+    """As of its parts: `memory=None`."""
     at = samples(TRIO.laws[2], 100)
     stress, _, _, gradient, distance, _ = evaluate(TRIO, at)
     each = [evaluate(law, at) for law in TRIO.laws]

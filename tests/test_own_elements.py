@@ -3,12 +3,14 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 from own_elements import GroundSprings
-from own_laws import Prager
+from own_laws import Maxwell, Prager
 
 import jaxcable as jc
 from jaxcable import status
+from jaxcable.assembly import System
 
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]])
 CABLES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -195,3 +197,37 @@ def test_increments_of_a_law_with_memory_have_derivatives():
         between = (rows(300e6 + step)[k] - rows(300e6 - step)[k]) / (2 * step)
         assert_allclose(slope, between, rtol=1e-5)
         assert slope != 0
+
+
+@pytest.mark.parametrize("kind", ["bars", "bars of two laws", "beams"])
+def test_time_reaches_a_law_that_creeps(kind):
+    """A strain of 1e-3 for 50 s creeps by E e t / viscosity; in an analysis no time passes yet."""
+    law, links = Maxwell(1e9, 1e11), np.array([[0, 1]])
+    section = jc.Section.rectangle(0.1, 0.1, law)
+    other = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
+    both = jc.Section.composite([section, other.shifted(y=0.2)])
+    group = {
+        "bars": lambda: jc.Bars(links, area=1e-2, law=law),
+        "bars of two laws": lambda: jc.Bars(links, section=both),
+        "beams": lambda: jc.Beams(links, section=section, torsional_stiffness=1.0),
+    }[kind]()
+    nodes = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    state = group.start(jnp.asarray(nodes[links]))
+    strain = jnp.full((1,), 1e-3)
+    if kind == "beams":
+        strain = jnp.zeros((1, group.points, 3)).at[..., 0].set(1e-3)
+    system = System(jnp.asarray(nodes), [group], [state], None, None)
+    (after,) = system.settle([strain], duration=50.0)
+    crept = 50.0 * 1e9 * 1e-3 / 1e11
+    for own in jax.tree.leaves(after):
+        assert_allclose(own, crept, rtol=1e-13)
+    (still,) = system.settle([strain])
+    assert all((np.asarray(own) == 0.0).all() for own in jax.tree.leaves(still))
+    held = jc.clamped([0]) if kind == "beams" else jc.Supports([[True] * 3, [False, True, True]])
+    structure = jc.Structure(nodes, group, held)
+    solution = jc.solve(
+        structure, jc.Phase(loads=jc.NodalLoads([1], (100.0, 0.0, 0.0)), increments=2)
+    )
+    assert solution.status == status.OK
+    expected = 100.0 * 2.0 / (1e9 * (2e-2 if "two" in kind else 1e-2))
+    assert_allclose(solution.displacement[1, 0], expected, rtol=1e-4)  # first order in the strain

@@ -87,7 +87,7 @@ def test_forces_are_slopes_of_the_energy_and_the_tangent_theirs():
     one = Membranes(np.array([[0, 1, 2]]), ET, NU)
     group = jax.tree.map(lambda x: x[0], one)
     state = jax.tree.map(lambda x: x[0], one.start(ends[None]))
-    state = type(state)(jnp.asarray(0.3))
+    state = jc.replace(state, prestrain=jnp.asarray(0.3))
     force = group.end_forces(state, ends, motion)
     slope = jax.grad(group.energy, 2)(state, ends, jnp.asarray(motion))
     assert_allclose(force, slope, atol=1e-11 * np.abs(force).max())
@@ -239,3 +239,33 @@ def test_statements_that_it_does_not_take_are_refused():
         jc.solve(structure, jc.Phase(pretension={"sheet": 100.0, "edges": None}))
     with pytest.raises(ValueError, match="jacking: of a group of Membranes state prestrain"):
         jc.solve(structure, jc.Phase(jacking={"sheet": 100.0, "edges": None}))
+
+
+def taut(n, weight=9.80665):
+    """A flat unit square of n x n, prestressed to 100 N/m, that weighs 1 kg/m2."""
+    nodes, triangles = sheet(n)
+    group = Membranes(triangles, ET, 0.0, weight)
+    return jc.Structure(nodes, group, jc.pinned(rim(nodes))), jc.Phase(prestrain=0.01)
+
+
+def test_its_weight_acts_and_swings():
+    """A drum: f = sqrt(2 N / m) / 2 a; and of second order in the size of the elements."""
+    exact, errors = np.sqrt(2 * 100.0) / 2, []
+    for n in (4, 8, 16):
+        structure, phase = taut(n)
+        solution = jc.solve(structure, phase)
+        assert solution.status == status.OK
+        found = jc.paths.natural_frequencies(structure, solution, 1)
+        errors.append(abs(float(found.frequency[0]) / exact - 1))
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([2, 2], abs=0.1)
+    structure, phase = taut(4)
+    hung = jc.solve(structure, [phase, jc.Phase(loads=jc.SelfWeight())])
+    assert hung.status == status.OK
+    assert_allclose(hung.reactions[:, 2].sum(), 9.80665, rtol=1e-9)
+    assert hung.displacement[:, 2].min() < -1e-3
+
+
+def test_loads_along_lines_are_not_for_it():
+    structure, phase = taut(2)
+    with pytest.raises(ValueError, match="a group of Membranes has no length to load"):
+        jc.solve(structure, [phase, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1.0)))])

@@ -374,11 +374,11 @@ def test_collapse_without_limit_point_ends_with_a_reason():
     path = jc.trace_path(*plastic_hanger(0.3, 1.0))
     assert int(path.status) == 0 and len(path.load_factor) < 60
     drop = 0.3 - np.asarray(path.displacement[:, 1, 2])
-    plastic = np.asarray(path.load_factor) > 0.51
+    memory = np.asarray(path.load_factor) > 0.51
     sines = drop / np.hypot(1, drop)
     expected = 0.5 * sines / (0.3 / np.hypot(1, 0.3))
-    assert plastic.sum() > 5
-    np.testing.assert_allclose(path.load_factor[plastic], expected[plastic], rtol=1e-8)
+    assert memory.sum() > 5
+    np.testing.assert_allclose(path.load_factor[memory], expected[memory], rtol=1e-8)
     # twice the first load is beyond the sine of a right angle: no equilibrium, and no limit point
     structure, phase = plastic_hanger(1.0, 1.0)
     torn = jc.trace_path(structure, phase)

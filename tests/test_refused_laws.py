@@ -13,7 +13,7 @@ BAD = {
     "words": (([0, 1e-3], ["a", "b"]), "stress: expected numbers"),
     "complex": (([0, 1e-3j], [0, 1e8]), "strain: expected real numbers"),
     "ragged": (([[0], [1, 2]], [0, 1e8]), "strain: not a rectangular array"),
-    "unloading": (([0, 1e-3], [0, 1e8], "plastic"), "unloading = 'plastic': expected"),
+    "unloading": (([0, 1e-3], [0, 1e8], "memory"), "unloading = 'memory': expected"),
     "order": (
         ([0, 2e-3, 1e-3], [0, 1e8, 2e8]),
         r"strain\[2\] = 0.001: must be above strain\[1\] = 0.002",

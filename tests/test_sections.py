@@ -164,11 +164,11 @@ def kinematic(E, tangent, yield_stress):
     """State and update of bilinear kinematic hardening by return mapping, for many fibres."""
     H = E * tangent / (E - tangent)
 
-    def update(strain, plastic):
-        over = E * (strain - plastic) - H * plastic
+    def update(strain, memory):
+        over = E * (strain - memory) - H * memory
         flow = np.maximum(0.0, np.abs(over) - yield_stress) / (E + H)
-        plastic = plastic + np.sign(over) * flow
-        return E * (strain - plastic), plastic
+        memory = memory + np.sign(over) * flow
+        return E * (strain - memory), memory
 
     return update
 
@@ -184,15 +184,15 @@ def test_moment_cycle_against_a_fibre_simulation():
     y, z, area = (np.asarray(v) for v in (section.y, section.z, section.area))
     strains = np.column_stack([np.full(len(CYCLE), 5e-4), CYCLE, 0.4 * CYCLE])
 
-    def increment(plastic, v):
-        force = jnp.stack(section.forces(*v, plastic))
-        settled = section.settle(*v, plastic)
+    def increment(memory, v):
+        force = jnp.stack(section.forces(*v, memory))
+        settled = section.settle(*v, memory)
         return settled, (force, jnp.stack(section.forces(*v, settled)))
 
     _, (got, again) = jax.jit(lambda s: jax.lax.scan(increment, section.virgin(), s))(strains)
-    update, plastic, expected = kinematic(210e9, 2.1e9, 235e6), np.zeros(section.n_fibre), []
+    update, memory, expected = kinematic(210e9, 2.1e9, 235e6), np.zeros(section.n_fibre), []
     for e0, ky, kz in strains:
-        stress, plastic = update(e0 + ky * z - kz * y, plastic)
+        stress, memory = update(e0 + ky * z - kz * y, memory)
         expected.append([(stress * area).sum(), (stress * area) @ z, -(stress * area) @ y])
     size = sizes(section)
     # rounding of stresses E e, 5 times yield, over 32 increments
@@ -209,9 +209,9 @@ def test_strains_at_given_plastic_strains():
     bent = np.array([5e-4, 0.04, 0.015])
     update = kinematic(210e9, 2.1e9, 235e6)
     y, z, area = (np.asarray(v) for v in (section.y, section.z, section.area))
-    stress, plastic = update(bent[0] + bent[1] * z - bent[2] * y, np.zeros(section.n_fibre))
+    stress, memory = update(bent[0] + bent[1] * z - bent[2] * y, np.zeros(section.n_fibre))
     # of the parallel part, which yields alone: E ep = (E - Et) p
-    state = (jnp.asarray(plastic)[:, None] * 210e9 / (210e9 - 2.1e9),)
+    state = (jnp.asarray(memory)[:, None] * 210e9 / (210e9 - 2.1e9),)
 
     @jax.jit
     def strains(target):
@@ -222,7 +222,7 @@ def test_strains_at_given_plastic_strains():
     for factor in (1.0, 0.5, 0.0):
         found, code = strains(factor * target)
         assert int(code) == status.OK
-        trial, _ = update(found[0] + found[1] * z - found[2] * y, plastic)
+        trial, _ = update(found[0] + found[1] * z - found[2] * y, memory)
         left = np.array([(trial * area).sum(), (trial * area) @ z, -(trial * area) @ y])
         # 64 eps of the forces of all fibres
         assert (np.abs(left - factor * target) / sizes(section)).max() <= 1e-12
@@ -239,7 +239,7 @@ def test_strains_of_a_batch_do_not_forget_the_plastic_strains():
             np.array([[1e6], [0.0], [0.0]])
         )
     except ValueError as error:
-        assert "plastic" in str(error)
+        assert "memory" in str(error)
     else:
         # unloading: E e - (E - Et) p = N / A
         expected = (1e6 / 0.02 + (210e9 - 2.1e9) * p) / 210e9

@@ -48,7 +48,7 @@ REFUSED = {
     ),
     "memory": (
         lambda: net(axial_stiffness=None, area=1e-4, law=jc.materials.strand()),
-        "its law remembers other plastic strains than there",
+        "its law remembers something else than there",
     ),
 }
 

@@ -23,13 +23,13 @@ from jaxcable import materials
 def return_mapping(E, tangent, yield_stress, strains):
     """Bilinear kinematic hardening: elastic trial and return in closed form (1D)."""
     H = E * tangent / (E - tangent)
-    plastic, out = 0.0, []
+    memory, out = 0.0, []
     for strain in strains:
-        trial = E * (strain - plastic)
-        over = trial - H * plastic  # back stress H times plastic strain
+        trial = E * (strain - memory)
+        over = trial - H * memory  # back stress H times plastic strain
         flow = max(0.0, abs(over) - yield_stress) / (E + H)
-        plastic += np.sign(over) * flow
-        out.append(E * (strain - plastic))
+        memory += np.sign(over) * flow
+        out.append(E * (strain - memory))
     return np.array(out)
 
 
@@ -145,11 +145,11 @@ def test_consistency_along_a_path(name):
     """Energy against stress, a settled state against the one it came from, and the inverse."""
     law = ELASTIC[name]
     path = random_path(law, seed=6)
-    stress, gradient, again, back, plastic, _ = history(law, path)
+    stress, gradient, again, back, memory, _ = history(law, path)
     # a part's stress is a difference of strain and plastic strain
     assert np.abs(gradient - stress).max() <= 10 * rounding(law)
     assert np.abs(again - stress).max() <= 10 * rounding(law)
-    assert np.count_nonzero(np.any(np.diff(plastic, axis=0) != 0, axis=1)) > 20
+    assert np.count_nonzero(np.any(np.diff(memory, axis=0) != 0, axis=1)) > 20
     if name != "perfectly plastic":  # on a plateau many strains have one stress
         slopes = np.diff(law.stress) / np.diff(law.strain)
         assert np.abs(back - path).max() <= 10 * rounding(law) / slopes.min()
@@ -159,14 +159,14 @@ def test_consistency_along_a_path(name):
 def test_energy_at_given_plastic_strains_starts_from_zero_and_is_convex(law):
     strain, _ = points_of(law)
     at = np.linspace(max(strain[0], -0.5 * strain[-1]), strain[-1], 301)
-    plastic = history(law, [0.6 * strain[-1]])[4]
-    stress, _, energy, gradient, *_ = evaluate(law, at, plastic)
+    memory = history(law, [0.6 * strain[-1]])[4]
+    stress, _, energy, gradient, *_ = evaluate(law, at, memory)
     assert np.abs(gradient - stress).max() <= 10 * rounding(law)
     assert (np.diff(stress) >= -10 * rounding(law)).all()
     # trapezia of a piecewise linear stress err only where a corner lies inside a cell
     step = at[1] - at[0]
     trapezia = np.cumsum(0.5 * (stress[1:] + stress[:-1]) * step)
-    missed = 0.25 * float(law.modulus) * step**2 * (2 * law.n_plastic + 1)
+    missed = 0.25 * float(law.modulus) * step**2 * (2 * law.n_memory + 1)
     assert np.abs(energy[1:] - energy[0] - trapezia).max() <= missed
 
 
@@ -177,15 +177,15 @@ def test_closed_form_path_of_steel():
     ey = fy / 210e9
     s1 = fy + tangent * (e1 - ey)
     reverse = s1 - 210e9 * 2 * ey - tangent * (e1 - 2 * ey - e2)
-    stress, _, _, _, plastic, _ = history(law, [e1, e1 - s1 / 210e9, e2])
+    stress, _, _, _, memory, _ = history(law, [e1, e1 - s1 / 210e9, e2])
     # a few roundings of the stress E e = 2.1 GPa
     assert np.abs(stress - np.array([s1, 0.0, reverse])).max() <= 1e-5
     expected = np.array([[e1 - ey], [e1 - ey], [e2 + ey]])
-    assert np.abs(plastic - expected).max() <= 1e-16  # one rounding of a strain of 0.01
-    distance = evaluate(law, [e1, e1 - 2 * ey], plastic[0])[4]
+    assert np.abs(memory - expected).max() <= 1e-16  # one rounding of a strain of 0.01
+    distance = evaluate(law, [e1, e1 - 2 * ey], memory[0])[4]
     assert distance.max() <= 4e-18  # both are corners, to a rounding of a strain of 0.01
     beside = [e1 + 1e-9, e1 - 1e-9, e1 - 2 * ey + 1e-9, e1 - 2 * ey - 1e-9]
-    slopes = evaluate(law, beside, plastic[0])[1]
+    slopes = evaluate(law, beside, memory[0])[1]
     assert np.allclose(slopes, [tangent, 210e9, 210e9, tangent], rtol=1e-14)
 
 
@@ -199,12 +199,12 @@ def test_closed_form_path_of_a_strand():
     slack = e1 - s1 / 195e9
     path = np.array([e1, slack - 1e-3, slack + 1e-3, -0.01, 0.5 * (e1 + slack), 0.02])
     expected = np.array([s1, 0, 195e6, 0, 0.5 * s1, fp + tangent * (0.02 - ey)])
-    stress, _, _, _, plastic, slack = history(law, path)
+    stress, _, _, _, memory, slack = history(law, path)
     # a few roundings of the stress E e = 3.9 GPa
     assert np.abs(stress - expected).max() <= 1e-5
     # first loading moves it, going slack and back does not; a rounding of a strain of 0.01
-    assert np.abs(plastic[:5, 0] - (e1 - ey)).max() <= 1e-16
-    assert plastic[5, 0] == pytest.approx(0.02 - ey, rel=1e-14)
+    assert np.abs(memory[:5, 0] - (e1 - ey)).max() <= 1e-16
+    assert memory[5, 0] == pytest.approx(0.02 - ey, rel=1e-14)
     assert slack.tolist() == [False, True, False, True, False, False]
 
 
@@ -214,24 +214,24 @@ def test_inverse_of_a_strand_that_has_yielded(name):
     law = CABLES[name]
     strain, stress = points_of(law)
     e1 = 0.6 * strain[-1]
-    plastic = history(law, [e1])[4][0]
+    memory = history(law, [e1])[4][0]
     slack = e1 - float(np.interp(e1, strain, stress)) / float(law.modulus)
     at = np.append(slack, np.random.default_rng(8).uniform(slack, strain[-1], 100))
-    pull = evaluate(law, at, plastic)[0]
-    got, _ = invert(law, np.append(0.0, pull[1:]), plastic)  # the first is zero but for rounding
+    pull = evaluate(law, at, memory)[0]
+    got, _ = invert(law, np.append(0.0, pull[1:]), memory)  # the first is zero but for rounding
     slopes = np.diff(stress) / np.diff(strain)
     assert np.abs(got - at).max() <= 10 * rounding(law) / slopes.min()
-    assert np.isnan(invert(law, [-1e6], plastic)[0]).all()
+    assert np.isnan(invert(law, [-1e6], memory)[0]).all()
 
 
 @pytest.mark.parametrize("name", ELASTIC)
 def test_inverse_at_given_plastic_strains_is_nan_beyond_the_ends(name):
     law = ELASTIC[name]
-    plastic = history(law, random_path(law, seed=7, n=10))[4][-1]
-    ends = evaluate(law, points_of(law)[0][[0, -1]], plastic)[0]
+    memory = history(law, random_path(law, seed=7, n=10))[4][-1]
+    ends = evaluate(law, points_of(law)[0][[0, -1]], memory)[0]
     size = np.abs(ends).max()
-    assert np.isnan(invert(law, ends + 1e-9 * size * np.array([-1, 1]), plastic)[0]).all()
-    inside, _ = invert(law, ends - 1e-9 * size * np.array([-1, 1]), plastic)
+    assert np.isnan(invert(law, ends + 1e-9 * size * np.array([-1, 1]), memory)[0]).all()
+    inside, _ = invert(law, ends - 1e-9 * size * np.array([-1, 1]), memory)
     assert np.isfinite(inside).all()
 
 
@@ -243,13 +243,13 @@ def test_distance_from_a_corner_after_yield(name):
     modulus = float(law.modulus)
     e1 = 0.6 * strain[-1]
     s1 = np.interp(e1, strain, stress)
-    plastic = history(law, [e1])[4][0]
+    memory = history(law, [e1])[4][0]
     if name == "steel":
         corners = np.array([strain[0], e1 - 2 * 235e6 / modulus, e1, strain[-1]])
     else:
         corners = np.array([e1 - s1 / modulus, e1, strain[-1]])
     at = np.concatenate([samples(law, 300), corners])
     expected = np.abs(at[:, None] - corners).min(1)
-    got = evaluate(law, at, plastic)[4]
+    got = evaluate(law, at, memory)[4]
     # a few roundings of a strain
     assert np.abs(got - expected).max() <= 1e-16

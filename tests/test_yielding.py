@@ -89,11 +89,11 @@ def test_a_net_pulled_past_yield_and_released():
     assert np.hypot(3, 4 - float(loaded.displacement[2, 2])) / 5 - 1 == pytest.approx(
         strain, rel=1e-9
     )
-    plastic = strain - stress / 195e9
+    memory = strain - stress / 195e9
     rest = float(solution.tension[0]) / AREA
     now = np.hypot(3, 4 - float(solution.displacement[2, 2])) / 5 - 1
     assert 0 < rest < 0.2 * stress
-    assert now == pytest.approx(plastic + rest / 195e9, rel=1e-9)
+    assert now == pytest.approx(memory + rest / 195e9, rel=1e-9)
     problems.assert_balanced(solution)
 
 
@@ -184,8 +184,8 @@ def test_an_elastic_plastic_cantilever_loaded_and_released():
 
     def moment(k):  # bilinear rectangle, first loading
         ky = FY / E / (h / 2)
-        plastic = moment_y * (1.5 - 0.5 * (ky / np.maximum(k, ky)) ** 2)
-        return np.where(k <= ky, E * inertia * k, (1 - HARD) * plastic + HARD * E * inertia * k)
+        memory = moment_y * (1.5 - 0.5 * (ky / np.maximum(k, ky)) ** 2)
+        return np.where(k <= ky, E * inertia * k, (1 - HARD) * memory + HARD * E * inertia * k)
 
     k = np.linspace(0, 0.2, 400001)
     x = (np.arange(20000) + 0.5) / 20000 * length

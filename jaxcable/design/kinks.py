@@ -51,7 +51,7 @@ def slack_distance(structure, solution):
             continue
         group = copy(group, links=group.links.array)
         strain = each("section_strain", group, state, nodes, solution.carry.motion)
-        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.plastic))
+        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.memory))
     return structure.arrange(found)
 
 

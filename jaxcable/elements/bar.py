@@ -23,6 +23,9 @@ from ..sections import Section
 from .element import SECTION_STRAIN, TENSION, Element, Jacked, Rounding, Secant
 from .prestress import Prestressed, checked_links, held_or, stretch
 
+# of the mass, at an end and between both; the mean of both kinds is of order 4 in the length
+_SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
+
 
 class Axial(Element):
     """Elements of two nodes with a force along the line through them."""
@@ -134,20 +137,20 @@ class Straight(Axial, Prestressed):
 
     # --- the cross-section: force from strain, energy from strain, strain from force
 
-    def force(self, strain, plastic=None):
+    def force(self, strain, memory=None):
         """Axial force, N, at `strain`."""
         stiffness, law, area = self._section()
-        return stiffness * strain if law is None else area * law.stress_at(strain, plastic)
+        return stiffness * strain if law is None else area * law.stress_at(strain, memory)
 
-    def energy_per_length(self, strain, plastic=None):
+    def energy_per_length(self, strain, memory=None):
         """Stored energy per unstressed length, J/m."""
         stiffness, law, area = self._section()
-        return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, plastic)
+        return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
-    def strain_at(self, force, plastic=None):
+    def strain_at(self, force, memory=None):
         """Strain at an axial force, N; NaN above the law's peak."""
         stiffness, law, area = self._section()
-        return force / stiffness if law is None else law.strain_at(force / area, plastic)
+        return force / stiffness if law is None else law.strain_at(force / area, memory)
 
     def _section(self):
         """Axial stiffness, or law and area, with the series compliance in it."""
@@ -170,8 +173,8 @@ class Straight(Axial, Prestressed):
 
     @property
     def remembers(self):
-        """Whether its elements have plastic strains."""
-        return any(law.n_plastic for law in self._laws)
+        """Whether its law remembers anything."""
+        return any(law.n_memory for law in self._laws)
 
     @property
     def breaks(self):
@@ -191,11 +194,11 @@ class Straight(Axial, Prestressed):
     # --- the group
 
     def virgin(self):
-        """Plastic strains of unused elements, [n_elem, n_plastic], or None."""
+        """What unused elements remember, [n_elem, n_memory], or None."""
         if not self.remembers:
             return None
         area = self.area if self.section is None else kind(self.section).area
-        count = sum(law.n_plastic for law in self._laws)
+        count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
     def continued(self):
@@ -223,6 +226,14 @@ class Straight(Axial, Prestressed):
 
     # --- one element
 
+    def mass_matrix(self, state, ends, motion, mass, distribution=None):
+        """Of an element of so much `mass`, the same in every direction; see `Element`."""
+        if len(ends) != 2:
+            return super().mass_matrix(state, ends, motion, mass, distribution)
+        own, other = _SHARES[distribution or "mean"]
+        shares = mass * jnp.array([[own, other], [other, own]], mass.dtype)
+        return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
+
     def has_result(self, name, state):
         """Strains, where it has fibres, or a law that ends or remembers."""
         if name == "section_strain":
@@ -237,7 +248,7 @@ class Straight(Axial, Prestressed):
     def tension(self, state, ends, motion):
         """Axial force, N, tension positive."""
         return held_or(
-            state, state.held, lambda: self.force(self.strain(state, ends, motion), state.plastic)
+            state, state.held, lambda: self.force(self.strain(state, ends, motion), state.memory)
         )
 
     def energy(self, state, ends, motion):
@@ -245,32 +256,32 @@ class Straight(Axial, Prestressed):
 
         def stored():
             strain = self.strain(state, ends, motion)
-            return state.rest_length * self.energy_per_length(strain, state.plastic)
+            return state.rest_length * self.energy_per_length(strain, state.memory)
 
         work = None if state.held is None else state.held * stretch(ends, motion)[2]
         return held_or(state, work, stored)
 
     def section_strain(self, state, ends, motion):
         """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
-        own = None if state.held is None else self.strain_at(state.held, state.plastic)
+        own = None if state.held is None else self.strain_at(state.held, state.memory)
         return held_or(state, own, lambda: self.strain(state, ends, motion))
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
         _, law, area = self._section()
-        return area * law.size_at(self.section_strain(state, ends, motion), state.plastic)
+        return area * law.size_at(self.section_strain(state, ends, motion), state.memory)
 
-    def settle(self, strain, plastic):
-        """Plastic strains after an increment that ended at `strain`, [n_plastic]."""
-        return self._section()[1].settle(strain, plastic)
+    def settle(self, strain, memory, duration=0.0):
+        """What it remembers after an increment of a duration, s, that ended at `strain`."""
+        return self._section()[1].settle(strain, memory, duration)
 
-    def fibre_stress(self, strain, plastic=None):
+    def fibre_stress(self, strain, memory=None):
         """Stress of every fibre, [n_fibre], all of one law the same; without section scalar, Pa."""
         law = self._section()[1]
         if self.section is None:
-            return law.stress_at(strain, plastic)
+            return law.stress_at(strain, memory)
         several = isinstance(law, Parallel)
-        stress = law.stresses(strain, plastic) if several else [law.stress_at(strain, plastic)]
+        stress = law.stresses(strain, memory) if several else [law.stress_at(strain, memory)]
         counts = self.section.counts
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
@@ -282,7 +293,7 @@ class Straight(Axial, Prestressed):
 
     def locked(self, state, length, change):
         """State that holds its force at a length which is `change` more than the initial one, m."""
-        strain = self.strain_at(state.held, state.plastic)
+        strain = self.strain_at(state.held, state.memory)
         rest_length = length / (1 + strain)
         own = jnp.stack([rest_length, rest_length * strain - change])
         own = held_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
@@ -310,7 +321,7 @@ class Plain(Straight, Jacked, Secant):
         then, now = self.strain(state, ends, before), self.strain(state, ends, motion)
 
         def force(strain):
-            return self.force(strain, state.plastic)
+            return self.force(strain, state.memory)
 
         def following():
             force_then, tangent = jax.jvp(force, (then,), (jnp.ones_like(then),))
@@ -376,7 +387,7 @@ class Bars(Plain, Rounding):
         vector, length, _, _ = stretch(ends, motion)
         strain = self.strain(state, ends, motion)
         one = jnp.ones_like(strain)
-        stiffness = jax.jvp(lambda e: self.force(e, state.plastic), (strain,), (one,))[1]
+        stiffness = jax.jvp(lambda e: self.force(e, state.memory), (strain,), (one,))[1]
         moved = jnp.max(jnp.abs(motion)) / length
         force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
         return jnp.stack([force, force])

@@ -265,7 +265,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     @property
     def remembers(self):
-        """Whether its fibres have plastic strains."""
+        """Whether its fibres remember anything."""
         return kind(self.section).remembers
 
     @property
@@ -274,7 +274,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return kind(self.section).breaks
 
     def virgin(self):
-        """Plastic strains of unused elements, per law, or None."""
+        """What unused elements remember, per law, or None."""
         if not self.remembers:
             return None
         return kind(self.section).virgin((len(self.links), self.points))
@@ -289,9 +289,9 @@ class Beams(Member, Prestressed, Bending, Rounding):
         low, high = law.capacity
         return low * area, high * area
 
-    def strain_at(self, force, plastic=None):
+    def strain_at(self, force, memory=None):
         """Strain at an axial force without bending, N."""
-        if plastic is not None:
+        if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
         area, law = self.section.axial()
         return law.strain_at(force / area)

@@ -18,32 +18,32 @@ class TensionOnly(Straight):
 
     tension_only = True
 
-    def force(self, strain, plastic=None):
+    def force(self, strain, memory=None):
         """Axial force, N: zero in a slack cable."""
-        return self._cut(super().force(strain, plastic), strain, plastic)
+        return self._cut(super().force(strain, memory), strain, memory)
 
-    def energy_per_length(self, strain, plastic=None):
+    def energy_per_length(self, strain, memory=None):
         """Stored energy per unstressed length, J/m: none in a slack cable.
 
         But for that of yielded parts of its law, which pull and push each other when it is slack.
         """
-        energy = super().energy_per_length(strain, plastic)
-        return energy if plastic is not None else self._cut(energy, strain, plastic)
+        energy = super().energy_per_length(strain, memory)
+        return energy if memory is not None else self._cut(energy, strain, memory)
 
-    def fibre_stress(self, strain, plastic=None):
+    def fibre_stress(self, strain, memory=None):
         """Stress of every fibre, Pa; their sum over the area is zero in a slack cable.
 
         So is each of them, but for those of several laws of which some have yielded: what they had
         when it went slack stays in them, in balance.
         """
-        return self._cut(super().fibre_stress(strain, plastic), strain, plastic)
+        return self._cut(super().fibre_stress(strain, memory), strain, memory)
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
         return held_or(
             state,
             jnp.zeros((), bool),
-            lambda: self._slack(self.strain(state, ends, motion), state.plastic),
+            lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
     def at_kink(self, state, ends, motion):
@@ -56,18 +56,18 @@ class TensionOnly(Straight):
 
         return held_or(state, jnp.zeros((), bool), unstressed)
 
-    def _cut(self, value, strain, plastic):
+    def _cut(self, value, strain, memory):
         """`value`, zero in a slack cable; several laws have cut it themselves, as a whole."""
         if isinstance(self._section()[1], Parallel):
             return value
-        return jnp.where(self._slack(strain, plastic), 0.0, value)
+        return jnp.where(self._slack(strain, memory), 0.0, value)
 
-    def _slack(self, strain, plastic):
-        if plastic is None:
+    def _slack(self, strain, memory):
+        if memory is None:
             return strain < 0
         # plastic strain has made it longer: the law knows where its stress ends, of several laws
         # where their sum does
-        return self._section()[1].is_slack(strain, plastic)
+        return self._section()[1].is_slack(strain, memory)
 
     def _section(self):
         stiffness, law, area = super()._section()

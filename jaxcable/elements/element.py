@@ -55,7 +55,7 @@ class ElementState:
     What a kind of element has not is None; see `prestress.AxialState` for what these are.
     """
 
-    rest_length = held = jacked = warmth = plastic = line_load = pressed = None
+    rest_length = held = jacked = warmth = memory = line_load = pressed = None
 
 
 class Element(abc.ABC):
@@ -71,9 +71,12 @@ class Element(abc.ABC):
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
             take after those of the ends (`member`).
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
+        has_length: whether loads per length act along it; its state then has `rest_length` and
+            `loaded`, the length that these are per.
         tension_only, rising: whether it holds only in tension; whether its force is known not to
             fall with strain. Of groups of which both hold the energy is convex.
-        remembers: whether its state has plastic strains (`virgin`, `settle`, `size`).
+        remembers: whether its state has a `memory`, of laws that know what has happened to them;
+            then it has `settle(strain, memory, duration)` and `size`, and tells `SECTION_STRAIN`.
         breaks: whether a curve of its law can end (`beyond`).
         shaped_by_load: whether its state has the load along it; `slides`: whether that load goes
             from node to node with it (then `slid` says how much does).
@@ -89,6 +92,7 @@ class Element(abc.ABC):
     n_inner_row = 0
     weight = expansion = strength = area = section = rest_length = None
     tension_only = rising = remembers = breaks = shaped_by_load = slides = False
+    has_length = False
 
     # --- the group
 
@@ -129,6 +133,10 @@ class Element(abc.ABC):
         n_end = ends.shape[1]
         return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
 
+    def weights(self, state):
+        """Weight of every element, [n_elem], N; None if the group has none."""
+        return None
+
     def balls(self):
         """Ends with a rotation of their own, [n_elem, 2] bool, or None."""
         return None
@@ -138,7 +146,7 @@ class Element(abc.ABC):
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
     def virgin(self):
-        """Plastic strains of unused elements, or None."""
+        """Memory of unused elements, or None."""
         return None
 
     def continued(self):
@@ -191,6 +199,20 @@ class Element(abc.ABC):
     def linearized(self, state, ends, motion):
         """End forces and tangent."""
         return self.end_forces(state, ends, motion), self.tangent(state, ends, motion)
+
+    def mass_matrix(self, state, ends, motion, mass, distribution=None):
+        """Of an element of so much `mass`, kg, a matrix as its `tangent`, kg.
+
+        Args:
+            state, ends, motion: as of `end_forces`.
+            mass: scalar, kg.
+            distribution: "lumped", "consistent", "mean" of both, or None for the one of highest
+                order, as far as it knows them; this one has shares at its ends (`at_ends`) where
+                these are, in any case.
+        """
+        places = ends + motion[:, :3]
+        shares = self.at_ends(mass[None], places[None])[0]
+        return jnp.diag(jnp.repeat(shares, 3))
 
     def is_slack(self, state, ends, motion):
         """Whether it has gone slack and holds nothing."""

@@ -123,7 +123,7 @@ class Member:
             return bending.linear_sums(self.section.stiffness(), field.strain)
         strain = self._strains(field)
         if forces is None:
-            force = jnp.stack(self.section.forces(*strain.T, state.plastic), axis=-1)
+            force = jnp.stack(self.section.forces(*strain.T, state.memory), axis=-1)
         else:
             force = forces(strain)
         places, weight = (jnp.asarray(v, force.dtype) for v in bending.lobatto(self.points))
@@ -222,7 +222,7 @@ class Member:
         forces = None
         if not self.section.is_elastic:
             at = self.section_strain(state, ends, motion)
-            force, stiffness = self.section.linearized(*at.T, state.plastic)
+            force, stiffness = self.section.linearized(*at.T, state.memory)
 
             def forces(strain):
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
@@ -246,13 +246,18 @@ class Member:
         """It does: pose and strains take more than half of the time to compile."""
         return True
 
-    def mass_matrix(self, state, ends, motion, mass, mean):
+    def mass_matrix(self, state, ends, motion, mass, distribution=None):
         """Of `mass`, kg, spread evenly along the axis; sections do not turn, [12 + k, 12 + k], kg.
 
         Consistent with the deflections of `bending`, cubic but for loads, hence of order 4 in the
-        length. Along the chord displacements are linear: with `mean` that part is the mean of the
+        length. Along the chord displacements are linear: by default that part is the mean of the
         consistent matrix and of halves at the ends, which is of order 4, too.
         """
+        halves = np.zeros(12 + len(self.inner))
+        halves[[0, 1, 2, 6, 7, 8]] = 0.5
+        lumped = mass * jnp.diag(jnp.asarray(halves, ends.dtype))
+        if distribution == "lumped":
+            return lumped
         at, weight = np.polynomial.legendre.leggauss(4)  # cubics squared
         places, weight = (jnp.asarray(v, ends.dtype) for v in (0.5 + 0.5 * at, 0.5 * weight))
 
@@ -268,7 +273,9 @@ class Member:
         still = jnp.zeros(12 + len(self.inner), ends.dtype)
         slope, along = jax.jacfwd(moved)(still)
         matrix = mass * jnp.einsum("p,pai,paj->ij", weight, slope, slope)
-        return matrix + mass / 12 * jnp.outer(along, along) if mean else matrix
+        if distribution is None:
+            return matrix + mass / 12 * jnp.outer(along, along)
+        return matrix if distribution == "consistent" else 0.5 * (lumped + matrix)
 
     def energy(self, state, ends, motion):
         """Stored energy less the line load's work on the bent axis, J."""
@@ -278,7 +285,7 @@ class Member:
         count = max(4, self.points) if self.section.is_elastic else self.points
         places, weight = (jnp.asarray(v, field.strain.dtype) for v in bending.lobatto(count))
         strain = bending.basis(places) @ field.strain
-        total = length * weight @ self.section.energy(*strain.T, state.plastic)
+        total = length * weight @ self.section.energy(*strain.T, state.memory)
         total = total + 0.5 * self._twisting() * field.twist**2 / length
         if load is not None:
             total = total - length * load @ bending.displaced(field, pose.rotations, length)
@@ -358,7 +365,7 @@ class Member:
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of all fibres, mean over the element, N."""
-        size = self.section.size(*self.section_strain(state, ends, motion).T, state.plastic)
+        size = self.section.size(*self.section_strain(state, ends, motion).T, state.memory)
         return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
 
     def rounding(self, state, ends, motion):
@@ -374,13 +381,13 @@ class Member:
         each = jnp.concatenate([jnp.stack([both, both]), rows])
         return 8 * jnp.finfo(force.dtype).eps * moved * each
 
-    def settle(self, strain, plastic):
-        """Plastic strains after an increment that ended at section strains [n_point, 3]."""
-        return self.section.settle(*strain.T, plastic)
+    def settle(self, strain, memory, duration=0.0):
+        """What it remembers after an increment that ended at section strains [n_point, 3]."""
+        return self.section.settle(*strain.T, memory, duration)
 
-    def fibre_stress(self, strain, plastic=None):
+    def fibre_stress(self, strain, memory=None):
         """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
-        return self.section.fibre_stress(*strain.T, plastic)
+        return self.section.fibre_stress(*strain.T, memory)
 
     def beyond(self, strain):
         """Whether section strains [n_point, 3] take a fibre beyond its curve."""

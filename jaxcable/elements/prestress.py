@@ -25,7 +25,7 @@ class AxialState(ElementState):
             with what a jack has taken in. None: `rest_length`.
         warmth: length now over that at the temperature before the first phase, [n_elem], or None
             in a group that does not expand.
-        plastic: plastic strains that the law remembers, leading axis [n_elem], or None.
+        memory: what the law remembers, such as plastic strains, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
             makes, or along which it slides, or None.
         pressed: pressures that follow beams, a list of (pressure [n_elem], unit axis [n_elem, 3])
@@ -46,7 +46,7 @@ class AxialState(ElementState):
     jacked: object = None
     loaded_length: object = None
     warmth: object = None
-    plastic: object = None
+    memory: object = None
     line_load: object = None
     pressed: object = None
 
@@ -79,13 +79,18 @@ class Prestressed(Prestressable):
     The group has `rest_length`.
     """
 
+    has_length = True
     statements = (
         *("pretension", "force_density", "prestrain", "rest_length"),
         *("shortening", "temperature", "sag", "jacking"),
     )
 
+    def weights(self, state):
+        """Weight of every element, [n_elem], N; None if the group has none."""
+        return None if self.weight is None else self.weight * state.loaded
+
     @abc.abstractmethod
-    def strain_at(self, force, plastic=None):
+    def strain_at(self, force, memory=None):
         """Strain of one element at an axial force, N; NaN where its law has none."""
 
     def between(self, start, end, factor):
@@ -103,7 +108,7 @@ class Prestressed(Prestressable):
             rest_length, elongation = self.rest_length, chord - self.rest_length
         warmth = None if self.expansion is None else jnp.ones_like(rest_length)
         return AxialState(
-            rest_length, elongation, loaded_length=rest_length, warmth=warmth, plastic=self.virgin()
+            rest_length, elongation, loaded_length=rest_length, warmth=warmth, memory=self.virgin()
         )
 
     def restate(self, state, ends, inputs):
@@ -151,9 +156,9 @@ class Prestressed(Prestressable):
     def stated_strain(self, name, stated, state, ends, chord):
         """Strain of the initial chord, [n_elem], that an absolute statement means."""
         if name == "pretension":
-            return of_each("strain_at", self, stated.values, state.plastic)
+            return of_each("strain_at", self, stated.values, state.memory)
         if name == "force_density":
-            return of_each("strain_at", self, stated.values * chord, state.plastic)
+            return of_each("strain_at", self, stated.values * chord, state.memory)
         if name == "sag":
             sag = stated.over(stated.values, 0.1 * chord)
             return self.strain_at_sag(ends, sag, 1.0 if state.warmth is None else state.warmth)
@@ -180,11 +185,11 @@ def element(group, properties):
     return copy(group, links=None, **properties)
 
 
-def of_each(method, group, *arguments):
-    """``method(*arguments)`` of every element of a group, from arguments [n_elem, ...]."""
+def of_each(method, group, *arguments, **shared):
+    """``method(*arguments, **shared)`` of every element of a group, arguments [n_elem, ...]."""
 
     def one(properties, *own):
-        return getattr(element(group, properties), method)(*own)
+        return getattr(element(group, properties), method)(*own, **shared)
 
     return jax.vmap(one, axis_size=len(group.links))(group.properties(), *arguments)
 

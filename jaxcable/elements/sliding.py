@@ -122,7 +122,7 @@ class SlidingCables(TensionOnly, Jacked):
 
         def stored():
             strain = self.strain(state, ends, motion)
-            return state.rest_length * self.energy_per_length(strain, state.plastic)
+            return state.rest_length * self.energy_per_length(strain, state.memory)
 
         work = None if state.held is None else state.held * _change(ends, motion)
         energy = held_or(state, work, stored)

@@ -189,13 +189,13 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     frozen = lax.stop_gradient(data)
     start = jnp.zeros_like(nodes) if net is None else _draped(frozen, net)
     if extra is None:
-        found, memory = equilibrium.newton(system(frozen), start, method, allowed == status.OK)
+        found, factored = equilibrium.newton(system(frozen), start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
         steps, residual, scale = found.steps, found.residual, found.scale
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
         tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
-        motion, *_ = implicit.attach_apart(attached, found.x, valid, memory, tol, worth)
+        motion, *_ = implicit.attach_apart(attached, found.x, valid, factored, tol, worth)
         forces = [state.force for state in attached.states]
     else:
         struts = not all(group.tension_only for group in groups)

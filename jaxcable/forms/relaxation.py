@@ -151,22 +151,22 @@ class _Members:
         return d, jnp.sqrt(jnp.sum(d * d, axis=-1))
 
     def _law(self, strain, function):
-        plastic = self.group.virgin()
+        memory = self.group.virgin()
         return jax.vmap(lambda p, e, own: function(element(self.group, p), e, own))(
-            self.group.properties(), strain, plastic
+            self.group.properties(), strain, memory
         )
 
     def tension(self, length, rest):
         """Axial forces, [n_elem], N."""
-        own = self._law((length - rest) / rest, lambda one, e, plastic: one.force(e, plastic))
+        own = self._law((length - rest) / rest, lambda one, e, memory: one.force(e, memory))
         return own if self.force is None else jnp.where(self.held, self.force, own)
 
     def stiffness(self, length, rest):
         """A bound of the stiffness of a taut element in any direction, [n_elem], N/m."""
         strain = jnp.maximum((length - rest) / rest, 0.0)
 
-        def slope(one, e, plastic):
-            rate = jax.grad(lambda e: one.force(e, plastic))
+        def slope(one, e, memory):
+            rate = jax.grad(lambda e: one.force(e, memory))
             return jnp.maximum(rate(e), rate(jnp.zeros_like(e)))
 
         along = self._law(strain, slope) / rest
@@ -179,7 +179,7 @@ class _Members:
         if not self.group.breaks:
             return jnp.zeros((), bool)
         broken = self._law(
-            (length - rest) / rest, lambda one, e, plastic: one._section()[1].beyond(e)
+            (length - rest) / rest, lambda one, e, memory: one._section()[1].beyond(e)
         )
         return jnp.any(broken if self.force is None else broken & ~self.held)
 

@@ -100,10 +100,10 @@ def _group(group, state, nodes, motion):
     strain = each("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)
 
-    def force(properties, strain, plastic):
-        return element(group, properties).force(strain, plastic)
+    def force(properties, strain, memory):
+        return element(group, properties).force(strain, memory)
 
-    pretension = jax.vmap(force)(group.properties(), strain, state.plastic)
+    pretension = jax.vmap(force)(group.properties(), strain, state.memory)
     said |= {
         "pretension": pretension,
         "force_density": pretension / length,

@@ -11,7 +11,7 @@ from .bordered import solve_bordered
 from .dense import Factor, solve_definite
 from .pattern import Pattern, Sparse, assemble, make_pattern
 from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
-from .sparse import SparseFactor, forgotten, no_memory
+from .sparse import SparseFactor, forgotten, nothing_factored
 from .spectrum import NOT_COUNTED, is_symmetric, spectrum
 
 __all__ = [
@@ -35,7 +35,7 @@ __all__ = [
     "is_symmetric",
     "make_pattern",
     "named",
-    "no_memory",
+    "nothing_factored",
     "offered",
     "or_identity",
     "or_nan",
@@ -112,7 +112,7 @@ def factorize(matrix, loose=None):
     return dense.factorize(matrix, loose)
 
 
-def solve_marked(build, rhs, matvec, memory=None, tol=0.0, limit=0):
+def solve_marked(build, rhs, matvec, factored=None, tol=0.0, limit=0):
     """Solve with a general matrix that is assembled by ``build() -> (matrix, loose)``.
 
     Like ``factorize(*build()).solve(rhs, matvec)``, but what has no value is zero in the solution
@@ -127,16 +127,16 @@ def solve_marked(build, rhs, matvec, memory=None, tol=0.0, limit=0):
         rhs: [2 n], that of the mark last, which is its own solution.
         matvec: the linear function of solution and mark, [2 n] both, that derivatives of the solve
             go through.
-        memory: of `solve_next`.
+        factored: of `solve_next`.
         tol: residual that conjugate gradients may leave, relative to that of the start.
         limit: conjugate gradient steps that a factorisation is worth; 0 unless the matrix is
             known to be positive semidefinite.
     """
-    if memory is None:
+    if factored is None:
         factor = factorize(*build())
         if isinstance(factor, Factor):
             return factor.solve_marked(rhs, matvec)
-    return sparse.solve_marked(build, rhs, matvec, memory, tol, limit)
+    return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)
 
 
 def solve_general(matrix, rhs):
@@ -155,7 +155,7 @@ def is_definite(matrix):
     return solve_definite(matrix, jnp.zeros(len(matrix), matrix.dtype))[1]
 
 
-def solve_next(matrix, rhs, memory, tol, limit, wanted):
+def solve_next(matrix, rhs, factored, tol, limit, wanted):
     """Solve the next of a sequence of similar, positive definite systems; not differentiable.
 
     A dense matrix is factorised. So is a sparse one, unless conjugate gradients with the factor of
@@ -164,15 +164,15 @@ def solve_next(matrix, rhs, memory, tol, limit, wanted):
     Args:
         matrix: [n, n].
         rhs: [n].
-        memory: what earlier solves left, `no_memory` at first; None for dense matrices.
+        factored: what earlier solves left, `nothing_factored` at first; None for dense matrices.
         tol: residual, relative to that of the start, that conjugate gradients may leave.
         limit: conjugate gradient steps that a factorisation is worth; 0 always factorises.
         wanted: False if the result does not matter (a finished case of a batch).
 
     Returns:
-        Solution [n], whether the matrix is positive definite (as far as seen), memory.
+        Solution [n], whether the matrix is positive definite (as far as seen), factored.
     """
     if isinstance(matrix, Sparse):
         tol, limit = jnp.asarray(tol, rhs.dtype), jnp.int32(limit)
-        return sparse.solve_next(matrix, rhs, memory, tol, limit, jnp.asarray(wanted))
-    return *solve_definite(matrix, rhs), memory
+        return sparse.solve_next(matrix, rhs, factored, tol, limit, jnp.asarray(wanted))
+    return *solve_definite(matrix, rhs), factored

@@ -90,7 +90,7 @@ def _rows(array, batch):
 
 
 @pytree
-class Memory:
+class Factored:
     """The last matrix that was factorised, for the solves that follow.
 
     Attributes:
@@ -106,42 +106,42 @@ class Memory:
     pause: object
 
 
-def no_memory(pattern, dtype):
-    """The `Memory` to begin with on a pattern; None if that is None (dense)."""
+def nothing_factored(pattern, dtype):
+    """The `Factored` to begin with on a pattern; None if that is None (dense)."""
     if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
-    return Memory(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
+    return Factored(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
-def forgotten(memory):
-    """A `Memory` whose matrix is not to be used any more, or None."""
-    return None if memory is None else copy(memory, usable=jnp.zeros((), bool))
+def forgotten(factored):
+    """A `Factored` whose matrix is not to be used any more, or None."""
+    return None if factored is None else copy(factored, usable=jnp.zeros((), bool))
 
 
 @custom_vmap
-def solve_next(matrix, rhs, memory, tol, limit, wanted):
-    """See `linear.solve_next`; `matrix` is `Sparse`, `memory` a `Memory`, or None if dense."""
+def solve_next(matrix, rhs, factored, tol, limit, wanted):
+    """See `linear.solve_next`; `matrix` is `Sparse`, `factored` a `Factored`, or None if dense."""
     p = matrix.pattern
     if p.solver.on_device:
-        return *dense.solve_definite(matrix.dense(), rhs), memory
+        return *dense.solve_definite(matrix.dense(), rhs), factored
     shapes = (
         jax.ShapeDtypeStruct(rhs.shape, rhs.dtype),
         jax.ShapeDtypeStruct((), bool),
         jax.ShapeDtypeStruct((), bool),
     )
-    tried = memory.usable & (limit > 0) & (memory.pause == 0)
+    tried = factored.usable & (limit > 0) & (factored.pause == 0)
     x, definite, fresh = _call(
         _stepper(p.solver, p.symmetric),
         shapes,
         *(p.digest, p.indptr, p.indices, matrix.values, rhs),
-        *(memory.values, tried, tol, limit, wanted),
+        *(factored.values, tried, tol, limit, wanted),
     )
-    after = Memory(
-        values=jnp.where(fresh, matrix.values, memory.values),
-        usable=memory.usable | fresh,
-        count=memory.count + fresh,
-        pause=jnp.where(tried & fresh, _PAUSE, jnp.maximum(memory.pause - 1, 0)),
+    after = Factored(
+        values=jnp.where(fresh, matrix.values, factored.values),
+        usable=factored.usable | fresh,
+        count=factored.count + fresh,
+        pause=jnp.where(tried & fresh, _PAUSE, jnp.maximum(factored.pause - 1, 0)),
     )
     return x, definite, after
 
@@ -149,16 +149,16 @@ def solve_next(matrix, rhs, memory, tol, limit, wanted):
 def is_definite(matrix):
     """See `linear.is_definite`; of an unsymmetric matrix whether its pivots are positive."""
     zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
-    memory = no_memory(matrix.pattern, zero.dtype)
-    return solve_next(matrix, zero, memory, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
+    factored = nothing_factored(matrix.pattern, zero.dtype)
+    return solve_next(matrix, zero, factored, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
 
 
 @solve_next.def_vmap
 def _solve_batch(axis_size, mapped, *arguments):
     """A batch of systems of small bandwidth, in jax; others one after the other on the host."""
-    matrix, rhs, memory, *_ = arguments
+    matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
-    out = (0, 0, jax.tree.map(lambda _: 0, memory))
+    out = (0, 0, jax.tree.map(lambda _: 0, factored))
     if matrix.pattern.band is None:
         results = jax.vmap(solve_next.fun, in_axes=tuple(axes), out_axes=out)(*arguments)
         return results, jax.tree.map(lambda _: True, results)
@@ -171,7 +171,7 @@ def _solve_batch(axis_size, mapped, *arguments):
     x, definite = jax.vmap(one, in_axes=tuple(axes[:2]), out_axes=0, axis_size=axis_size)(
         matrix, rhs
     )
-    after = memory if memory is None else copy(memory, count=memory.count + 1)
+    after = factored if factored is None else copy(factored, count=factored.count + 1)
     return (x, definite, after), (True, True, mapped[2])
 
 
@@ -220,20 +220,20 @@ def factorize(matrix, loose=None):
     return SparseFactor(lax.stop_gradient(matrix), loose)
 
 
-def solve_marked(build, rhs, matvec, memory=None, tol=0.0, limit=0):
+def solve_marked(build, rhs, matvec, factored=None, tol=0.0, limit=0):
     """See `linear.solve_marked`; assembled where it is needed, in the solve itself."""
 
     def forward(_, both):
         b, mark = jnp.split(both, 2)
         matrix, loose = build()
-        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), False, memory, tol, limit)
+        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), False, factored, tol, limit)
         unknown = loose | ~regular
         return jnp.concatenate([jnp.where(unknown, 0.0, x), jnp.where(unknown, jnp.nan, mark)])
 
     def asked(b):
         # not linear, on purpose: see `dense.Factor`
         matrix, loose = build()
-        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), True, memory, tol, limit)
+        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), True, factored, tol, limit)
         wrong = jnp.any((loose | ~regular) & (b != 0))
         return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
 
@@ -244,13 +244,13 @@ def solve_marked(build, rhs, matvec, memory=None, tol=0.0, limit=0):
     return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 
 
-def _solve(matrix, loose, b, transposed, memory=None, tol=0.0, limit=0):
+def _solve(matrix, loose, b, transposed, factored=None, tol=0.0, limit=0):
     """Solution [n] of a general system on the host, and whether the matrix is regular."""
     p = matrix.pattern
     shapes = (jax.ShapeDtypeStruct(b.shape, b.dtype), jax.ShapeDtypeStruct((), bool))
     stale, usable = matrix.values, jnp.zeros((), bool)
-    if memory is not None:
-        stale, usable = memory.values, memory.usable & (limit > 0)
+    if factored is not None:
+        stale, usable = factored.values, factored.usable & (limit > 0)
     return _call(
         _solver(p.solver, p.symmetric, transposed),
         shapes,

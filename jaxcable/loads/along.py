@@ -83,16 +83,17 @@ class SelfWeight(Dead):
         """Force on every node, as `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
-            if number in self.on and group.weight is not None:
-                weight = partly(self, number, group.weight * state.loaded)
-                total = total.at[group.links].add(group.at_ends(weight, nodes[group.links]))
+            weights = group.weights(state) if number in self.on else None
+            if weights is not None:
+                weights = partly(self, number, weights)
+                total = total.at[group.links].add(group.at_ends(weights, nodes[group.links]))
         return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
 
     def per_length(self, number, group, state, nodes):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
         if number not in self.on or group.weight is None:
             return None
-        share = partly(self, number, group.weight * state.loaded) / state.rest_length
+        share = partly(self, number, group.weights(state)) / state.rest_length
         return jnp.outer(share, self.direction)
 
 
@@ -154,8 +155,11 @@ class LineLoads(Measured):
         check_geometry(self.geometry, self.per)
 
     def check(self, structure):
-        """Raise ValueError if the structure has no such group or elements."""
-        selected(self, structure)
+        """Raise ValueError if the structure has no such group or elements, or they no length."""
+        groups = [structure.groups[number] for number in selected(self, structure)[0]]
+        without = [type(group).__name__ for group in groups if not group.has_length]
+        if without and (self.on is not None or len(without) == len(groups)):
+            raise ValueError(f"on = {self.on!r}: a group of {without[0]} has no length to load")
 
     def among(self, structure):
         """The load with `on` and `elements` turned into numbers."""
@@ -173,7 +177,7 @@ class LineLoads(Measured):
         """Force on every node, as `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
-            if number in self.on:
+            if number in self.on and group.has_length:
                 ends = self._ends(group, nodes)
                 if self.per == "unstressed":
                     share = group.at_ends(state.loaded, ends)
@@ -187,7 +191,8 @@ class LineLoads(Measured):
 
     def per_length(self, number, group, state, nodes):
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
-        if number not in self.on or (group.slides and self.per != "unstressed"):
+        slides = group.slides and self.per != "unstressed"
+        if number not in self.on or slides or not group.has_length:
             return None
         length = state.loaded
         if self.per != "unstressed":

@@ -44,15 +44,15 @@ class Elastic(Law):
         """Slope at the origin, Pa."""
         return self.E
 
-    def stress_at(self, strain, plastic=None):
+    def stress_at(self, strain, memory=None):
         """Stress, Pa, at `strain`."""
         return self.E * strain
 
-    def energy_at(self, strain, plastic=None):
+    def energy_at(self, strain, memory=None):
         """Strain energy per unstressed volume, J/m3."""
         return 0.5 * self.E * strain**2
 
-    def strain_at(self, stress, plastic=None):
+    def strain_at(self, stress, memory=None):
         """Strain at `stress`, Pa."""
         return stress / self.E
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 _FAR = 1.0  # strain by which a law without end is followed beyond its last corner
 
 
-def inverse(law, stress, plastic=None):
+def inverse(law, stress, memory=None):
     """Strain at `stress` on the rising branch from zero; NaN above the peak of `law`.
 
     Exact: the curve is evaluated at its corners and inverted linearly between two of them. On a
@@ -13,7 +13,7 @@ def inverse(law, stress, plastic=None):
     """
     stress = jnp.asarray(stress)
     low, high = law.limits
-    corners = law.corners(plastic)
+    corners = law.corners(memory)
     corners = jnp.broadcast_to(corners, (*stress.shape, corners.shape[-1]))
     ends = jnp.stack(
         [
@@ -24,7 +24,7 @@ def inverse(law, stress, plastic=None):
         axis=-1,
     )
     at = jnp.sort(jnp.clip(jnp.concatenate([corners, ends], -1), ends[..., :1], ends[..., 2:]))
-    curve = law.continued().stress_at(at, None if plastic is None else plastic[..., None, :])
+    curve = law.continued().stress_at(at, None if memory is None else memory[..., None, :])
     target = stress[..., None]
     pull = target >= 0
     # The corner at which the target is first reached, going away from zero: to a rounding, so that
@@ -38,7 +38,7 @@ def inverse(law, stress, plastic=None):
         curve >= jnp.maximum(target - rounding, rounding),
         curve <= jnp.minimum(target + rounding, -rounding),
     )
-    if plastic is None:  # may fall again: only the branch that starts from zero counts
+    if memory is None:  # may fall again: only the branch that starts from zero counts
         reached = reached & jnp.where(pull, at >= 0, at <= 0)
     last = at.shape[-1] - 1
     upper = jnp.argmax(reached, axis=-1, keepdims=True)

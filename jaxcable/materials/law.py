@@ -8,11 +8,11 @@ import jax.numpy as jnp
 class Law(abc.ABC):
     """A uniaxial law: a pytree shared by the elements or fibres of a group.
 
-    Its members take arrays of any shape. ``plastic`` are the plastic strains that it remembers,
-    [..., n_plastic], None of a law that remembers none.
+    Its members take arrays of any shape. ``memory`` is what it remembers of each, such as
+    plastic strains, [..., n_memory], None of a law that remembers nothing.
 
     Attributes:
-        n_plastic: how many plastic strains a fibre remembers; 0 of a reversible law.
+        n_memory: how many numbers a fibre remembers; 0 of a reversible law.
         breaks: whether the curve can end.
         rising: whether stress is known not to fall with strain: the energy is then convex. Such a
             law gives `softened`.
@@ -20,7 +20,7 @@ class Law(abc.ABC):
     """
 
     worked_out = ()
-    n_plastic = 0
+    n_memory = 0
     breaks = False
     rising = False
 
@@ -30,15 +30,15 @@ class Law(abc.ABC):
         """Slope at the origin, on the tension side, Pa."""
 
     @abc.abstractmethod
-    def stress_at(self, strain, plastic=None):
+    def stress_at(self, strain, memory=None):
         """Stress, Pa; derivatives at corners are those of loading."""
 
     @abc.abstractmethod
-    def energy_at(self, strain, plastic=None):
+    def energy_at(self, strain, memory=None):
         """Stress integrated over strain, written apart from it, J/m3."""
 
     @abc.abstractmethod
-    def strain_at(self, stress, plastic=None):
+    def strain_at(self, stress, memory=None):
         """The inverse on the rising branch from zero; NaN above it."""
 
     @property
@@ -56,25 +56,25 @@ class Law(abc.ABC):
         low, high = self.limits
         return (strain > high) | (strain < low)
 
-    def is_slack(self, strain, plastic=None):
+    def is_slack(self, strain, memory=None):
         """Whether it carries nothing because it is shorter than it was."""
         return jnp.zeros(jnp.shape(strain), bool)
 
-    def corners(self, plastic=None):
+    def corners(self, memory=None):
         """Strains at which the slope jumps, on the last axis."""
         return jnp.zeros(0)
 
-    def corner_distance(self, strain, plastic=None):
+    def corner_distance(self, strain, memory=None):
         """Distance in strain to the nearest corner."""
         return jnp.full_like(strain, jnp.inf)
 
-    def size_at(self, strain, plastic):
+    def size_at(self, strain, memory):
         """Sum of the absolute stresses of its parts, Pa, which rounding is relative to."""
-        return jnp.abs(self.stress_at(strain, plastic))
+        return jnp.abs(self.stress_at(strain, memory))
 
-    def settle(self, strain, plastic):
-        """Plastic strains after an increment that ended at `strain`."""
-        return plastic
+    def settle(self, strain, memory, duration=0.0):
+        """What it remembers after an increment of a duration, s, that ended at `strain`."""
+        return memory
 
     def continued(self):
         """The law for an iteration, which goes on elastically beyond its ends.

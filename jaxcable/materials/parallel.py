@@ -45,9 +45,9 @@ class Parallel(Law):
     one_sided: bool = False
 
     @property
-    def n_plastic(self):
+    def n_memory(self):
         """Plastic strains of all laws, one after the other."""
-        return sum(law.n_plastic for law in self.laws)
+        return sum(law.n_memory for law in self.laws)
 
     @property
     def breaks(self):
@@ -86,57 +86,57 @@ class Parallel(Law):
     def capacity(self):
         """Smallest and largest stress within the limits, Pa."""
         low, high = self._ends()
-        corners = self._corners(None if self.n_plastic == 0 else jnp.zeros(self.n_plastic))
+        corners = self._corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
         at = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
         at = jnp.where(jnp.isfinite(at), at, 0.0)
-        virgin = jnp.zeros((len(at), self.n_plastic)) if self.n_plastic else None
+        virgin = jnp.zeros((len(at), self.n_memory)) if self.n_memory else None
         stress = self._bare().stress_at(at, virgin)
         least, most = jnp.min(stress), jnp.max(stress)
         least = jnp.where(jnp.isfinite(low), least, -jnp.inf)
         most = jnp.where(jnp.isfinite(high), most, jnp.inf)
         return jnp.zeros_like(least) if self.one_sided else least, most
 
-    def each(self, plastic):
+    def each(self, memory):
         """Share, law and its own plastic strains, of every law."""
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
             own = None
-            if law.n_plastic and plastic is not None:
-                own = plastic[..., start : start + law.n_plastic]
-                start += law.n_plastic
+            if law.n_memory and memory is not None:
+                own = memory[..., start : start + law.n_memory]
+                start += law.n_memory
             yield share, law, own
 
     # --- the laws at their own strain, which is less than that of the whole by the spring's
 
-    def _sum(self, strain, plastic):
-        return sum(share * law.stress_at(strain, p) for share, law, p in self.each(plastic))
+    def _sum(self, strain, memory):
+        return sum(share * law.stress_at(strain, p) for share, law, p in self.each(memory))
 
     def _bare(self):
         """The laws alone, for an iteration: without spring, in compression too."""
         return copy(self.continued(), spring=None, one_sided=False)
 
-    def _with_spring(self, strain, plastic=None):
+    def _with_spring(self, strain, memory=None):
         """Strain of the whole at a strain of the laws."""
         if self.spring is None:
             return strain
         at = jnp.where(jnp.isfinite(strain), strain, 0.0)
-        extra = self.spring * self._bare().stress_at(at, plastic)
+        extra = self.spring * self._bare().stress_at(at, memory)
         return jnp.where(jnp.isfinite(strain), at + extra, strain)
 
-    def _own_strain(self, strain, plastic):
+    def _own_strain(self, strain, memory):
         """Strain of the laws at a strain of the whole, in compression too: exact."""
         if self.spring is None:
             return strain
         if all(isinstance(law, Elastic) for law in self.laws):
             return strain / (1 + self.spring * copy(self, spring=None).modulus)
         strain = jnp.asarray(strain)
-        corners = self._corners(plastic)
+        corners = self._corners(memory)
         corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
         first, last = jnp.min(corners, -1, initial=0.0), jnp.max(corners, -1, initial=0.0)
         more = jnp.stack([first - _FAR, jnp.zeros_like(strain), last + _FAR], axis=-1)
         at = jnp.sort(jnp.concatenate([corners, more], axis=-1))
         lifted = copy(self, spring=jnp.asarray(self.spring)[..., None])
-        of_all = lifted._with_spring(at, None if plastic is None else plastic[..., None, :])
+        of_all = lifted._with_spring(at, None if memory is None else memory[..., None, :])
         # the last segment goes on; at a corner the one that loads, at the origin that of tension
         target = strain[..., None]
         below = jnp.where(target >= 0, of_all <= target, of_all < target)
@@ -148,109 +148,110 @@ class Parallel(Law):
         e0, e1, v0, v1 = (pick(v, k) for v in (at, of_all) for k in (start, start + 1))
         return e0 + (strain - v0) * (e1 - e0) / (v1 - v0)
 
-    def _slack(self, own, plastic):
+    def _slack(self, own, memory):
         """Whether the whole carries nothing at a strain `own` of the laws, as a cable."""
-        if plastic is None:
+        if memory is None:
             return own < 0
-        nothing = [law.is_slack(own, p) for _, law, p in self.each(plastic)]
+        nothing = [law.is_slack(own, p) for _, law, p in self.each(memory)]
         nothing = jnp.all(jnp.stack(jnp.broadcast_arrays(*nothing)), axis=0)
-        return (self._bare().stress_at(own, plastic) < 0) | nothing
+        return (self._bare().stress_at(own, memory) < 0) | nothing
 
-    def _slackened(self, like, plastic):
+    def _slackened(self, like, memory):
         """Strain at which a cable goes slack, in the shape of `like`."""
-        if plastic is None:
+        if memory is None:
             return jnp.zeros_like(like)
-        return inverse(self._bare(), jnp.zeros_like(like), plastic)
+        return inverse(self._bare(), jnp.zeros_like(like), memory)
 
-    def _kept(self, strain, plastic):
+    def _kept(self, strain, memory):
         """Strain that the laws keep: in a slack cable that at which it went slack."""
-        own = jnp.asarray(self._own_strain(strain, plastic))
+        own = jnp.asarray(self._own_strain(strain, memory))
         if not self.one_sided:
             return own
-        return jnp.where(self._slack(own, plastic), self._slackened(own, plastic), own)
+        return jnp.where(self._slack(own, memory), self._slackened(own, memory), own)
 
     # --- the law
 
-    def stress_at(self, strain, plastic=None):
+    def stress_at(self, strain, memory=None):
         """Stress over the whole area, Pa."""
-        own = self._own_strain(strain, plastic)
-        stress = self._sum(own, plastic)
+        own = self._own_strain(strain, memory)
+        stress = self._sum(own, memory)
         if not self.one_sided:
             return stress
-        return jnp.where(own < 0 if plastic is None else stress < 0, 0.0, stress)
+        return jnp.where(own < 0 if memory is None else stress < 0, 0.0, stress)
 
-    def stresses(self, strain, plastic=None):
+    def stresses(self, strain, memory=None):
         """Stress of every law, a list, Pa; their sum by `shares` is `stress_at`."""
-        own = self._kept(strain, plastic)
-        return [law.stress_at(own, p) for _, law, p in self.each(plastic)]
+        own = self._kept(strain, memory)
+        return [law.stress_at(own, p) for _, law, p in self.each(memory)]
 
-    def size_at(self, strain, plastic):
+    def size_at(self, strain, memory):
         """Sum of the absolute stresses of all parts, Pa; a slack cable has exactly none."""
-        own = self._own_strain(strain, plastic)
-        size = sum(share * law.size_at(own, p) for share, law, p in self.each(plastic))
+        own = self._own_strain(strain, memory)
+        size = sum(share * law.size_at(own, p) for share, law, p in self.each(memory))
         if not self.one_sided:
             return size
-        return jnp.where(own < 0 if plastic is None else self._sum(own, plastic) < 0, 0.0, size)
+        return jnp.where(own < 0 if memory is None else self._sum(own, memory) < 0, 0.0, size)
 
-    def energy_at(self, strain, plastic=None):
+    def energy_at(self, strain, memory=None):
         """Energy per volume, J/m3, that of the spring among it.
 
         That of a cable is the integral of its stress where none of the curves falls, and in a slack
         one what laws that have yielded store against each other.
         """
-        own = self._kept(strain, plastic)
-        energy = sum(share * law.energy_at(own, p) for share, law, p in self.each(plastic))
+        own = self._kept(strain, memory)
+        energy = sum(share * law.energy_at(own, p) for share, law, p in self.each(memory))
         if self.spring is not None:
-            energy = energy + 0.5 * self.spring * self.stress_at(strain, plastic) ** 2
+            energy = energy + 0.5 * self.spring * self.stress_at(strain, memory) ** 2
         return energy
 
-    def strain_at(self, stress, plastic=None):
+    def strain_at(self, stress, memory=None):
         """Strain at a stress over the whole area, Pa; NaN for a compression of a cable."""
         stress = jnp.asarray(stress)
-        strain = inverse(self._bare(), stress, plastic)
+        strain = inverse(self._bare(), stress, memory)
         if self.spring is not None:
             strain = strain + self.spring * stress
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
-    def settle(self, strain, plastic):
-        """Plastic strains after an increment; in a slack cable nothing yields any more."""
-        own = self._kept(strain, plastic)
+    def settle(self, strain, memory, duration=0.0):
+        """What its laws remember after an increment; in a slack cable nothing yields any more."""
+        own = self._kept(strain, memory)
         return jnp.concatenate(
-            [law.settle(own, p) for _, law, p in self.each(plastic) if p is not None], axis=-1
+            [law.settle(own, p, duration) for _, law, p in self.each(memory) if p is not None],
+            axis=-1,
         )
 
-    def _corners(self, plastic):
+    def _corners(self, memory):
         """Corners of all laws at their own strain, on the last axis."""
-        parts = [law.corners(own) for _, law, own in self.each(plastic)]
+        parts = [law.corners(own) for _, law, own in self.each(memory)]
         shape = max((part.shape[:-1] for part in parts), key=len)
         return jnp.concatenate(
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
         )
 
-    def corners(self, plastic=None):
+    def corners(self, memory=None):
         """Corners of all laws, on the last axis; of a cable those from slackness on."""
-        corners = self._corners(plastic)
+        corners = self._corners(memory)
         if self.one_sided:
-            slack = self._slackened(corners[..., :1].sum(-1), plastic)[..., None]
+            slack = self._slackened(corners[..., :1].sum(-1), memory)[..., None]
             slack = jnp.broadcast_to(slack, (*corners.shape[:-1], 1))
             both = jnp.concatenate([corners, slack], -1)
             corners = jnp.maximum(both, jnp.broadcast_to(slack, both.shape))
-        return self._with_spring(corners, None if plastic is None else plastic[..., None, :])
+        return self._with_spring(corners, None if memory is None else memory[..., None, :])
 
-    def corner_distance(self, strain, plastic=None):
+    def corner_distance(self, strain, memory=None):
         """Distance in strain to the nearest corner of any law."""
         strain = jnp.asarray(strain)
-        corners = self.corners(plastic)
-        if plastic is None:
+        corners = self.corners(memory)
+        if memory is None:
             corners = corners.reshape((1,) * strain.ndim + (-1,))
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1, initial=jnp.inf)
 
-    def is_slack(self, strain, plastic=None):
+    def is_slack(self, strain, memory=None):
         """Whether it carries nothing: of a cable as a whole, else because all laws are slack."""
-        own = self._own_strain(strain, plastic)
+        own = self._own_strain(strain, memory)
         if self.one_sided:
-            return self._slack(own, plastic)
-        each = [law.is_slack(own, p) for _, law, p in self.each(plastic)]
+            return self._slack(own, memory)
+        each = [law.is_slack(own, p) for _, law, p in self.each(memory)]
         return jnp.all(jnp.stack(jnp.broadcast_arrays(*each)), axis=0)
 
     # --- the same, changed

@@ -25,7 +25,7 @@ from .inverse import inverse
 from .law import Law
 
 
-@pytree(static=("unloading", "one_sided", "endless", "rising", "n_plastic"))
+@pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
 class Polygonal(Law):
     """Piecewise linear law through given points; beyond its ends the material has failed: zero.
 
@@ -41,7 +41,7 @@ class Polygonal(Law):
             same, their corners may differ.
         one_sided: whether compression is left out; set by `tension_only`.
         endless: whether the law goes on elastically beyond its ends; set by `continued`.
-        rising, n_plastic: worked out from the points where these are not traced.
+        rising, n_memory: worked out from the points where these are not traced.
 
     Raises:
         ValueError: wrong shapes, strain not increasing, a curve that misses the origin, a slope at
@@ -68,11 +68,11 @@ class Polygonal(Law):
     one_sided: bool = False
     endless: bool = False
     rising: object = None
-    n_plastic: object = None
+    n_memory: object = None
 
     breaks = True
 
-    worked_out = ("rising", "n_plastic")
+    worked_out = ("rising", "n_memory")
 
     def __post_init__(self):
         strain, stress = _check.floats(self.strain, "strain"), _check.floats(self.stress, "stress")
@@ -100,8 +100,8 @@ class Polygonal(Law):
             n_corner = max((e[1:-1] > 0).sum(), (e[1:-1] < 0).sum())
         if self.unloading == "reversible":
             n_corner = 0
-        if self.n_plastic is None:
-            put(self, "n_plastic", int(n_corner))
+        if self.n_memory is None:
+            put(self, "n_memory", int(n_corner))
 
     def rules(self):
         """What its points keep, see `_rules`."""
@@ -134,80 +134,80 @@ class Polygonal(Law):
 
     # --- the law
 
-    def stress_at(self, strain, plastic=None):
+    def stress_at(self, strain, memory=None):
         """Stress, Pa; zero beyond the ends unless the law is endless."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
-        stress = self._curve(inside, plastic)
+        stress = self._curve(inside, memory)
         if self.endless:
             stress = stress + self.modulus * over
         else:
             stress = jnp.where(self.beyond(strain), 0.0, stress)
-        if plastic is None:
+        if memory is None:
             return stress
         return jnp.where(~self._two_sided & (stress < 0), 0.0, stress)
 
-    def size_at(self, strain, plastic):
+    def size_at(self, strain, memory):
         """Sum of the absolute stresses of the parallel parts, Pa: what rounding is relative to."""
-        if plastic is None:
+        if memory is None:
             return jnp.abs(self._curve(strain, None))
-        stiffness, end, _, kept = self._yielding(strain, plastic)
+        stiffness, end, _, kept = self._yielding(strain, memory)
         return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
 
-    def energy_at(self, strain, plastic=None):
+    def energy_at(self, strain, memory=None):
         """Energy per volume, J/m3: under the curve, or of the parts at given plastic strains."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
-        if plastic is None:
+        if memory is None:
             initial, steps, forward, backward = self._ramps(inside)
             energy = 0.5 * initial * inside**2
             energy = energy + 0.5 * jnp.sum(steps * (forward**2 - backward**2), axis=-1)
         else:
-            stiffness, end, elastic, kept = self._yielding(inside, plastic)
+            stiffness, end, elastic, kept = self._yielding(inside, memory)
             energy = 0.5 * end * inside**2
             energy = energy + jnp.sum(stiffness * kept * (elastic - 0.5 * kept), axis=-1)
-            below = self._curve(inside, plastic)
+            below = self._curve(inside, memory)
             slack = ~self._two_sided & (below < 0)
             energy = energy - jnp.where(slack, 0.5 * below**2 / self.modulus, 0.0)
         if self.endless:
-            energy = energy + (self._curve(inside, plastic) + 0.5 * self.modulus * over) * over
+            energy = energy + (self._curve(inside, memory) + 0.5 * self.modulus * over) * over
         return energy
 
-    def strain_at(self, stress, plastic=None):
+    def strain_at(self, stress, memory=None):
         """Strain at `stress`, Pa."""
-        return inverse(self, stress, plastic)
+        return inverse(self, stress, memory)
 
-    def settle(self, strain, plastic):
-        """Plastic strains after an increment that ended at `strain`, as `plastic`."""
+    def settle(self, strain, memory, duration=0.0):
+        """Plastic strains after an increment that ended at `strain`, however long it took."""
         inside, _ = self._split(jnp.asarray(strain))
-        _, _, elastic, kept = self._yielding(inside, plastic)
+        _, _, elastic, kept = self._yielding(inside, memory)
         moved = jnp.isfinite(kept) & (kept != elastic)
-        return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), plastic)
+        return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), memory)
 
-    def is_slack(self, strain, plastic=None):
+    def is_slack(self, strain, memory=None):
         """Whether a material without compression branch has been left by its stress."""
-        if plastic is None:
+        if memory is None:
             return ~self._two_sided & (strain < 0)
-        return ~self._two_sided & (self._curve(strain, plastic) < 0)
+        return ~self._two_sided & (self._curve(strain, memory) < 0)
 
-    def corners(self, plastic=None):
+    def corners(self, memory=None):
         """Strains at which the slope jumps, ends of the curve among them, on the last axis."""
-        if plastic is None:
+        if memory is None:
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.limits
-        stiffness, pull, push = (_row(v, plastic) for v in self._parts())
-        both = jnp.concatenate([plastic + pull, plastic - push], -1)
+        stiffness, pull, push = (_row(v, memory) for v in self._parts())
+        both = jnp.concatenate([memory + pull, memory - push], -1)
         both = jnp.where(jnp.isfinite(both), both, high)  # never yields that way
         # no part yields while a material without compression goes slack
-        slack = jnp.sum(stiffness * plastic, axis=-1, keepdims=True) / self.modulus
+        slack = jnp.sum(stiffness * memory, axis=-1, keepdims=True) / self.modulus
         ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
         return jnp.concatenate([both, *ends], -1)
 
-    def corner_distance(self, strain, plastic=None):
+    def corner_distance(self, strain, memory=None):
         """Distance in strain to the nearest corner or end of the curve."""
         strain = jnp.asarray(strain)
-        corners = self.corners(plastic)
-        if plastic is None:
+        corners = self.corners(memory)
+        if memory is None:
             corners = _row(corners, strain[..., None])
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
@@ -237,10 +237,10 @@ class Polygonal(Law):
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
         return inside, jnp.where(self.beyond(strain), strain - inside, 0.0)
 
-    def _curve(self, strain, plastic):
+    def _curve(self, strain, memory):
         """Stress on the curve or of the parallel parts, without ends."""
-        if plastic is not None:
-            stiffness, end, _, kept = self._yielding(strain, plastic)
+        if memory is not None:
+            stiffness, end, _, kept = self._yielding(strain, memory)
             return end * strain + jnp.sum(stiffness * kept, axis=-1)
         initial, steps, forward, backward = self._ramps(strain)
         return initial * strain + jnp.sum(steps * (forward - backward), axis=-1)
@@ -256,12 +256,12 @@ class Polygonal(Law):
         return initial, _row(jnp.diff(slopes), e), forward, backward
 
     def _parts(self):
-        """Stiffness, tension and compression yield strain of the parallel parts, [n_plastic] each.
+        """Stiffness, tension and compression yield strain of the parallel parts, [n_memory] each.
 
         Counted away from the origin; on a side with fewer corners the last ones never yield.
         """
         corners, changes = self.strain[1:-1], jnp.diff(self._slopes)
-        n, rank = len(corners), jnp.arange(self.n_plastic)
+        n, rank = len(corners), jnp.arange(self.n_memory)
         pulled = jnp.sum(corners <= 0) + rank
         pushed = jnp.sum(corners < 0) - 1 - rank
         pushed = jnp.where(pushed < 0, n, pushed)  # not there: filled
@@ -274,10 +274,10 @@ class Polygonal(Law):
         push = jnp.where(self._two_sided, -take(corners, pushed, -jnp.inf), jnp.inf)
         return stiffness, take(corners, pulled, jnp.inf), push
 
-    def _yielding(self, strain, plastic):
+    def _yielding(self, strain, memory):
         """Stiffness of the parts, last slope, elastic strain of parts before and after yield."""
-        stiffness, pull, push = (_row(v, plastic) for v in self._parts())
-        elastic = strain[..., None] - plastic
+        stiffness, pull, push = (_row(v, memory) for v in self._parts())
+        elastic = strain[..., None] - memory
         # at a corner the plastic side: that of loading
         kept = jnp.where(elastic >= pull, pull, jnp.where(elastic <= -push, -push, elastic))
         # of the side with more corners; on the other the last parts never yield

@@ -85,9 +85,9 @@ def attempt(course, run):
     end = jnp.where(a.rise > 0, settings.until, settings.down_to)
     factor = jnp.where(run.mode == FINISH, end, factor)
     along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
-    guess, newton_code = ramp.at(factor, a.plastic).move(a.x, along), jnp.int32(status.OK)
+    guess, newton_code = ramp.at(factor, a.memory).move(a.x, along), jnp.int32(status.OK)
     if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
-        held, newton_code = by_load(ramp, a.plastic, a.x, factor, course.method, by_newton)
+        held, newton_code = by_load(ramp, a.memory, a.x, factor, course.method, by_newton)
         guess = jnp.where(by_newton, held, guess)
     sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
     condition = Condition(
@@ -96,7 +96,7 @@ def attempt(course, run):
         jnp.where(free, ds, sense * (factor - a.factor)),
     )
     active = ~by_newton | (newton_code == status.OK)
-    found = correct(ramp, a.plastic, guess, along, factor, a.factor, condition, course.tol, active)
+    found = correct(ramp, a.memory, guess, along, factor, a.factor, condition, course.tol, active)
     weight = jnp.where(run.weight > 0, run.weight, scale_of(found, begin))
     turn, rise = found.turn / weight, found.rise
     size = jnp.sqrt(turn @ turn + rise**2)
@@ -115,13 +115,13 @@ def attempt(course, run):
 
 def _point(ramp, a, found, turn, rise, closing):
     """The `Point` that an iteration from `a` ended in; `closing` in on a bifurcation."""
-    system = ramp.at(found.factor, a.plastic)
+    system = ramp.at(found.factor, a.memory)
     loose = loose_unknowns(system, found.x)
     # loads that follow and moments of frames can make the tangent unsymmetric
     general = system.followers is not None or system.space.rotates
     found_out = linear.spectrum(found.matrix, loose, general, closing)
     slack = _slack(system, found.x, a.slack)
-    return Point(found.x, found.factor, turn, rise, a.plastic, *found_out, found.pull, slack)
+    return Point(found.x, found.factor, turn, rise, a.memory, *found_out, found.pull, slack)
 
 
 def _slack(system, motion, before):

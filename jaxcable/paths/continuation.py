@@ -63,9 +63,9 @@ def _start(course, code):
     nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1
-    nowhere = Point(x, zero, *tangent, ramp.plastic, number, zero, still, still, still, nobody)
+    nowhere = Point(x, zero, *tangent, ramp.memory, number, zero, still, still, still, nobody)
     entry = Noted(number, zero, zero, zero, number, nowhere, nobody, no, number)
-    row = jax.eval_shape(lambda p: row_at(ramp, p, ramp.plastic, nothing(p)), nowhere)
+    row = jax.eval_shape(lambda p: row_at(ramp, p, ramp.memory, nothing(p)), nowhere)
     return Run(
         anchor=nowhere,
         mode=jnp.int32(LOAD),

@@ -64,12 +64,12 @@ class Corrected:
     scale: object
 
 
-def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
+def correct(ramp, memory, x, moved, factor, origin, condition, tol, active):
     """Iterate from a guess to the path.
 
     Args:
         ramp: the phase; not differentiated.
-        plastic: plastic strains to start from, or None.
+        memory: of laws, to start from, or None.
         x, moved, factor: the guess: point, step from the condition's origin, load factor.
         origin: load factor of the condition's origin.
         condition: `Condition`.
@@ -80,17 +80,17 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
         `Corrected`.
     """
     zero = jnp.zeros((), x.dtype)
-    begin = ramp.at(factor, plastic)
+    begin = ramp.at(factor, memory)
     came_from = begin.rounding(begin.place(x)) if begin.rounds else None
 
     def unfinished(it):
         return active & ~it.converged & ~it.failed & (it.steps <= _STEPS)
 
     def iterate(it):
-        system = ramp.at(it.factor, plastic)
+        system = ramp.at(it.factor, memory)
         x = system.place(it.x)
         residual, pull = jax.jvp(
-            lambda f: _residual(ramp.at(f, plastic), x), (it.factor,), (zero + 1,)
+            lambda f: _residual(ramp.at(f, memory), x), (it.factor,), (zero + 1,)
         )
         # an unloaded start has no forces to be judged by: the load to come stands in for them
         coming = jnp.max(jnp.abs(pull), initial=0.0)
@@ -134,7 +134,7 @@ def correct(ramp, plastic, x, moved, factor, origin, condition, tol, active):
 
     no, count = jnp.zeros((), bool), jnp.int32(0)
     still = jnp.zeros_like(moved)
-    matrix = jax.eval_shape(lambda: ramp.at(factor, plastic).tangent(x))
+    matrix = jax.eval_shape(lambda: ramp.at(factor, memory).tangent(x))
     matrix = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), matrix)
     start = Corrected(x, moved, factor, still, zero, still, matrix, no, no, no, count, zero, zero)
     return lax.while_loop(unfinished, iterate, start)
@@ -151,7 +151,7 @@ def loose_unknowns(system, x):
     return system.loose_nodes(x)[system.freedoms.row_of_unknown]
 
 
-def by_load(ramp, plastic, x, factor, method, active):
+def by_load(ramp, memory, x, factor, method, active):
     """A guess by Newton's method at a given load factor: the point, and its status."""
-    outcome, _ = equilibrium.newton(ramp.at(factor, plastic), x, method, active)
+    outcome, _ = equilibrium.newton(ramp.at(factor, memory), x, method, active)
     return outcome.x, outcome.code

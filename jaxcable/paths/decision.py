@@ -108,11 +108,11 @@ def proceed(course, run, tried, seen, decided):
 
 
 def _settled(course, p, a):
-    """A point with the plastic strains that an increment from there begins with."""
-    if a.plastic is None:
+    """A point with the memory that an increment from there begins with."""
+    if a.memory is None:
         return p
-    system = course.ramp.at(p.factor, a.plastic)
-    return copy(p, plastic=system.settle(system.strains(p.x)))
+    system = course.ramp.at(p.factor, a.memory)
+    return copy(p, memory=system.settle(system.strains(p.x)))
 
 
 def _nominal(course, run, tried, seen, decided):

@@ -90,5 +90,5 @@ def detect(course, run, tried):
 
 def _broken(course, a, p):
     """Whether an element is strained beyond its curve at a point."""
-    system = course.ramp.at(p.factor, a.plastic)
+    system = course.ramp.at(p.factor, a.memory)
     return system.beyond(p.x) if system.breaks else jnp.zeros((), bool)

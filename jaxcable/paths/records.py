@@ -14,7 +14,7 @@ def record(course, run, tried, seen, decided):
     """Rows and their number after a step."""
     fatal, a = seen.fatal, run.anchor
     shown = where(fatal, a, tried.point)
-    row = row_at(course.ramp, shown, a.plastic, tried.found)
+    row = row_at(course.ramp, shown, a.memory, tried.found)
     return put(run.rows, run.n_row, row, decided.record), run.n_row + decided.record
 
 
@@ -48,7 +48,7 @@ def _elements(course, kind, a, p):
         return p.slack & ~a.slack
     if kind == events.TIGHTENING:
         return a.slack & ~p.slack
-    system = course.ramp.at(p.factor, a.plastic)
+    system = course.ramp.at(p.factor, a.memory)
     if kind == events.MATERIAL_FAILURE and system.breaks:
         return system.broken(system.strains(p.x))
     return jnp.zeros_like(p.slack)
@@ -60,9 +60,9 @@ def _zero_between(a, p):
     return a.factor + part * (p.factor - a.factor)
 
 
-def row_at(ramp, p, plastic, found):
+def row_at(ramp, p, memory, found):
     """What is recorded of a point."""
-    system = ramp.at(p.factor, plastic)
+    system = ramp.at(p.factor, memory)
     return (
         p.factor,
         _row_of(ramp, system, p.x),

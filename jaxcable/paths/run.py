@@ -37,7 +37,7 @@ class Point:
     Attributes:
         x, factor: point of the system and load factor.
         turn, rise: unit tangent: unknowns over `Run.weight`, and load factor.
-        plastic: plastic strains that an increment from here begins with, or None.
+        memory: of laws, that an increment from here begins with, or None.
         negative, stiffness, phi, left: see `linear.spectrum`.
         pull: derivative of the residual by the load factor, [n_free], N.
         slack: slack elements, all groups one after the other, bool.
@@ -47,7 +47,7 @@ class Point:
     factor: object
     turn: object
     rise: object
-    plastic: object
+    memory: object
     negative: object
     stiffness: object
     phi: object

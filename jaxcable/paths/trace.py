@@ -58,7 +58,7 @@ def trace_path(
 
     A pure function. Derivatives: of the load factor at smooth limit points, with respect to all
     parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN, also at
-    corners of laws and in structures whose laws remember plastic strains.
+    corners of laws and in structures whose laws have a memory.
 
     Args:
         structure: `Structure`.
@@ -213,7 +213,7 @@ def _moved(ramp, point):
 
 def _shape(ramp, point):
     """Null vector as displacements, the largest of a node 1, [n_node, 3]."""
-    space = ramp.at(point.factor, point.plastic).space
+    space = ramp.at(point.factor, point.memory).space
 
     def moved(step):
         return space.spread(point.x, step)[:, :3]
@@ -233,9 +233,9 @@ def _load_factor(kind, factor, point, null, ramp, problem, parameters):
     derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
     """
     factor = implicit.undifferentiated(factor, parameters)
-    if ramp.plastic is not None:  # plastic strains depend on the whole way
+    if ramp.memory is not None:  # memory depends on the whole way
         return factor
-    system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.plastic)
+    system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.memory)
     function, numbers, _ = system.chart(system.carried(point.x))
     work = point.left @ function(lax.stop_gradient(numbers))
     along = point.left @ point.pull

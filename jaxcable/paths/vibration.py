@@ -12,12 +12,13 @@ from .._rules import not_negative, or_nan, positive
 from .._tree import pytree
 from ..elements.element import Sagging
 from ..elements.prestress import element
-from ..elementwise import each
+from ..elementwise import each, motion_of
 from ..ramp import make_system
 from ..tangent import displaced_by, filled, prepared, tangent_at
 
 _SLOW = 1e-6  # slowest w^2, over a mean one, up from which no shift is needed
 _SHIFT = 1e-4  # the least shift, likewise: modes a million times slower keep ten digits
+_DISTRIBUTIONS = ("lumped", "consistent", "mean")
 _MASSLESS = 1e3  # roundings of the slowest mode's mu that are none
 
 STANDARD_GRAVITY = 9.80665
@@ -103,10 +104,9 @@ def natural_frequencies(
     """
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
-    if distribution is not None and distribution not in _SHARES:
-        raise ValueError(
-            f"distribution = {distribution!r}: expected one of {', '.join(map(repr, _SHARES))}"
-        )
+    if distribution is not None and distribution not in _DISTRIBUTIONS:
+        known = ", ".join(map(repr, _DISTRIBUTIONS))
+        raise ValueError(f"distribution = {distribution!r}: expected one of {known}")
     gravity = or_nan(positive("gravity", gravity))
     if masses is not None:
         masses = jnp.broadcast_to(_check.floats(masses, "masses"), structure.n_node)
@@ -138,9 +138,6 @@ def natural_frequencies(
     return found
 
 
-_SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
-
-
 def _mass(thawed, arrays, freedoms, gravity, distribution):
     """Mass matrix of the elements, [n_free, n_free], kg."""
     nodes, groups, carry = filled(thawed, arrays)
@@ -159,50 +156,17 @@ def _blocks(thawed, arrays, gravity, distribution):
     system = make_system(nodes, groups, carry, None, None)
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
-        blocks = None
-        if group.weight is not None:
-            whole = group.weight * state.loaded / gravity
-            if group.rotates:
-                blocks = _of_beams(system, group, state, carry.motion, whole, distribution)
-            else:
-                blocks = _of_cables(group, nodes + carry.motion[:, :3], whole, distribution)
-        found.append(blocks)
+        weights = group.weights(state)
+        if weights is None:
+            found.append(None)
+            continue
+
+        def one(properties, state, *arguments, group=group):
+            return element(group, properties).mass_matrix(state, *arguments, distribution)
+
+        at = nodes[group.links], motion_of(group, carry.motion)
+        found.append(jax.vmap(one)(group.properties(), state, *at, weights / gravity))
     return found
-
-
-def _of_cables(group, places, whole, distribution):
-    """Mass matrices of cables and bars of the masses `whole`, the same in every direction.
-
-    Those of ropes over several nodes by the pieces that they have where the nodes are.
-    """
-    if group.links.shape[1] == 2:
-        own, other = _SHARES["mean" if distribution is None else distribution]
-        share = jnp.array([[own, other], [other, own]], whole.dtype)
-        share = jnp.einsum("e,ab->eab", whole, share)
-    else:
-        share = jax.vmap(jnp.diag)(group.at_ends(whole, places[group.links]))
-    blocks = jnp.einsum("eab,ij->eaibj", share, jnp.eye(3, dtype=whole.dtype))
-    side = 3 * group.links.shape[1]
-    return blocks.reshape(-1, side, side)
-
-
-def _of_beams(system, group, state, motion, whole, distribution):
-    """Mass matrices of beams of the masses `whole`."""
-    if distribution != "lumped":
-        ends = system.nodes[group.links], motion[group.links]
-
-        def one(properties, *arguments):
-            own = element(group, properties)
-            return own.mass_matrix(*arguments, distribution is None)
-
-        consistent = jax.vmap(one)(group.properties(), state, *ends, whole)
-        if distribution in (None, "consistent"):
-            return consistent
-    side = 12 + len(group.inner)
-    halves = np.zeros(side)
-    halves[[0, 1, 2, 6, 7, 8]] = 0.5
-    lumped = jnp.einsum("e,ij->eij", whole, jnp.diag(jnp.asarray(halves, whole.dtype)))
-    return lumped if distribution == "lumped" else 0.5 * (lumped + consistent)
 
 
 def _suspect_catenaries(structure, thawed, arrays, gravity, found):
@@ -217,7 +181,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         system = make_system(nodes, groups, carry, None, None)
         tension = each("tension", group, system.states[number], nodes, carry.motion)
         # a taut string's, m l of whose mass is between the ends: exact across a shallow one
-        whole = group.weight * state.loaded / gravity
+        whole = group.weights(state) / gravity
         own = jnp.sqrt(tension / jnp.where(whole > 0, whole, jnp.nan) / state.rest_length) / 2
         own = _check.concrete(own)
         if own is None:

@@ -39,7 +39,7 @@ class Linear:
         """Torsional stiffness, N m2."""
         return self.torsion
 
-    def energy(self, e0, ky, kz, plastic=None):
+    def energy(self, e0, ky, kz, memory=None):
         """Stored energy per length, J/m."""
         strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
         return 0.5 * jnp.sum(strain * (strain @ self.matrix), axis=-1)

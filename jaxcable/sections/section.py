@@ -157,14 +157,14 @@ class Section:
 
     @property
     def remembers(self):
-        """Whether a fibre has plastic strains."""
-        return any(law.n_plastic for law in self.laws)
+        """Whether a fibre remembers anything."""
+        return any(law.n_memory for law in self.laws)
 
     def virgin(self, shape=()):
-        """Plastic strains of an unused section, per law [*shape, n_fibre, n_plastic] or None."""
+        """What an unused section remembers, per law [*shape, n_fibre, n_memory] or None."""
         dtype = jnp.asarray(self.area).dtype
         return tuple(
-            jnp.zeros((*shape, count, law.n_plastic), dtype) if law.n_plastic else None
+            jnp.zeros((*shape, count, law.n_memory), dtype) if law.n_memory else None
             for law, count in zip(self.laws, self.counts, strict=True)
         )
 
@@ -174,12 +174,12 @@ class Section:
         shape = (1,) * (jnp.broadcast_shapes(e0.shape, ky.shape, kz.shape).__len__() - 1) + (-1,)
         return e0 + ky * self.z.reshape(shape) - kz * self.y.reshape(shape)
 
-    def fibre_stress(self, e0, ky, kz, plastic=None):
+    def fibre_stress(self, e0, ky, kz, memory=None):
         """Stress of every fibre, ``s(e0 + ky z - kz y)``.
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            plastic: plastic strains of the fibres, as from `virgin`; needed where laws remember
+            memory: plastic strains of the fibres, as from `virgin`; needed where laws remember
                 some.
 
         Returns:
@@ -191,18 +191,18 @@ class Section:
             >>> print(jnp.round(stress / 1e6, 1))  # MPa
             [-150.  -50.   50.  150.]
         """
-        return self._stress(self.fibre_strain(e0, ky, kz), plastic)
+        return self._stress(self.fibre_strain(e0, ky, kz), memory)
 
-    def _stress(self, strain, plastic):
-        each = self._each(strain, plastic)
+    def _stress(self, strain, memory):
+        each = self._each(strain, memory)
         return jnp.concatenate([law.stress_at(e, p) for law, e, p in each], axis=-1)
 
-    def forces(self, e0, ky, kz, plastic=None):
+    def forces(self, e0, ky, kz, memory=None):
         """Axial force and bending moments.
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            plastic: plastic strains of the fibres, as from `virgin`, or None.
+            memory: plastic strains of the fibres, as from `virgin`, or None.
 
         Returns:
             ``N, My, Mz``, N, N m, N m. Fibres beyond their curve count zero.
@@ -218,52 +218,52 @@ class Section:
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
             return tuple(jnp.moveaxis(strain @ self.stiffness(), -1, 0))
-        if plastic is None and self.remembers:
-            plastic = self.virgin(jnp.shape(jnp.asarray(e0) + ky + kz))
-        force = self.fibre_stress(e0, ky, kz, plastic)
+        if memory is None and self.remembers:
+            memory = self.virgin(jnp.shape(jnp.asarray(e0) + ky + kz))
+        force = self.fibre_stress(e0, ky, kz, memory)
         return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._levers()), -1, 0))
 
-    def linearized(self, e0, ky, kz, plastic=None):
+    def linearized(self, e0, ky, kz, memory=None):
         """Forces ``N, My, Mz``, [..., 3], and their tangent, [..., 3, 3], as of `forces`."""
         shape = jnp.shape(jnp.asarray(e0) + ky + kz)
         if self.is_elastic:
             force = jnp.stack(self.forces(e0, ky, kz), axis=-1)
             return force, jnp.broadcast_to(self.stiffness(), (*shape, 3, 3))
-        if plastic is None and self.remembers:
-            plastic = self.virgin(shape)
+        if memory is None and self.remembers:
+            memory = self.virgin(shape)
         strain = self.fibre_strain(e0, ky, kz)
         # a fibre's stress depends on its own strain only: one derivative along all of them at once
         stress, modulus = jax.jvp(
-            lambda e: self._stress(e, plastic), (strain,), (jnp.ones_like(strain),)
+            lambda e: self._stress(e, memory), (strain,), (jnp.ones_like(strain),)
         )
         lever = self._levers()
         weighted = self.area[:, None] * lever
         outer = (weighted[:, :, None] * lever[:, None, :]).reshape(-1, 9)
         return stress @ weighted, (modulus @ outer).reshape(*shape, 3, 3)
 
-    def size(self, e0, ky, kz, plastic):
+    def size(self, e0, ky, kz, memory):
         """Sum of the absolute forces of all fibres and their parts, N."""
         strain = self.fibre_strain(e0, ky, kz)
         areas = [self.area[part] for part in self._parts()]
-        each = self._each(strain, plastic)
+        each = self._each(strain, memory)
         return sum(law.size_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
 
-    def energy(self, e0, ky, kz, plastic=None):
-        """Stored energy per length, J/m, at given plastic strains."""
+    def energy(self, e0, ky, kz, memory=None):
+        """Stored energy per length, J/m, at a given memory."""
         if self.is_elastic:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
             return 0.5 * jnp.sum(strain * (strain @ self.stiffness()), axis=-1)
         strain = self.fibre_strain(e0, ky, kz)
         areas = [self.area[part] for part in self._parts()]
-        if plastic is None and self.remembers:
-            plastic = self.virgin(strain.shape[:-1])
-        each = self._each(strain, plastic)
+        if memory is None and self.remembers:
+            memory = self.virgin(strain.shape[:-1])
+        each = self._each(strain, memory)
         return sum(law.energy_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
 
-    def settle(self, e0, ky, kz, plastic):
-        """Plastic strains after an increment that ended at these strains, as `plastic`."""
-        each = self._each(self.fibre_strain(e0, ky, kz), plastic)
-        return tuple(None if p is None else law.settle(e, p) for law, e, p in each)
+    def settle(self, e0, ky, kz, memory, duration=0.0):
+        """What it remembers after an increment of a duration, s, that ended at these strains."""
+        each = self._each(self.fibre_strain(e0, ky, kz), memory)
+        return tuple(None if p is None else law.settle(e, p, duration) for law, e, p in each)
 
     def beyond(self, e0, ky, kz):
         """Whether any fibre is beyond its curve."""
@@ -281,24 +281,24 @@ class Section:
         """The section for an iteration: its laws go on beyond their ends."""
         return copy(self, laws=tuple(law.continued() for law in self.laws))
 
-    def corner_distance(self, e0, ky, kz, plastic=None):
+    def corner_distance(self, e0, ky, kz, memory=None):
         """Smallest distance in strain of any fibre from a corner of its law."""
         strain = self.fibre_strain(e0, ky, kz)
-        if plastic is None and self.remembers:
-            plastic = self.virgin(strain.shape[:-1])
-        each = [law.corner_distance(e, p) for law, e, p in self._each(strain, plastic)]
+        if memory is None and self.remembers:
+            memory = self.virgin(strain.shape[:-1])
+        each = [law.corner_distance(e, p) for law, e, p in self._each(strain, memory)]
         return jnp.min(jnp.concatenate(each, axis=-1), axis=-1)
 
     # --- equilibrium of the section
 
-    def strains(self, N, My, Mz, plastic=None, tol=None, max_steps=100):
+    def strains(self, N, My, Mz, memory=None, tol=None, max_steps=100):
         """Strains from forces, by iteration to the equilibrium of the section.
 
         Forces of any shape are taken in turn. Differentiable by the implicit function theorem.
 
         Args:
             N, My, Mz: arrays of one shape, N, N m, N m.
-            plastic: plastic strains of the fibres, as from `virgin`: one state for all forces, or
+            memory: plastic strains of the fibres, as from `virgin`: one state for all forces, or
                 with the axes of the forces in front; None for an unused section.
             tol: largest residual relative to the sum of absolute fibre forces and the load; default
                 64 eps.
@@ -318,7 +318,7 @@ class Section:
             >>> print(jc.describe(section.strains(N=3e6, My=0.0, Mz=0.0).status)[:37])
             the section cannot carry these forces
         """
-        return strains.equilibrium(self, N, My, Mz, plastic, tol, max_steps)
+        return strains.equilibrium(self, N, My, Mz, memory, tol, max_steps)
 
     def interaction(self, n_angle=24, n_axial=21):
         """Interaction surface N-My-Mz: where the first fibre reaches the end of its curve.
@@ -359,11 +359,11 @@ class Section:
             [jnp.full(n, v) for n, v in zip(self.counts, values, strict=True)]
         ).astype(jnp.asarray(self.y).dtype)
 
-    def _each(self, strain, plastic):
-        """Law, strain of its fibres and their plastic strains."""
-        plastic = (None,) * len(self.laws) if plastic is None else plastic
+    def _each(self, strain, memory):
+        """Law, strain of its fibres and what they remember."""
+        memory = (None,) * len(self.laws) if memory is None else memory
         parts = self._parts()
         return [
             (law, strain[..., part], p)
-            for law, part, p in zip(self.laws, parts, plastic, strict=True)
+            for law, part, p in zip(self.laws, parts, memory, strict=True)
         ]

@@ -41,7 +41,7 @@ class SectionState:
     steps: object
 
 
-def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
+def equilibrium(section, N, My, Mz, memory=None, tol=None, max_steps=100):
     """Strains ``(e0, ky, kz)`` that balance the forces.
 
     Forces of any shape are taken in turn, so that none waits for the slowest of them: on a CPU five
@@ -50,7 +50,7 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
     Args:
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
-        plastic: plastic strains of the fibres as from `Section.virgin`: one state for all forces,
+        memory: plastic strains of the fibres as from `Section.virgin`: one state for all forces,
             or with the axes of the forces in front.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
             over the radius of gyration); default 64 eps, which costs one iteration more than 1e-4.
@@ -61,22 +61,22 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
     """
     N, My, Mz = jnp.broadcast_arrays(*(jnp.asarray(v, section.area.dtype) for v in (N, My, Mz)))
     if N.ndim:
-        return _batch(section, (N, My, Mz), plastic, tol, max_steps)
-    if plastic is None and section.remembers:
-        plastic = section.virgin()
+        return _batch(section, (N, My, Mz), memory, tol, max_steps)
+    if memory is None and section.remembers:
+        memory = section.virgin()
     target, radius = jnp.stack([N, My, Mz]), _radius(section)
-    parameters = (section, target, plastic)
+    parameters = (section, target, memory)
     frozen = lax.stop_gradient(parameters)
     found, steps, residual, good = _iterate(*frozen, lax.stop_gradient(radius), tol, max_steps)
     broken = section.beyond(*(found / radius))
     code = jnp.where(good, status.OK, status.NOT_CONVERGED)
     code = jnp.where(broken, status.BEYOND_CAPACITY, code).astype(jnp.int32)
     ok = code == status.OK
-    section, target, plastic = implicit.gate(ok, parameters)
+    section, target, memory = implicit.gate(ok, parameters)
     radius = lax.stop_gradient(radius)  # it scales the unknowns and is no part of the answer
 
     def unbalanced(v):
-        return _forces(section.continued(), v, radius, plastic) - target / radius
+        return _forces(section.continued(), v, radius, memory) - target / radius
 
     def tangent_solve(linearized, rhs):
         matrix = _tangent(frozen[0].continued(), found, radius, frozen[2])
@@ -88,16 +88,16 @@ def equilibrium(section, N, My, Mz, plastic=None, tol=None, max_steps=100):
     return SectionState(tuple(strain), code, residual, steps)
 
 
-def _batch(section, forces, plastic, tol, max_steps):
+def _batch(section, forces, memory, tol, max_steps):
     """The same for forces of any shape."""
     shape = forces[0].shape
     flat = [v.ravel() for v in forces]
-    every = jax.tree.leaves(plastic)[0].ndim > 2 if plastic is not None else False
-    own = jax.tree.map(lambda p: p.reshape(-1, *p.shape[len(shape) :]), plastic) if every else None
+    every = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
+    own = jax.tree.map(lambda p: p.reshape(-1, *p.shape[len(shape) :]), memory) if every else None
 
     def one(item):
         force, p = item
-        return equilibrium(section, *force, p if every else plastic, tol, max_steps)
+        return equilibrium(section, *force, p if every else memory, tol, max_steps)
 
     states = lax.map(one, (flat, own))
     return jax.tree.map(lambda v: v.reshape(shape), states)
@@ -111,18 +111,18 @@ def _radius(section):
     return jnp.append(jnp.ones(1, radius.dtype), radius)
 
 
-def _forces(section, scaled, radius, plastic):
+def _forces(section, scaled, radius, memory):
     """Forces, moments over their radius, [3], N, of strains times their radius [3]."""
-    return jnp.stack(section.forces(*(scaled / radius), plastic)) / radius
+    return jnp.stack(section.forces(*(scaled / radius), memory)) / radius
 
 
-def _tangent(section, scaled, radius, plastic):
+def _tangent(section, scaled, radius, memory):
     """Derivative of `_forces`, [3, 3], N."""
-    _, tangent = section.linearized(*(scaled / radius), plastic)
+    _, tangent = section.linearized(*(scaled / radius), memory)
     return tangent / jnp.outer(radius, radius)
 
 
-def _iterate(section, target, plastic, radius, tol, max_steps):
+def _iterate(section, target, memory, radius, tol, max_steps):
     """Newton with line search from zero strain: strains, steps, residual, success."""
     section = section.continued()
     eps = jnp.finfo(target.dtype).eps
@@ -130,8 +130,8 @@ def _iterate(section, target, plastic, radius, tol, max_steps):
     load = jnp.max(jnp.abs(target / radius))
 
     def evaluate(v):
-        residual = _forces(section, v, radius, plastic) - target / radius
-        stress = section.fibre_stress(*(v / radius), plastic)
+        residual = _forces(section, v, radius, memory) - target / radius
+        stress = section.fibre_stress(*(v / radius), memory)
         return residual, jnp.sum(jnp.abs(stress) * section.area) + load
 
     def unfinished(s):
@@ -140,7 +140,7 @@ def _iterate(section, target, plastic, radius, tol, max_steps):
 
     def iterate(s):
         v, residual, scale, kappa, steps = s
-        matrix = _tangent(section, v, radius, plastic)
+        matrix = _tangent(section, v, radius, memory)
         shift = kappa * jnp.max(jnp.abs(residual))
         step, definite = linear.solve_definite(
             matrix + shift * jnp.eye(3, dtype=matrix.dtype), -residual
