@@ -109,7 +109,7 @@ def members(group, where, nodes):
     if area is not None:
         text = "thicker than the element is long; is it in m2?"
         yield from _first(f"elements{where}.area", area, area > _chords(group, nodes) ** 2, text)
-    if group.rotates:
+    if group.rotates and group.section is not None:
         section = group.section
         fibres = [_there(section.y), _there(section.z)]
         size = 0.0 if any(f is None for f in fibres) else max(np.ptp(f) for f in fibres)

@@ -12,6 +12,7 @@ from scipy import sparse
 
 from . import _check
 from ._tree import Indices
+from .elements.element import Bending
 
 _STRAIGHT = 1e-9  # of the length of a piece, off its line
 
@@ -65,7 +66,7 @@ def _pieces(structure):
     n_node = structure.n_node
     pairs, joined, own_rows, wide = [], [], [], []
     for given, group in zip(structure.groups, groups, strict=True):
-        if not group.rotates:
+        if not isinstance(group, Bending):
             continue
         links = given.links.array
         loose = given.balls()
@@ -78,6 +79,8 @@ def _pieces(structure):
         if given.springs is not None:
             released = given.hinges.array[:, :, 0].any(axis=1)
         wide.append(released)
+    if not pairs:
+        return
     pairs, joined, own_rows, wide = (np.concatenate(v) for v in (pairs, joined, own_rows, wide))
     element = n_node + np.arange(len(pairs))
     graph = sparse.coo_array(
@@ -108,9 +111,13 @@ def _line(nodes, members):
 
 
 def _held(structure, nodes, own, line, fixed, axes):
-    """Whether a support or an arm keeps a piece from spinning."""
+    """Whether a support, another kind of element or an arm keeps a piece from spinning."""
     along, (first, _) = line
     own = np.array([row for row in own if row < structure.n_node], int)
+    for group in structure.groups:
+        turned = group.rotates and not isinstance(group, Bending)
+        if turned and np.isin(group.links.array, own).any():
+            return True
     spin = np.abs(axes[own] @ along)  # how much each direction has of the line
     if (fixed[own, 3:] & (spin > 1e-9)).any():
         return True

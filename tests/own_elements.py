@@ -7,6 +7,7 @@ import numpy as np
 import jaxcable as jc
 from jaxcable._tree import Indices, pytree
 from jaxcable.elements.element import Element, ElementState
+from jaxcable.rotations import angles, conjugate, stereographic, turning
 
 
 @pytree
@@ -43,3 +44,44 @@ class GroundSprings(Element):
 
     def energy(self, state, ends, motion):
         return 0.5 * jnp.sum(self.stiffness[None] * motion**2)
+
+
+@pytree(indices=("links",))
+class TurningSprings(Element):
+    """Springs against the rotation of nodes, alike about all axes: they make nodes rotate.
+
+    Args:
+        links: node numbers, [n_elem, 1].
+        stiffness: [n_elem], N m.
+    """
+
+    links: object
+    stiffness: object
+
+    per_element = ("stiffness",)
+    rotates = True
+    n_freedom, n_motion = 6, 7
+
+    def __post_init__(self):
+        if not isinstance(self.links, Indices):
+            object.__setattr__(self, "links", Indices(self.links))
+
+    def start(self, ends):
+        return Nothing()
+
+    def _moment(self, motion):
+        return self.stiffness * angles(stereographic(motion[0, 3:]))
+
+    def end_forces(self, state, ends, motion):
+        return jnp.concatenate([jnp.zeros(3), self._moment(motion)])[None]
+
+    def end_forces_about(self, state, ends, motion, step):
+        moment = self._moment(jax.vmap(turning)(motion, step))
+        return jnp.concatenate([jnp.zeros(3), conjugate(step[0, 3:], moment)])[None]
+
+    def tangent(self, state, ends, motion):
+        still = jnp.zeros((1, 6))
+        return jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(still)
+
+    def energy(self, state, ends, motion):
+        return 0.5 * self.stiffness * jnp.sum(angles(stereographic(motion[0, 3:])) ** 2)

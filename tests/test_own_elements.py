@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from own_elements import GroundSprings
+from own_elements import GroundSprings, TurningSprings
 from own_laws import Maxwell, Prager
 
 import jaxcable as jc
@@ -89,6 +89,31 @@ def test_a_frame_stands_on_it():
     assert solution.status == status.OK
     stiffness = 3 * 1e9 * 0.1**4 / 12 / 2**3 + 4e3
     assert_allclose(-solution.displacement[1, 2], 1 / stiffness, rtol=1e-8)  # (u / L)^2
+
+
+def test_a_spring_that_turns_holds_a_beam():
+    """A beam on a ball joint that springs hold, up to large rotations: M = k theta at the foot.
+
+    A moment M on the tip bends it to a circle of curvature M / EI; the foot turns by M / k.
+    """
+    k, EI, L = 2e3, 1e9 * 0.1**4 / 12, 2.0
+    section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
+    n = 8
+    nodes = np.linspace([0.0, 0.0, 0.0], [L, 0.0, 0.0], n + 1)
+    beam = jc.Beams(np.stack([np.arange(n), np.arange(1, n + 1)], 1), section=section)
+    elements = {"beam": beam, "foot": TurningSprings([[0]], np.array([k]))}
+    structure = jc.Structure(nodes, elements, jc.pinned([0]))
+    moment = 1500.0
+    load = jc.NodalLoads([n], (0.0, 0.0, 0.0), moments=(0.0, 0.0, moment))
+    solution = jc.solve(structure, jc.Phase(loads=load, increments=5))
+    assert solution.status == status.OK
+    foot, bow = moment / k, moment * L / EI
+    tip = EI / moment * (1j * np.exp(1j * foot) - 1j * np.exp(1j * (foot + bow)))
+    # chords of the bow: of order 2 of 0.02 rad an element
+    assert_allclose(solution.positions[n, :2], [tip.real, tip.imag], rtol=1e-4)
+    turn = solution.rotation[0]
+    assert_allclose(2 * np.arctan2(turn[3], turn[0]), foot, rtol=1e-9)
+    assert solution.tension["foot"] is None and solution.section_forces["foot"] is None
 
 
 def test_files_and_pictures(tmp_path):

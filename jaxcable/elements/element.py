@@ -85,7 +85,7 @@ class Element(abc.ABC):
     per_element = ()
     results = ()
     outline = None
-    hinges = None
+    hinges = springs = None
     rotates = False
     n_freedom = n_motion = 3
     inner = ()

@@ -62,7 +62,8 @@ class RigidNodes(Space):
     def of(cls, nodes, groups, freedoms, held, bearing):
         """The space of a system; its arm is the mean length of what gives nodes rotations."""
         lengths = [group.chord(nodes[group.links]) for group in groups if group.rotates]
-        arm = lax.stop_gradient(jnp.mean(jnp.concatenate(lengths)))
+        lengths = jnp.concatenate(lengths)
+        arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
         return cls(freedoms, held, nodes, arm, bearing)
 
     # --- motions
