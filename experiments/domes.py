@@ -85,13 +85,13 @@ def study(structure, phases, say):
     @jax.jit
     def prestressed(level):
         state = jc.solve(structure, [scaled(phases[0], level)])
-        return jnp.linalg.eigvalsh(forms.tangent_of(structure, state))[0], state.status
+        return jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, state))[0], state.status
 
     values, codes = zip(*(prestressed(jnp.asarray(level)) for level in LEVELS), strict=True)
     assert not any(int(code) for code in codes)
     own = found.mechanism_stiffness(tension)[0] if found.m else None
     moved = np.asarray(solution.displacement - solution.phases[0].displacement)
-    loaded = forms.modes(structure, solution, n=1).stiffness[0]
+    loaded = jc.stiffness.modes(structure, solution, n=1).stiffness[0]
     say(f"free freedoms {n_free}, elements {len(links)}; {found.describe()}")
     above, below = found.gap
     rest = f"{below:.0e} the largest that does not" if below else "no others"
@@ -147,7 +147,7 @@ def stability(say):
                 jc.replace(loading, loads=jc.replace(loading.loads, forces=forces)),
             ],
         )
-        lowest = jnp.linalg.eigvalsh(forms.tangent_of(structure, solution))[0]
+        lowest = jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, solution))[0]
         moved = solution.displacement - solution.phases[0].displacement
         return lowest, jnp.sum(moved[:, :2] * around, axis=1), moved[:, 2].min(), solution.status
 

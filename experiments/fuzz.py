@@ -26,7 +26,7 @@ from fuzz_scenes import FAMILIES, outcome, random_recipe
 from mistakes import MISTAKES
 from record import Record
 
-from jaxcable import status
+from jaxcable.common import status
 
 jax.config.update("jax_enable_x64", True)
 # 20 programs, each compiled once and run some hundred times: compilation is most of the time

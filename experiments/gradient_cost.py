@@ -34,7 +34,7 @@ import numpy as np
 from record import commit
 
 import jaxcable as jc
-from jaxcable.freedoms import number_freedoms
+from jaxcable.spaces.freedoms import number_freedoms
 
 jax.config.update("jax_enable_x64", True)
 

@@ -28,7 +28,7 @@ import numpy as np
 from hard_cases import CASES
 from record import Record
 
-from jaxcable import status
+from jaxcable.common import status
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)

@@ -146,7 +146,7 @@ def main():
     jax.config.update("jax_enable_x64", True)
     import numpy as np
 
-    from jaxcable import status
+    from jaxcable.common import status
 
     @jax.jit
     def in_turn(section, target, tol):

@@ -17,19 +17,36 @@ A net is prestressed, then loaded:
 -0.012838093 m
 """
 
-from . import _interrupt as _interrupt  # isort: skip - before jax, which loads for seconds
-from . import design, files, forms, materials, paths, plots, progress, reports, scenes
-from ._check import InputWarning, UnstableWarning
-from ._tree import replace
-from .batches import batched
+from .common import interrupt as _interrupt  # noqa: F401, isort: skip - before jax, which loads for seconds
+from . import (
+    design,
+    files,
+    forms,
+    loads,
+    materials,
+    paths,
+    plots,
+    reporting,
+    results,
+    scenes,
+    sections,
+    stiffness,
+)
+from .analysis.batches import batched
+from .analysis.phases import Phase
+from .analysis.solution import Solution
+from .analysis.solver import solve
+from .common import progress, status
+from .common.checks import InputWarning, UnstableWarning
+from .common.selection import only
+from .common.status import AnalysisError, describe, raise_if_failed
+from .common.tree import replace
 from .design import fit, influence, minimize
 from .elements import Bars, Beams, Cables, Catenaries, SlidingCables
-from .energy import EnergyBalance, energy_balance
-from .equilibrium import Newton
+from .equilibrium.incremental import Incremental
+from .equilibrium.newton import Newton
 from .files import load_scene, save_scene
 from .forms import find_form, force_density
-from .incremental import Incremental
-from .internal_forces import section_forces
 from .loads import (
     AreaLoads,
     CablePressure,
@@ -42,17 +59,12 @@ from .loads import (
     net_faces,
 )
 from .materials import Elastic, Polygonal
+from .model.structure import Structure
+from .model.supports import Supports, clamped, pinned, restrained
 from .paths import trace_path
-from .phases import Phase
-from .reports import report
-from .sections import Section, SectionState
-from .selection import only
-from .solution import Path, PhaseResult, Solution, State
-from .solver import solve
-from .status import AnalysisError, describe, raise_if_failed
-from .stresses import fibre_stress
-from .structure import Structure
-from .supports import Supports, clamped, pinned, restrained
+from .reporting import report
+from .results import energy_balance, fibre_stress, section_forces
+from .sections import Section
 
 __version__ = "0.1.0"
 
@@ -65,23 +77,18 @@ __all__ = [
     "Cables",
     "Catenaries",
     "Elastic",
-    "EnergyBalance",
     "FacePressure",
     "Incremental",
     "InputWarning",
     "LineLoads",
     "Newton",
     "NodalLoads",
-    "Path",
     "Phase",
-    "PhaseResult",
     "Polygonal",
     "Section",
-    "SectionState",
     "SelfWeight",
     "SlidingCables",
     "Solution",
-    "State",
     "Structure",
     "SupportMovement",
     "Supports",
@@ -100,6 +107,7 @@ __all__ = [
     "forms",
     "influence",
     "load_scene",
+    "loads",
     "materials",
     "minimize",
     "net_faces",
@@ -111,11 +119,15 @@ __all__ = [
     "raise_if_failed",
     "replace",
     "report",
-    "reports",
+    "reporting",
     "restrained",
+    "results",
     "save_scene",
     "scenes",
     "section_forces",
+    "sections",
     "solve",
+    "status",
+    "stiffness",
     "trace_path",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from independent import verdict
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 NAMED = r"^(nodes|links|elements\S*|axial_stiffness|area|rest_length|pretension|prestrain|strain)\b"
 """How a ValueError of a random scene may begin: rounded in float32, nodes and points can meet."""

@@ -20,7 +20,7 @@ from hard_nets import (
     unequal_links,
 )
 
-from jaxcable import status
+from jaxcable.common import status
 
 
 @dataclasses.dataclass(frozen=True)

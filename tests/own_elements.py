@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcable as jc
-from jaxcable._tree import Indices, pytree
+from jaxcable.common.tree import Indices, pytree
 from jaxcable.elements.element import Element, ElementState
-from jaxcable.rotations import angles, conjugate, stereographic, turning
+from jaxcable.numerics.rotations import angles, conjugate, stereographic, turning
 
 
 @pytree

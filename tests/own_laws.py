@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 import jaxcable as jc
-from jaxcable._tree import pytree
+from jaxcable.common.tree import pytree
 from jaxcable.materials.law import Law
 
 

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcable as jc
-from jaxcable import _check
-from jaxcable._tree import Indices, copy, pytree
+from jaxcable.common import checks
+from jaxcable.common.tree import Indices, copy, pytree
 from jaxcable.elements.element import ElementState, Prestressable, Result
 
 
@@ -48,7 +48,7 @@ class Membranes(Prestressable):
         if not isinstance(self.links, Indices):
             object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
         for name in self.per_element:
-            own = _check.per_element(getattr(self, name), len(self.links), name)
+            own = checks.per_element(getattr(self, name), len(self.links), name)
             object.__setattr__(self, name, own)
 
     def start(self, ends):

@@ -11,7 +11,7 @@ from scipy.integrate import solve_bvp
 from scipy.spatial.transform import Rotation
 
 import jaxcable as jc
-from jaxcable._tree import copy
+from jaxcable.common.tree import copy
 from jaxcable.elements import AxialState
 from jaxcable.elements.prestress import element
 
@@ -235,9 +235,9 @@ def test_a_toggle_is_pushed_through_its_limit_point():
 
 
 def tangent_of(structure, solution):
-    from jaxcable._tree import fill, thaw
-    from jaxcable.freedoms import number_freedoms
-    from jaxcable.ramp import make_system
+    from jaxcable.common.tree import fill, thaw
+    from jaxcable.mechanics.ramp import make_system
+    from jaxcable.spaces.freedoms import number_freedoms
 
     rows, groups = structure.rows()
     thawed, arrays = thaw((structure.nodes, groups, solution.last.carry))

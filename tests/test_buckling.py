@@ -10,8 +10,8 @@ import scipy.linalg
 from test_gradients import slope
 
 import jaxcable as jc
-from jaxcable.paths import buckling, buckling_factor
 from jaxcable.scenes.snapping import in_plane, solid
+from jaxcable.stiffness import buckling, buckling_factor
 
 # --- a rigid strut, its top between two cables along x
 
@@ -371,7 +371,7 @@ def test_a_mast_between_catenaries():
     solution = jc.solve(structure, jc.Phase(loads=load), start=first)
     assert int(first.status) == int(solution.status) == 0
     factor = buckling_factor(structure, solution, first).factor[0]
-    before, after = (np.asarray(jc.forms.tangent_of(structure, s)) for s in (first, solution))
+    before, after = (np.asarray(jc.stiffness.tangent_of(structure, s)) for s in (first, solution))
     roots = scipy.linalg.eig(before, before - after, right=False).real
     assert float(factor) == pytest.approx(roots[roots > 0].min(), rel=1e-9)  # condition 1e3
     # taut guys: 2 EA / L cos^2, P f / h of the mast; sag takes most of the rest

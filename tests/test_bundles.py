@@ -11,10 +11,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import jaxcable as jc
-from jaxcable import bundles, status
-from jaxcable._tree import copy
-from jaxcable.bundles import Bundles
-from jaxcable.energy import energy_balance
+from jaxcable.common import status
+from jaxcable.common.tree import copy
+from jaxcable.mechanics import bundles
+from jaxcable.mechanics.bundles import Bundles
+from jaxcable.results.energy import energy_balance
 
 NEAR = 1e-9  # of the largest value of its kind: two iterations that end in one equilibrium
 

@@ -5,7 +5,7 @@ import problems
 import pytest
 
 import jaxcable as jc
-from jaxcable.parts import pieces
+from jaxcable.model.parts import pieces
 
 
 @pytest.mark.slow

@@ -10,10 +10,10 @@ import pytest
 from test_gradients import slope
 
 import jaxcable as jc
-from jaxcable._tree import copy
+from jaxcable.common.tree import copy
 from jaxcable.elements.hanging import hang
-from jaxcable.elementwise import each
-from jaxcable.roots import rising_root
+from jaxcable.mechanics.elementwise import each
+from jaxcable.numerics.roots import rising_root
 
 mp.mp.dps = 60
 N_DRAW = 10_000

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable import compilation, solver
+from jaxcable.analysis import solver
+from jaxcable.common import compilation
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
 
@@ -149,10 +150,10 @@ def test_a_bar_scene_has_nothing_of_what_it_does_not_use():
 
 def _internal_force(displacement, kind=jc.Bars):
     from jaxcable.elements import AxialState
-    from jaxcable.elementwise import each
+    from jaxcable.mechanics.elementwise import each
 
     nodes = np.asarray(bars_only().nodes)
-    group = jc._tree.copy(
+    group = jc.common.tree.copy(
         kind([[0, 1], [1, 2], [1, 3]], axial_stiffness=1e4),
         links=np.array([[0, 1], [1, 2], [1, 3]]),
     )

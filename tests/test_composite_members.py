@@ -8,7 +8,7 @@ from laws import CURVES
 
 import jaxcable as jc
 from jaxcable import materials
-from jaxcable._tree import copy
+from jaxcable.common.tree import copy
 from jaxcable.elements import AxialState
 
 E, FY, HARD = 210e9, 235e6, 0.01

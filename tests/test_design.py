@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable import design, status
+from jaxcable import design
+from jaxcable.common import status
 
 TIGHT = jc.Newton(tol=1e-13)
 FREE = np.array([3, 4, 7, 8])

@@ -211,12 +211,12 @@ def test_tangent_and_its_lowest_eigenvalue(name):
         rest = in_rows(structure, solution.rest_length)[1]
         tension = in_rows(structure, solution.tension)[1]
         own = stiffness(structure, np.asarray(solution.positions), rest, tension)
-        matrix = np.asarray(forms.tangent_of(structure, solution))
+        matrix = np.asarray(jc.stiffness.tangent_of(structure, solution))
         # the geometric part is an N / l beside EA / L0: relative to the largest entry, rounding
         assert np.abs(matrix - own[np.ix_(free, free)]).max() < 1e-12 * np.abs(own).max()
         lowest = np.linalg.eigvalsh(own[np.ix_(free, free)])[0]
         assert lowest > 0
-        found = forms.modes(structure, solution, n=1).stiffness[0]
+        found = jc.stiffness.modes(structure, solution, n=1).stiffness[0]
         assert found == pytest.approx(lowest, abs=1e-11 * np.abs(own).max())
 
 
@@ -238,7 +238,7 @@ def test_free_standing_simplex():
         rest = in_rows(structure, solution.rest_length)[1]
         tension = in_rows(structure, solution.tension)[1]
         own = stiffness(structure, np.asarray(solution.positions), rest, tension)
-        matrix = np.asarray(forms.tangent_of(structure, solution, fixed=nothing))
+        matrix = np.asarray(jc.stiffness.tangent_of(structure, solution, fixed=nothing))
         size = np.abs(matrix).max()
         assert matrix.shape == (18, 18) and np.abs(matrix - own).max() < 1e-13 * size
         for values in (np.linalg.eigvalsh(own), np.linalg.eigvalsh(matrix)):
@@ -311,7 +311,7 @@ def test_a_geiger_dome_twists_under_too_much_load():
         load = jc.replace(loading.loads, forces=factor * force + wrong * aside)
         solution = jc.solve(structure, [prestress, jc.replace(loading, loads=load)])
         assert int(solution.status) == 0
-        mode = forms.modes(structure, solution, n=1)
+        mode = jc.stiffness.modes(structure, solution, n=1)
         turn = np.abs((np.asarray(solution.displacement) * around).sum(1)).max()
         found[factor, wrong] = mode.stiffness[0], turn
         if not wrong:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable._tree import copy
-from jaxcable.assembly import System
+from jaxcable.common.tree import copy
 from jaxcable.elements import AxialState
-from jaxcable.freedoms import number_freedoms
+from jaxcable.mechanics.assembly import System
 from jaxcable.spaces import space_of
+from jaxcable.spaces.freedoms import number_freedoms
 
 CURVE = jc.Polygonal([-0.2, -0.1, 0.0, 0.05, 0.3], [-5e3, -3e3, 0.0, 1.5e3, 4e3])
 YIELDING = jc.Polygonal([-0.9, -0.1, 0.0, 0.1, 0.9], [-11e3, -3e3, 0.0, 3e3, 11e3], "elastic")

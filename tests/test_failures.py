@@ -9,7 +9,7 @@ import pytest
 from problems import two_links
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 4))
 FREE = np.array([3, 4, 7, 8])

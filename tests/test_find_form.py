@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 from test_gradients import slope
 
 import jaxcable as jc
+from jaxcable.common.selection import only
 from jaxcable.forms import find_form, prescribed
-from jaxcable.selection import only
 
 EA = 2e6
 

@@ -7,7 +7,8 @@ import pytest
 from scipy import optimize
 
 import jaxcable as jc
-from jaxcable import design, status
+from jaxcable import design
+from jaxcable.common import status
 
 # NIST StRD, Misra1a (dental research, monomolecular adsorption): data and certified values
 X, Y = np.array(

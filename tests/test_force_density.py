@@ -57,7 +57,7 @@ def test_constant_force_density_gives_a_harmonic_surface():
     free = ~np.asarray(structure.fixed(structure.supports))[:, 0]
     start[free] = 0.0  # coordinates of free nodes do not count
     elements = structure.elements
-    moved = jc._tree.copy(structure, nodes=start)
+    moved = jc.common.tree.copy(structure, nodes=start)
     x = force_density(moved, 3.7)
     assert isinstance(elements, jc.Cables)
     # rounding of 49 unknowns, condition about 30
@@ -300,7 +300,7 @@ def test_refused():
     with pytest.raises(ValueError, match=r"q\[1\] = -1.0: a cable carries tension only"):
         force_density(structure, np.array([1.0, -1.0, 1.0]))
     with pytest.raises(ValueError, match="q: element 1 of group 0 has no force density"):
-        force_density(structure, jc.selection.only([0, 2], 1.0))
+        force_density(structure, jc.only([0, 2], 1.0))
     with pytest.raises(ValueError, match="q: element 0 of group 0 has no force density"):
         force_density(structure, None)
     with pytest.raises(ValueError, match="q: expected a scalar or shape"):

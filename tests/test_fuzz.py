@@ -11,7 +11,7 @@ from independent import verdict
 from mistakes import MISTAKES
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 # each shape is a program to compile: these have the rest in them
 SHAPES = [

@@ -10,7 +10,7 @@ from hard_cases import CASES
 from independent import verdict
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 
 def _parameters():

@@ -8,7 +8,7 @@ import pytest
 from test_gradients import slope
 
 import jaxcable as jc
-from jaxcable import forms
+from jaxcable import stiffness
 
 EPS = np.finfo(float).eps
 
@@ -54,7 +54,7 @@ SIDEWAYS[0, 1, 0] = SIDEWAYS[1, 1, 1] = 1.0
 @jax.jit
 def pushed(amplitudes, load, structure=STRUT):
     """Solution of the strut with an imperfection (amplitudes [2], m) under a load on its top, N."""
-    bent = forms.imperfect(structure, SIDEWAYS, amplitudes)
+    bent = stiffness.imperfect(structure, SIDEWAYS, amplitudes)
     force = jnp.zeros((1, 3)).at[0, 2].set(-load)
     return jc.solve(
         bent,
@@ -104,7 +104,7 @@ def test_the_mode_that_buckles_is_the_softest():
         # a perfectly straight strut stays straight at any load
         solution = pushed(jnp.zeros(2), part * CRITICAL)
         assert int(solution.status) == 0
-        found = forms.modes(STRUT, solution, n=2)
+        found = stiffness.modes(STRUT, solution, n=2)
         # bars shortened by P / EA, guys lowered with the joint: 1e-3
         assert np.abs(found.stiffness / SIDE - (1 - part)).max() < 5e-3
         assert (found.stiffness[0] < 0) == (part > 1)
@@ -124,7 +124,7 @@ def test_modes_of_two_links():
     structure, _ = problems.two_links(ea, tension, 0.0)
     solution = jc.solve(structure, jc.Phase(pretension=tension))
     assert int(solution.status) == 0
-    found = forms.modes(structure, solution)  # three freedoms: three modes, not six
+    found = stiffness.modes(structure, solution)  # three freedoms: three modes, not six
     expected = [2 * tension / half, 2 * tension / half, 2 * ea * (1 + tension / ea) / half]
     assert np.abs(found.stiffness - expected).max() < 1e-12 * expected[2]
     assert found.shapes.shape == (3, 3, 3)
@@ -133,13 +133,13 @@ def test_modes_of_two_links():
     flat = found.shapes.reshape(3, -1)
     assert (flat[np.arange(3), np.abs(flat).argmax(1)] > 0).all()
     # they are eigenvectors of the tangent, and the state serves as well as the solution
-    matrix = np.asarray(forms.tangent_of(structure, solution.last))
+    matrix = np.asarray(stiffness.tangent_of(structure, solution.last))
     own = found.shapes[:, 1]
     assert np.abs(own @ matrix - found.stiffness[:, None] * own).max() < 1e-12 * expected[2]
     # a failed analysis has a last state, and no other
     failed = jc.solve(structure, jc.Phase(pretension=np.nan))
     assert int(failed.status) != 0
-    assert np.isfinite(forms.modes(structure, failed, 1).stiffness).all()
+    assert np.isfinite(stiffness.modes(structure, failed, 1).stiffness).all()
 
 
 @pytest.mark.slow
@@ -149,10 +149,10 @@ def test_supports_of_the_phase_that_the_state_belongs_to():
     phases = [jc.Phase(pretension=200.0, supports=held), jc.Phase(supports=jc.pinned([0, 2]))]
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    assert forms.tangent_of(structure, solution).shape == (3, 3)
-    last = jc._tree.copy(solution.last, phase=jnp.int32(0))  # as if the second phase had failed
-    assert forms.tangent_of(structure, last).shape == (2, 2)
-    both = forms.tangent_of(structure, last, fixed=np.zeros((3, 3), bool))
+    assert stiffness.tangent_of(structure, solution).shape == (3, 3)
+    last = jc.common.tree.copy(solution.last, phase=jnp.int32(0))  # as if the second one failed
+    assert stiffness.tangent_of(structure, last).shape == (2, 2)
+    both = stiffness.tangent_of(structure, last, fixed=np.zeros((3, 3), bool))
     assert both.shape == (9, 9)
 
 
@@ -169,12 +169,12 @@ def test_modes_of_a_cantilever_beam():
     )
     solution = jc.solve(structure, jc.Phase())
     assert int(solution.status) == 0
-    found = forms.modes(structure, solution, n=2)
+    found = stiffness.modes(structure, solution, n=2)
     assert (found.stiffness > 0).all() and found.shapes.shape == (2, n + 1, 3)
     # width 0.1 along y, height 0.2 along z: bends along y first
     ways = [int(np.abs(shape).max(0).argmax()) for shape in found.shapes]
     assert ways[0] == 1 and np.abs(found.shapes[0][-1, 1]) == pytest.approx(1.0)
-    bare = forms.imperfect(structure, found.shapes[0], 0.01)
+    bare = stiffness.imperfect(structure, found.shapes[0], 0.01)
     assert float(bare.nodes[-1, 1]) == pytest.approx(0.01)
 
 
@@ -184,12 +184,12 @@ def test_modes_of_a_cantilever_beam():
 def test_imperfect_moves_the_nodes():
     shapes = np.random.default_rng(0).normal(size=(3, 7, 3))
     amplitudes = np.array([0.01, -0.02, 0.05])
-    moved = forms.imperfect(STRUT, shapes, amplitudes)
+    moved = stiffness.imperfect(STRUT, shapes, amplitudes)
     expected = STRUT.nodes + sum(a * s for a, s in zip(amplitudes, shapes, strict=True))
     assert np.abs(np.asarray(moved.nodes) - expected).max() < 10 * EPS
-    alone = forms.imperfect(STRUT, shapes[0], 0.01)
+    alone = stiffness.imperfect(STRUT, shapes[0], 0.01)
     assert np.abs(np.asarray(alone.nodes) - STRUT.nodes - 0.01 * shapes[0]).max() < 10 * EPS
-    alike = forms.imperfect(STRUT, shapes, 0.01)
+    alike = stiffness.imperfect(STRUT, shapes, 0.01)
     assert np.abs(np.asarray(alike.nodes) - STRUT.nodes - 0.01 * shapes.sum(0)).max() < 10 * EPS
     assert moved.supports is STRUT.supports
 
@@ -197,19 +197,25 @@ def test_imperfect_moves_the_nodes():
 @pytest.mark.parametrize(
     ("ask", "message"),
     [
-        (lambda: forms.imperfect(STRUT, np.zeros((2, 6, 3)), 0.0), r"shapes: expected \[k, 7, 3\]"),
-        (lambda: forms.imperfect(STRUT, SIDEWAYS, [0.1] * 3), "amplitudes: expected a scalar"),
-        (lambda: forms.modes(STRUT, None, n=0), "n = 0: expected a whole number"),
-        (lambda: forms.modes(STRUT, None), "state: expected a Solution or its last"),
-        (lambda: forms.tangent_of(STRUT, STRUT), "state: expected a Solution .*, got Structure"),
         (
-            lambda: jax.jit(lambda nodes: forms.modes(jc.replace(STRUT, nodes=nodes), None))(
+            lambda: stiffness.imperfect(STRUT, np.zeros((2, 6, 3)), 0.0),
+            r"shapes: expected \[k, 7, 3\]",
+        ),
+        (lambda: stiffness.imperfect(STRUT, SIDEWAYS, [0.1] * 3), "amplitudes: expected a scalar"),
+        (lambda: stiffness.modes(STRUT, None, n=0), "n = 0: expected a whole number"),
+        (lambda: stiffness.modes(STRUT, None), "state: expected a Solution or its last"),
+        (
+            lambda: stiffness.tangent_of(STRUT, STRUT),
+            "state: expected a Solution .*, got Structure",
+        ),
+        (
+            lambda: jax.jit(lambda nodes: stiffness.modes(jc.replace(STRUT, nodes=nodes), None))(
                 STRUT.nodes
             ),
             "state: is traced",
         ),
         (
-            lambda: forms.tangent_of(
+            lambda: stiffness.tangent_of(
                 STRUT, pushed(jnp.zeros(2), 0.6 * CRITICAL), fixed=np.zeros((2, 3), bool)
             ),
             r"fixed: expected booleans of shape \(7, 3\), got \(2, 3\)",

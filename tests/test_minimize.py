@@ -12,7 +12,7 @@ import pytest
 from scipy import optimize
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 X0 = jnp.array([-1.2, 1.0, -1.2, 1.0])
 UPPER = jnp.array([0.5, 2.0, 0.3, 2.0])

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.preparation import prepare
+from jaxcable.analysis.preparation import prepare
 
 NODES = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 1.0, 0]])
 LINKS = [[0, 1], [1, 2], [1, 3]]

@@ -8,7 +8,7 @@ import pytest
 from test_gradients import slope
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 EA, REST = 1e5, 0.99
 

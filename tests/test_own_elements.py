@@ -9,8 +9,8 @@ from own_elements import GroundSprings, TurningSprings
 from own_laws import Maxwell, Prager
 
 import jaxcable as jc
-from jaxcable import status
-from jaxcable.assembly import System
+from jaxcable.common import status
+from jaxcable.mechanics.assembly import System
 
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]])
 CABLES = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -49,7 +49,7 @@ def test_a_spring_balances_what_the_cables_leave():
 
 def test_residual_tangent_and_energy():
     structure, solution = sprung(), analyse()
-    tangent = jc.forms.tangent_of(structure, solution)
+    tangent = jc.stiffness.tangent_of(structure, solution)
     bare = jc.Structure(NODES, CABLES, jc.pinned([0, 2]))
     alone = jc.solve(bare, jc.Phase(rest_length=solution.rest_length["net"]))
     group = structure.elements["ground"]

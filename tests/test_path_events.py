@@ -11,7 +11,7 @@ import pytest
 from problems import HEAVY, INSTALLED
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 from jaxcable.scenes import von_mises_truss
 from jaxcable.scenes.snapping import in_plane, solid
 
@@ -138,10 +138,10 @@ def test_masses_at_some_nodes_only():
     solution = jc.solve(structure, phases)
     masses = np.zeros(structure.n_node)
     masses[3] = 10.0
-    found = jc.paths.natural_frequencies(structure, solution, masses=masses)
+    found = jc.stiffness.natural_frequencies(structure, solution, masses=masses)
     assert found.frequency.shape == (3,)
     # the other nodes follow: one mass on the flexibility of its node
-    flexibility = np.asarray(jc.paths.flexibility(structure, solution, [3]))
+    flexibility = np.asarray(jc.stiffness.flexibility(structure, solution, [3]))
     exact = np.sqrt(np.linalg.eigvalsh(np.linalg.inv(flexibility)) / 10.0) / (2 * np.pi)
     assert np.allclose(found.frequency, exact, rtol=1e-9)
 
@@ -194,7 +194,7 @@ def test_a_dome_twists(newton):
         forces = factor * jnp.asarray(loading.loads.forces)
         load = jc.replace(loading, loads=jc.replace(loading.loads, forces=forces))
         solution = jc.solve(structure, [prestress, load])
-        return jnp.linalg.eigvalsh(jc.forms.tangent_of(structure, solution))[0]
+        return jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, solution))[0]
 
     at = float(path.events.load_factor[0])
     assert float(lowest(at * (1 - 1e-6))) > 0 > float(lowest(at * (1 + 1e-6)))
@@ -290,7 +290,7 @@ def test_brackets_of_a_column_hold_its_buckling_loads(newton):
         for factor, number in ((event.lower, k), (event.upper, k + 1)):
             state = jc.solve(structure, loaded(float(factor)))
             assert int(state.status) == 0
-            values = np.linalg.eigvalsh(np.asarray(jc.forms.tangent_of(structure, state)))
+            values = np.linalg.eigvalsh(np.asarray(jc.stiffness.tangent_of(structure, state)))
             assert (values < 0).sum() == number
 
 

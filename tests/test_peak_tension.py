@@ -9,9 +9,9 @@ import scipy.optimize
 from test_gradients import slope
 
 import jaxcable as jc
-from jaxcable._tree import copy
 from jaxcable.cli.solve import highlights
-from jaxcable.elementwise import each
+from jaxcable.common.tree import copy
+from jaxcable.mechanics.elementwise import each
 from jaxcable.plots import members, stages
 
 EA, WEIGHT, STRENGTH = 80e6, 500.0, 1e6

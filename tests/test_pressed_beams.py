@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 from test_gradients import TIGHT, slope
 
 import jaxcable as jc
-from jaxcable._tree import copy, fill
-from jaxcable.preparation import prepare, ready
-from jaxcable.ramp import Ramp
+from jaxcable.analysis.preparation import prepare, ready
+from jaxcable.common.tree import copy, fill
+from jaxcable.mechanics.ramp import Ramp
 
 UP = (0.0, -1.0, 0.0)  # a beam along x is pressed up, along axis x d
 LENGTH, SIDE, MODULUS = 2.0, 0.05, 10e9

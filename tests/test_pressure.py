@@ -7,9 +7,9 @@ import pytest
 from test_gradients import TIGHT, slope
 
 import jaxcable as jc
-from jaxcable._tree import copy, fill
-from jaxcable.preparation import prepare, ready
-from jaxcable.ramp import Ramp
+from jaxcable.analysis.preparation import prepare, ready
+from jaxcable.common.tree import copy, fill
+from jaxcable.mechanics.ramp import Ramp
 
 AXIS = (0.0, -1.0, 0.0)  # a cable along x is pressed up, along axis x d
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxcable as jc
-from jaxcable.progress import Increment, Printer, Step, listener
+from jaxcable.common.progress import Increment, Printer, Step, listener
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.common.selection import only
 from jaxcable.forms import dynamic_relaxation, find_form
 from jaxcable.forms.relaxation import _relax
-from jaxcable.selection import only
 
 EA = 2e4
 

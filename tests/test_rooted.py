@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxcable.rooted import rooted
-from jaxcable.roots import rising_root
+from jaxcable.numerics.rooted import rooted
+from jaxcable.numerics.roots import rising_root
 
 AT, ALONG = jnp.array([1.0, 2.0]), jnp.array([0.3, 0.7])
 LOADS = jnp.array([1.0, 2.0, 0.5])

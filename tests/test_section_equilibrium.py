@@ -9,7 +9,8 @@ import pytest
 from fibres import LONG, REVERSIBLE, SECTIONS, STEEL_YIELD, law_sum, sizes, tangent
 
 import jaxcable as jc
-from jaxcable import materials, status
+from jaxcable import materials
+from jaxcable.common import status
 from jaxcable.sections import Section
 
 # --- equilibrium of the section

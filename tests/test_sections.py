@@ -17,7 +17,8 @@ from fibres import (
 )
 
 import jaxcable as jc
-from jaxcable import materials, status
+from jaxcable import materials
+from jaxcable.common import status
 from jaxcable.sections import Section
 
 ONE = jc.Elastic(1.0)

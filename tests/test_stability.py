@@ -156,7 +156,7 @@ def test_zero_is_no_negative_eigenvalue():
     """Rounding of a singular matrix has either sign; 1e-9 of the largest entry is none."""
     rng = np.random.default_rng(0)
     basis = np.linalg.qr(rng.normal(size=(20, 20)))[0]
-    from jaxcable.iteration import no_stiffness
+    from jaxcable.equilibrium.iteration import no_stiffness
 
     for lowest, expected in ((0.0, True), (-1e-9, False), (1e-9, True)):
         values = np.geomspace(1e-3, 1.0, 20)

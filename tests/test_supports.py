@@ -140,7 +140,7 @@ def test_lateral_torsional_buckling_between_forks():
     @jax.jit
     def lowest(moment):
         solution = jc.solve(structure, jc.Phase(loads=unit.scaled(moment)))
-        tangent = jc.forms.tangent_of(structure, solution)
+        tangent = jc.stiffness.tangent_of(structure, solution)
         return jnp.linalg.eigvalsh(0.5 * (tangent + tangent.T))[0], solution.status
 
     exact = oracle.lateral_buckling_moment(
@@ -337,8 +337,8 @@ def test_a_mast_on_a_ball_joint_spins_and_is_no_worse_for_it():
             grad = jax.value_and_grad(lambda t, s=structure: top(s, t), has_aux=True)
             (value, solution), slope = grad(40e3)
             assert int(solution.status) == 0
-            frequency = jc.paths.natural_frequencies(structure, solution).frequency
-            softness = jc.paths.flexibility(structure, solution, [2])
+            frequency = jc.stiffness.natural_frequencies(structure, solution).frequency
+            softness = jc.stiffness.flexibility(structure, solution, [2])
         found.append([np.asarray(v) for v in (value, slope, frequency, softness)])
     for one, other in zip(*found, strict=True):
         assert np.isfinite(one).all()

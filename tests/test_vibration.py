@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable import paths
 from jaxcable.scenes.snapping import in_plane, solid
+from jaxcable.stiffness import flexibility
+from jaxcable.stiffness import natural_frequencies as frequencies
 
 LENGTH, WEIGHT, EA = 10.0, 5.0, 1e7
 MASS = WEIGHT / 9.80665  # kg/m
@@ -34,7 +35,7 @@ def string_frequency(k, pretension):
 def test_taut_string_of_fifty_elements():
     structure, solution = string(50, 1000.0)
     assert int(solution.status) == 0
-    found = paths.natural_frequencies(structure, solution, n=8)
+    found = frequencies(structure, solution, n=8)
     exact = string_frequency(np.arange(1, 5), 1000.0)
     pairs = np.asarray(found.frequency).reshape(4, 2)  # across the string, both ways
     assert np.abs(pairs / exact[:, None] - 1).max() < 1e-5  # asked for: 1e-3
@@ -48,7 +49,7 @@ def test_order_of_the_mass_matrices():
         values = []
         for n in (5, 10, 20):
             structure, solution = string(n, 1000.0)
-            found = paths.natural_frequencies(structure, solution, 1, distribution=distribution)
+            found = frequencies(structure, solution, 1, distribution=distribution)
             values.append(abs(float(found.frequency[0]) / string_frequency(1, 1000.0) - 1))
         return np.array(values)
 
@@ -60,7 +61,7 @@ def test_order_of_the_mass_matrices():
 @pytest.mark.slow
 def test_derivative_by_the_pretension():
     def frequency(pretension):
-        return paths.natural_frequencies(*string_in_plane(pretension), n=1).frequency[0]
+        return frequencies(*string_in_plane(pretension), n=1).frequency[0]
 
     def string_in_plane(pretension):
         structure, _ = string(8, 1000.0)
@@ -78,15 +79,15 @@ def test_derivative_by_the_pretension():
 def test_added_masses_and_an_unstable_state():
     structure, phases = jc.scenes.von_mises_truss(load=100.0)
     solution = jc.solve(structure, phases)
-    found = paths.natural_frequencies(structure, solution, masses=10.0)
-    stiffness = float(jc.forms.tangent_of(structure, solution)[0, 0])
+    found = frequencies(structure, solution, masses=10.0)
+    stiffness = float(jc.stiffness.tangent_of(structure, solution)[0, 0])
     assert abs(float(found.frequency[0]) * 2 * np.pi - np.sqrt(stiffness / 10)) < 1e-9
     push = jc.Supports(np.ones((3, 3), bool))
     held = jc.replace(structure, supports=push)
     down = jc.solve(held, [jc.Phase(loads=jc.SupportMovement([1], (0, 0, -0.1)))])
     free = np.ones((3, 3), bool)
     free[1, 2] = False
-    found = paths.natural_frequencies(held, down, masses=10.0, fixed=free)
+    found = frequencies(held, down, masses=10.0, fixed=free)
     assert float(found.squared[0]) < 0 and np.isnan(found.frequency[0])
 
 
@@ -101,7 +102,7 @@ def test_simply_supported_beam():
     structure = jc.Structure(nodes, beams, supports=in_plane(n + 1, pinned=[0, n]))
     solution = jc.solve(structure, [jc.Phase(loads=jc.NodalLoads([3], (0, 0, -1e-6)))])
     assert int(solution.status) == 0
-    found = paths.natural_frequencies(structure, solution, n=2)
+    found = frequencies(structure, solution, n=2)
     exact = np.array([1, 4]) * np.pi / 2 / length**2 * np.sqrt(ei * 9.80665 / 770.0)
     # order 4: 7e-6 and 1.2e-4 at 10 elements
     assert (np.abs(np.asarray(found.frequency) / exact - 1) < [2e-5, 3e-4]).all()
@@ -118,7 +119,7 @@ def cantilever(law, points=4, ei=2100.0, weight=77.0, n=1):
     structure = jc.Structure(nodes, beams, supports=in_plane(n + 1, clamped=[0]))
     solution = jc.solve(structure, jc.Phase())
     assert int(solution.status) == 0
-    return float(paths.natural_frequencies(structure, solution, n=1).squared[0])
+    return float(frequencies(structure, solution, n=1).squared[0])
 
 
 def test_one_beam_swings_as_its_cubic():
@@ -148,7 +149,7 @@ def test_mass_on_a_rigid_arm_swings():
         fixed = np.zeros((3, 6), bool)
         fixed[0] = True
         fixed[1, list(held)] = True
-        return paths.natural_frequencies(structure, solution, 9, masses, fixed=fixed).squared
+        return frequencies(structure, solution, 9, masses, fixed=fixed).squared
 
     bend, arm = 1e9 * 0.1**4 / 12, 3.0
     stiffness = bend / 2.0**3 * np.array([[12, -12.0], [-12.0, 16.0]])
@@ -176,9 +177,9 @@ def test_ropes_have_their_mass_where_they_have_slid():
     piece = np.linalg.norm(np.diff(solution.positions, axis=0), axis=1)
     part = 10.0 * float(solution.rest_length[0]) / 9.80665 * piece / piece.sum()
     inertia = np.diag(0.5 * (part[:-1] + part[1:]))
-    stiffness = np.asarray(jc.forms.tangent_of(structure, solution))
+    stiffness = np.asarray(jc.stiffness.tangent_of(structure, solution))
     expected = np.sort(np.linalg.eigvals(np.linalg.solve(inertia, stiffness)))
-    found = paths.natural_frequencies(structure, solution, 2).squared
+    found = frequencies(structure, solution, 2).squared
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
@@ -217,7 +218,7 @@ def test_order_of_the_masses_of_beams():
             fixed[:, [1, 3, 5]] = True
             for nodes, freedoms in held:
                 fixed[np.ix_(nodes, freedoms)] = True
-            found = paths.natural_frequencies(
+            found = frequencies(
                 structure, solution, number + 1, fixed=fixed, distribution=distribution
             )
             return float(found.squared[number])
@@ -269,10 +270,10 @@ def test_modes_within_catenaries_are_not_passed_over_in_silence():
     own = np.sqrt(float(solution.tension["guys"][0]) / (20.0 / 9.80665)) / 2 / np.hypot(20, 10)
     words = rf"catenary [01] of group 0 swings within its span at about {own:.2f} Hz"
     with pytest.warns(jc.InputWarning, match=words):
-        found = paths.natural_frequencies(structure, solution, n=1)
+        found = frequencies(structure, solution, n=1)
     assert 1.0 < own < 1.5 < float(found.frequency[0])
     with pytest.raises(ValueError, match="no node that is free to move has mass; catenaries have"):
-        paths.natural_frequencies(structure, solution, fixed=np.ones((4, 3), bool))
+        frequencies(structure, solution, fixed=np.ones((4, 3), bool))
 
 
 def test_loads_that_follow_without_a_potential_are_refused():
@@ -283,12 +284,12 @@ def test_loads_that_follow_without_a_potential_are_refused():
     solution = jc.solve(structure, pressed)
     assert int(solution.status) == 0
     with pytest.raises(ValueError, match="state: loads that follow or nodal moments make"):
-        paths.natural_frequencies(structure, solution, masses=1.0)
+        frequencies(structure, solution, masses=1.0)
 
     def slowest(pressure):
         load = jc.FacePressure([[0, 3, 4]], pressure)
         state = jc.solve(structure, jc.Phase(loads=load))
-        return paths.natural_frequencies(structure, state, masses=jnp.ones(5)).squared
+        return frequencies(structure, state, masses=jnp.ones(5)).squared
 
     assert np.isnan(jax.jit(slowest)(60.0)).all()
     assert not np.isnan(jax.jit(slowest)(0.0)).any()
@@ -299,7 +300,7 @@ def test_flexibility_against_a_small_load():
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    matrix = paths.flexibility(structure, solution, [3, 0, 4], axes="xz")
+    matrix = flexibility(structure, solution, [3, 0, 4], axes="xz")
     assert matrix.shape == (6, 6) and np.allclose(matrix, matrix.T, rtol=1e-12, atol=1e-18)
     assert (np.asarray(matrix)[2:4] == 0).all()  # node 0 is an anchor
 
@@ -315,18 +316,21 @@ def test_flexibility_against_a_small_load():
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda s, e: paths.natural_frequencies(s, e, n=0), "n = 0: expected a whole number"),
-        (lambda s, e: paths.natural_frequencies(s, e), "masses: no element group has a weight"),
+        (lambda s, e: frequencies(s, e, n=0), "n = 0: expected a whole number"),
+        (lambda s, e: frequencies(s, e), "masses: no element group has a weight"),
         (
-            lambda s, e: paths.natural_frequencies(s, e, masses=-1.0),
+            lambda s, e: frequencies(s, e, masses=-1.0),
             "masses.*must not be negative",
         ),
         (
-            lambda s, e: paths.natural_frequencies(s, e, masses=1.0, distribution="even"),
+            lambda s, e: frequencies(s, e, masses=1.0, distribution="even"),
             "distribution = 'even'",
         ),
-        (lambda s, e: paths.flexibility(s, e, [99]), r"nodes\[0\] = 99: the structure has nodes"),
-        (lambda s, e: paths.flexibility(s, e, [1], axes="w"), "axes = 'w'"),
+        (
+            lambda s, e: flexibility(s, e, [99]),
+            r"nodes\[0\] = 99: the structure has nodes",
+        ),
+        (lambda s, e: flexibility(s, e, [1], axes="w"), "axes = 'w'"),
     ],
 )
 def test_wrong_arguments(call, message):

@@ -10,7 +10,7 @@ import pytest
 from test_gradients import slope
 
 import jaxcable as jc
-from jaxcable import status
+from jaxcable.common import status
 
 E, FY, HARD = 210e9, 235e6, 0.01
 STEEL = jc.materials.steel(FY, E, HARD)

@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcable as jc
-from jaxcable import equilibrium
+from jaxcable.equilibrium import globalisation, newton_step
 
 
 def peak():
@@ -49,9 +49,9 @@ def timed(function, *arguments):
 
 def system(structure, solution, solver):
     """The loaded state as a `System` of arrays, and the motion of its nodes."""
-    from jaxcable._tree import fill, thaw
-    from jaxcable.freedoms import number_freedoms
-    from jaxcable.ramp import make_system
+    from jaxcable.common.tree import fill, thaw
+    from jaxcable.mechanics.ramp import make_system
+    from jaxcable.spaces.freedoms import number_freedoms
 
     fixed = structure.fixed(structure.supports)
     links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
@@ -93,9 +93,9 @@ def pieces(structure, solution, solver, repeats):
 def main():
     case = json.loads(sys.stdin.readline())
     if case.get("plain"):
-        equilibrium._WORTH = 0
+        newton_step.WORTH = 0
     if case.get("searched"):
-        equilibrium._SPRINT = 0
+        globalisation._SPRINT = 0
     n = case["n"]
     structure, phases = jc.scenes.saddle(
         n, n, load=case["load"], increments=(1, case.get("increments", 1))

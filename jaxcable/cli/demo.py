@@ -5,7 +5,9 @@ import time
 import jax
 import numpy as np
 
-from .. import plots, scenes, solver, status
+from .. import plots, scenes
+from ..analysis import solver
+from ..common import status
 from ..scenes import hypar
 from . import outputs
 from .guard import require_writable

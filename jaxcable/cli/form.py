@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from .. import status
-from .._tree import replace
+from ..analysis.phases import ABSOLUTE, Phase
+from ..common import status
+from ..common.tree import replace
 from ..files import save_scene
 from ..forms import find_form, force_density
-from ..phases import ABSOLUTE, Phase
 from ..scenes import Scene
 from . import inputs, outputs
 from .guard import Refused, require_writable

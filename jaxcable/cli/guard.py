@@ -6,11 +6,11 @@ import threading
 import warnings
 from pathlib import Path
 
-from .._check import InputWarning, UnstableWarning
-from .._interrupt import leave
+from ..common.checks import InputWarning, UnstableWarning
+from ..common.interrupt import leave
+from ..common.status import AnalysisError
 from ..files import FileError
 from ..files.reading import written
-from ..status import AnalysisError
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 

@@ -3,13 +3,13 @@
 import jax
 import numpy as np
 
+from ..analysis.phases import ABSOLUTE, INCREMENTS
+from ..analysis.preparation import prepare
 from ..files.reading import read_json
 from ..files.scene import FORMAT
-from ..freedoms import number_freedoms
 from ..loads import as_list
-from ..parts import groups_by_name
-from ..phases import ABSOLUTE, INCREMENTS
-from ..preparation import prepare
+from ..model.parts import groups_by_name
+from ..spaces.freedoms import number_freedoms
 from . import inputs
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from ..files import load_scene, read_csv, read_network, read_obj
 from ..files.reading import number, read_json, whole
 from ..files.scene import FORMAT
-from ..parts import groups_by_name
+from ..model.parts import groups_by_name
 from .guard import Refused
 
 _MOST_BYTES = 8e9  # of the path of an analysis

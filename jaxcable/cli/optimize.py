@@ -6,11 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import design, status
-from .._tree import replace
+from .. import design
+from ..analysis.solver import solve
+from ..common import status
+from ..common.tree import replace
 from ..files import save_scene
 from ..scenes import Scene
-from ..solver import solve
 from . import inputs, outputs
 from .guard import Refused, require_writable, say
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from ..common.status import OK
 from ..files import save_opensees, save_result, save_vtk
 from ..files.reading import written
-from ..status import OK
 from .guard import Refused, say
 
 PICTURES = (".png", ".pdf", ".svg")

@@ -4,11 +4,13 @@ import sys
 
 import numpy as np
 
-from .. import plots, solver, status
-from ..equilibrium import Newton
+from .. import plots
+from ..analysis import solver
+from ..common import status
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
-from ..incremental import Incremental
-from ..reports import report
+from ..reporting import report
 from . import inputs, outputs
 from .guard import FAILED, Refused, require_writable, say
 

@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check, _rules
-from .._tree import pytree
+from ..common import checks
+from ..common import rules as _rules
+from ..common.tree import pytree
 
 
 @pytree
@@ -48,7 +49,7 @@ def numbers(params, name="params"):
         raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
 
     def one(path, x):
-        x = _check.floats(x, name + jax.tree_util.keystr(path))
+        x = checks.floats(x, name + jax.tree_util.keystr(path))
         # no weak type, which would compile a second time
         return jnp.asarray(x, jax.dtypes.canonicalize_dtype(x.dtype))
 
@@ -68,7 +69,7 @@ def spread(value, params, name, absent=None, positive=False):
     if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
         jax.tree.structure(params)
     ):
-        value = _check.floats(value, name)
+        value = checks.floats(value, name)
     value = jax.tree.map(lambda v: absent if v is None else v, value, is_leaf=lambda v: v is None)
     try:
         tree = jax.tree.broadcast(value, params)
@@ -80,7 +81,7 @@ def spread(value, params, name, absent=None, positive=False):
 
     def fill(path, v, x):
         where = name + jax.tree_util.keystr(path)
-        v = _check.floats(v, where)
+        v = checks.floats(v, where)
         if v.shape not in ((), x.shape):
             raise ValueError(f"{where}: expected a scalar or shape {x.shape}, got {v.shape}")
         if positive:
@@ -115,7 +116,7 @@ def make_box(bounds, params):
     )
 
     def check(path, x, low, high):
-        x, low, high = (_check.concrete(v) for v in (x, low, high))
+        x, low, high = (checks.concrete(v) for v in (x, low, high))
         entry = jax.tree_util.keystr(path)
         if low is None or high is None:
             return

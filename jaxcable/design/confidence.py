@@ -4,8 +4,8 @@ import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from .. import status
-from .._tree import pytree
+from ..common import status
+from ..common.tree import pytree
 
 
 @pytree

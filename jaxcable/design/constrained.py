@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import status
-from .._tree import pytree
+from ..common import status
+from ..common.tree import pytree
 from .box import checked_call, default_tol, numbers
 from .minimize import minimize
 from .outcome import split_loss

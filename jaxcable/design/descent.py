@@ -12,9 +12,9 @@ import jax.numpy as jnp
 import optax
 from jax import lax
 
-from .. import status
-from .._tree import where
-from ..progress import Step, tell
+from ..common import status
+from ..common.progress import Step, tell
+from ..common.tree import where
 
 _LBFGS = optax.lbfgs(linesearch=None)  # the loop searches
 _SHORTEST = 40  # halvings before a direction is given up

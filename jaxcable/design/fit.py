@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from .. import status
-from .._tree import pytree
+from ..common import status
+from ..common.tree import pytree
 from .box import Box, checked_call, default_tol, make_box, numbers
 from .levenberg import LevenbergMarquardt
 from .outcome import split_residuals

@@ -3,12 +3,12 @@
 import jax
 import jax.numpy as jnp
 
-from .._tree import replace
+from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
+from ..analysis.solver import solve
+from ..common.selection import only
+from ..common.tree import replace
 from ..elements.element import Prestressable
 from ..loads import NodalLoads, as_list
-from ..phases import ABSOLUTE, INCREMENTS, Phase
-from ..selection import only
-from ..solver import solve
 
 _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
 
@@ -45,7 +45,7 @@ def influence(
     Forward mode if `wrt` has at most as many numbers as `of`, else reverse mode.
 
     Example:
-        How a node between two cables gives way (stiffness 14600 N/m, see `forms.tangent_of`):
+        How a node between two cables gives way (stiffness 14600 N/m, see `stiffness.tangent_of`):
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)

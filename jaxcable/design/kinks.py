@@ -8,10 +8,11 @@ given by points have corners too: `corner_distance` of the law has theirs.)
 import jax
 import jax.numpy as jnp
 
-from .. import implicit, status
-from .._tree import copy
-from ..elementwise import each
-from ..solution import Solution
+from ..analysis.solution import Solution
+from ..common import status
+from ..common.tree import copy
+from ..mechanics.elementwise import each
+from ..numerics import implicit
 from .objectives import smooth_min
 
 

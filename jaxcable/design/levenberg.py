@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import status
+from ..common import status
 
 _DAMPING = 1e-3  # at the start, over the largest column of the scaled Jacobian, which is 1
 _SINGULAR = 1e-12  # damping of a whole step: directions this weak (squared) count as none

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
 
-from .. import status
-from .._tree import pytree, where
-from ..progress import listener
+from ..common import status
+from ..common.progress import listener
+from ..common.tree import pytree, where
 from .box import Box, checked_call, default_tol, make_box, numbers, spread
 from .descent import Descent
 from .outcome import split_loss

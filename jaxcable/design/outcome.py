@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from .. import status
+from ..common import status
 
 
 def split_loss(result):

@@ -3,9 +3,9 @@
 import jax
 import jax.numpy as jnp
 
-from .._tree import pytree
-from ..phases import Phase
-from ..solver import solve
+from ..analysis.phases import Phase
+from ..analysis.solver import solve
+from ..common.tree import pytree
 
 
 def solve_cases(structure, phases, cases, method=None, start=None):
@@ -24,7 +24,7 @@ def solve_cases(structure, phases, cases, method=None, start=None):
         ValueError: cases that differ in more than numbers.
 
     Example:
-        Two small loads on a node between two cables (stiffness 14600 N/m, see `forms.tangent_of`):
+        Two small loads on a node between two cables (14600 N/m, see `stiffness.tangent_of`):
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -98,7 +98,7 @@ def utilisation(structure, tension):
     """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
 
     Compression is compared with the strength alone: buckling is not in it. How far a state is from
-    buckling is what `paths.buckling_factor` and `trace_path` tell. Of beams it is that of their
+    buckling is what `stiffness.buckling_factor` and `trace_path` tell. Of beams it is that of their
     axial force alone (`fibre_stress` has bending too).
 
     Args:

@@ -14,9 +14,9 @@ import abc
 import jax
 import jax.numpy as jnp
 
-from .. import _check
-from .._rules import Rule, not_negative, positive, refuse
-from .._tree import changed, copy, kind, pytree
+from ..common import checks
+from ..common.rules import Rule, not_negative, positive, refuse
+from ..common.tree import changed, copy, kind, pytree
 from ..materials import Elastic, Parallel
 from ..materials.law import uniaxial
 from ..sections import Section
@@ -91,7 +91,7 @@ class Straight(Axial, Prestressed):
         links = checked_links(self.links)
         object.__setattr__(self, "links", links)
         for name in self.per_element:
-            value = _check.per_element(getattr(self, name), len(links), name)
+            value = checks.per_element(getattr(self, name), len(links), name)
             object.__setattr__(self, name, value)
         given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
         if sum(value is not None for value in given) > 1:

@@ -15,19 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import Rule, not_negative, or_nan, positive, refuse
-from .._tree import Indices, changed, copy, kind, plain, pytree
-from ..rotations import cross
+from ..common import checks
+from ..common.rules import Rule, not_negative, or_nan, positive, refuse
+from ..common.tree import Indices, changed, copy, kind, plain, pytree, replace
+from ..numerics.rotations import cross
 from ..sections import Section
-from .element import (
-    PEAK_TENSION,
-    SECTION_FORCES,
-    SECTION_STRAIN,
-    TENSION,
-    Bending,
-    Rounding,
-)
+from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Bending, Rounding
 from .member import Member
 from .prestress import Prestressed, checked_links, of_each
 
@@ -112,13 +105,13 @@ class Beams(Member, Prestressed, Bending, Rounding):
         if not isinstance(self.section, Section):
             raise ValueError("section: missing; a group of beams needs a Section")
         for name in ("torsional_stiffness", "rest_length", "weight", "expansion", "strength"):
-            put(self, name, _check.per_element(getattr(self, name), n_elem, name))
+            put(self, name, checks.per_element(getattr(self, name), n_elem, name))
         if self.torsional_stiffness is None and self.section.torsion is None:
             raise ValueError(
                 "torsional_stiffness: missing; this section has no known torsion constant"
             )
         if self.up is not None:
-            up = _check.floats(self.up, "up")
+            up = checks.floats(self.up, "up")
             if up.shape not in ((3,), (n_elem, 3)):
                 raise ValueError(f"up: expected shape (3,) or ({n_elem}, 3), got {up.shape}")
             pack = jnp if isinstance(up, jax.Array) else np
@@ -178,7 +171,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             springs = np.zeros((count, 2, 3))
             partly = (hinges.any(axis=2) != hinges.all(axis=2)).any()
         else:
-            springs, partly = _check.floats(springs, "springs"), True
+            springs, partly = checks.floats(springs, "springs"), True
             if springs.shape not in ((), (2, 3), (count, 2, 3)):
                 raise ValueError(
                     f"springs: expected a scalar or shape (2, 3) or ({count}, 2, 3), "
@@ -239,7 +232,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         for row, column in self.field_places:
             idle[:, row, column] = False
             if row == 1:  # layers on one line do not resist bending along it
-                places = _check.concrete((self.section.z, self.section.y)[column])
+                places = checks.concrete((self.section.z, self.section.y)[column])
                 idle[:, row, column] = places is not None and np.ptp(places) == 0
         if self.springs is not None:
             idle[:, -2:] = ~self.hinges.array
@@ -262,6 +255,10 @@ class Beams(Member, Prestressed, Bending, Rounding):
             return copy(self, up=up).axes(ends)
 
         return jax.vmap(one)(self.up, ends)
+
+    def oriented(self, nodes):
+        """The group with its axes kept as they are at initial positions [n_node, 3]."""
+        return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
 
     @property
     def remembers(self):
@@ -337,7 +334,7 @@ def _twisted(springs, hinges):
 
 def _differs(section):
     """Whether a section is known not to bend alike in all directions."""
-    if any(_check.concrete(leaf) is None for leaf in jax.tree.leaves(section)):
+    if any(checks.concrete(leaf) is None for leaf in jax.tree.leaves(section)):
         return False  # `start` sees to it
     with jax.ensure_compile_time_eval():
         return not bool(_alike(section))

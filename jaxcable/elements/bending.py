@@ -25,8 +25,8 @@ about y and one about z) belong to the element alone:
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import pytree
-from ..rotations import cross
+from ..common.tree import pytree
+from ..numerics.rotations import cross
 
 
 @pytree

@@ -7,7 +7,7 @@ calling it slack.
 
 import jax.numpy as jnp
 
-from .._tree import pytree
+from ..common.tree import pytree
 from ..materials import Parallel
 from .bar import Plain, Straight
 from .prestress import held_or

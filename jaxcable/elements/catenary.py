@@ -9,7 +9,7 @@ cable.
 import jax
 import jax.numpy as jnp
 
-from .._tree import pytree
+from ..common.tree import pytree
 from . import hanging
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Sagging

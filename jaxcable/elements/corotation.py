@@ -23,8 +23,8 @@ The mean is halfway: with ``(c, h)`` the quaternion of half the rotation between
 import jax
 import jax.numpy as jnp
 
-from .._tree import pytree
-from ..rotations import (
+from ..common.tree import pytree
+from ..numerics.rotations import (
     cross,
     from_stereographic,
     inverse,

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import Each
+from ..common.tree import Each
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,6 +136,10 @@ class Element(abc.ABC):
     def weights(self, state):
         """Weight of every element, [n_elem], N; None if the group has none."""
         return None
+
+    def oriented(self, nodes):
+        """The group with its axes kept as they are at initial positions [n_node, 3]."""
+        return self
 
     def balls(self):
         """Ends with a rotation of their own, [n_elem, 2] bool, or None."""

@@ -24,7 +24,7 @@ equations to one is ours.)
 import jax
 import jax.numpy as jnp
 
-from ..roots import rising_root
+from ..numerics.roots import rising_root
 
 
 @jax.jit  # traced once, not at each of its many places in a program

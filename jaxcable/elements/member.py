@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import kind
-from ..rotations import (
+from ..common.tree import kind
+from ..numerics.rotations import (
     angles,
     conjugate,
     exp_stereographic,

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._tree import Indices, copy, pytree
+from ..common import checks
+from ..common.tree import Indices, copy, pytree
 from .element import ElementState, Prestressable
 
 
@@ -198,7 +198,7 @@ def checked_links(links):
     """Links [n_elem, 2] as `Indices`; ValueError for equal ends and repeated links."""
     if isinstance(links, Indices):
         return links
-    links = _check.integers(links, "links", width=2)
+    links = checks.integers(links, "links", width=2)
     if len(links) == 0:
         raise ValueError("links: a group needs at least one element")
     same = links[:, 0] == links[:, 1]

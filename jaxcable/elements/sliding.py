@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import Rule
-from .._tree import Indices, plain, pytree
+from ..common import checks
+from ..common.rules import Rule
+from ..common.tree import Indices, plain, pytree
 from .cable import TensionOnly
 from .element import Element, Jacked
 from .prestress import held_or
@@ -168,7 +168,7 @@ def _checked_chains(chains):
     if not isinstance(chains, list | tuple | np.ndarray):
         raise ValueError(f"links: expected a list of chains, got {type(chains).__name__}")
     chains = [
-        np.atleast_1d(_check.integers(chain, f"links[{k}]")) for k, chain in enumerate(chains)
+        np.atleast_1d(checks.integers(chain, f"links[{k}]")) for k, chain in enumerate(chains)
     ]
     if not chains:
         raise ValueError("links: a group needs at least one element")

@@ -14,8 +14,10 @@ import difflib
 import jax
 import numpy as np
 
-from .._check import holds_boolean
-from .._tree import Indices
+from ..analysis.phases import Phase
+from ..common.checks import holds_boolean
+from ..common.selection import Only, Selection
+from ..common.tree import Indices
 from ..elements import Bars, Beams, Cables, Catenaries, SlidingCables
 from ..loads import (
     AreaLoads,
@@ -29,11 +31,9 @@ from ..loads import (
 from ..loads.load import Load
 from ..materials import Elastic, Parallel, Polygonal
 from ..materials.law import Law
-from ..phases import Phase
+from ..model.structure import Structure, is_group
+from ..model.supports import Supports
 from ..sections import Section
-from ..selection import Only, Selection
-from ..structure import Structure, is_group
-from ..supports import Supports
 from .reading import FileError
 
 TYPES = {

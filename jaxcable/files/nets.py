@@ -4,13 +4,13 @@ import dataclasses
 
 import numpy as np
 
-from .. import _check
+from ..analysis.phases import Phase
+from ..common import checks
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
-from ..phases import Phase
+from ..model.structure import Structure
+from ..model.supports import Supports, pinned
 from ..scenes import Scene
-from ..structure import Structure
-from ..supports import Supports, pinned
 
 PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
 STATEMENTS = ("pretension", "force_density", "prestrain")
@@ -130,7 +130,7 @@ class Net:
                 raise ValueError(f'anchors = {anchors!r}: expected node numbers or "ends"')
             fixed[np.bincount(self.links.ravel(), minlength=len(self.nodes)) == 1] = True
         elif anchors is not None:
-            fixed |= pinned(_check.integers(anchors, "anchors")).fixed(len(self.nodes))[:, :3]
+            fixed |= pinned(checks.integers(anchors, "anchors")).fixed(len(self.nodes))[:, :3]
         if not fixed.any():
             raise ValueError('anchors: the file names no supports; give node numbers or "ends"')
         if (fixed.all(axis=1) == fixed.any(axis=1)).all():

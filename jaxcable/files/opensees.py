@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from ..elements.bar import Straight
-from ..parts import groups_by_name, one_case
-from ..topology import require_same
+from ..model.parts import groups_by_name, one_case
+from ..model.topology import require_same
 from .reading import written
 
 

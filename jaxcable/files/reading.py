@@ -11,7 +11,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from .._interrupt import AT_EXIT
+from ..common.interrupt import AT_EXIT
 
 LARGEST = 64 * 1024 * 1024
 """Bytes up to which a file is read unless the caller says otherwise: a net of a million links."""

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import status
-from ..parts import Column, columns, first_and_last, groups_by_name, one_case, per_group
-from ..topology import require_same
+from ..common import status
+from ..model.parts import Column, columns, first_and_last, groups_by_name, one_case, per_group
+from ..model.topology import require_same
 from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable result"

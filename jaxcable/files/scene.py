@@ -18,11 +18,11 @@ object with a "type" is one of `codec.TYPES`; without one it is a dict (of eleme
 
 import warnings
 
-from .._check import InputWarning
-from ..phases import Phase
-from ..preparation import prepare
+from ..analysis.phases import Phase
+from ..analysis.preparation import prepare
+from ..common.checks import InputWarning
+from ..model.structure import Structure
 from ..scenes import Scene
-from ..structure import Structure
 from .codec import decode, encode
 from .layout import laid_out
 from .reading import LARGEST, FileError, read_json, written

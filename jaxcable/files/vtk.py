@@ -5,8 +5,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from ..parts import columns, groups_by_name, one_case, per_group, pieces
-from ..topology import require_same
+from ..model.parts import columns, groups_by_name, one_case, per_group, pieces
+from ..model.topology import require_same
 from .reading import written
 
 _LINE = 3  # cell type of VTK

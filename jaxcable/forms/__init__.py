@@ -1,11 +1,9 @@
 """Form finding: shapes, tensions and unstressed lengths that an analysis can begin with."""
 
-from ..tangent import tangent_of
 from .feasible import Prestress, feasible_prestress
 from .force_density import force_density
 from .form import Form
 from .hanging import catenary_curves, end_tensions, hanging_chain
-from .imperfections import Modes, imperfect, modes
 from .prescribed import find_form
 from .relaxation import dynamic_relaxation
 from .self_stress import SelfStress, self_stress
@@ -14,7 +12,6 @@ from .symmetry import symmetric_groups
 
 __all__ = [
     "Form",
-    "Modes",
     "Prestress",
     "SelfStress",
     "Statements",
@@ -25,10 +22,7 @@ __all__ = [
     "find_form",
     "force_density",
     "hanging_chain",
-    "imperfect",
-    "modes",
     "self_stress",
     "statements",
     "symmetric_groups",
-    "tangent_of",
 ]

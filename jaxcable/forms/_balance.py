@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from ..common import checks
 from .members import check_members
 
 
@@ -56,7 +56,7 @@ def arranged(structure, row):
 
 def host_nodes(structure, what):
     """Positions as NumPy numbers in double precision; ValueError if traced or not finite."""
-    nodes = _check.concrete(structure.nodes)
+    nodes = checks.concrete(structure.nodes)
     if nodes is None:
         raise ValueError(f"{what}: ranks are decided on the host; nodes cannot be traced here")
     finite = np.isfinite(nodes)

@@ -9,7 +9,7 @@ they follow the nodes, with exact derivatives.
 import jax
 import jax.numpy as jnp
 
-from .._tree import Indices, copy, pytree
+from ..common.tree import Indices, copy, pytree
 from ..elements.prestress import AxialState, element
 from ..loads import AreaLoads, LineLoads, NodalLoads, SelfWeight, as_list
 

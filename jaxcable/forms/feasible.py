@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import Rule, or_nan
-from .._tree import pytree
+from ..common import checks
+from ..common.rules import Rule, or_nan
+from ..common.tree import pytree
 from ._balance import arranged, balance, host_nodes, in_a_row, members
 
 
@@ -101,7 +101,7 @@ def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None
     if tol is None:
         single = np.dtype(structure.nodes.dtype) == np.float32
         tol = 1e-5 if single else 1e-10
-    if _check.concrete(structure.nodes) is None:
+    if checks.concrete(structure.nodes) is None:
         if group is None:
             raise ValueError("group: must be given where nodes are traced")
     else:

@@ -16,14 +16,18 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import equilibrium, implicit, linear, plausibility, status
-from .._rules import not_negative, or_nan
-from .._tree import copy, fill, pytree, thaw
-from ..assembly import System
-from ..equilibrium import Newton
-from ..freedoms import number_freedoms
+from .. import linear
+from ..common import status
+from ..common.rules import not_negative, or_nan
+from ..common.tree import cast, copy, fill, pytree, thaw
+from ..equilibrium import newton
+from ..equilibrium.newton import Newton
+from ..mechanics.assembly import System
+from ..model import plausibility
+from ..model.supports import Fixed
+from ..numerics import implicit
 from ..spaces import Translations
-from ..supports import Fixed
+from ..spaces.freedoms import number_freedoms
 from .along import OnForm, carries, split, touched
 from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
@@ -169,10 +173,7 @@ def _loaded(thawed, arrays, net, freedoms, method):
     """
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, densities, loads, groups, others = jax.tree.map(
-        lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
-        jax.tree.map(jnp.asarray, parameters),
-    )
+    nodes, densities, loads, groups, others = cast(parameters, dtype)
     data = (nodes, densities, total(loads, nodes.shape, dtype), OnForm(groups, others))
 
     def system(data):
@@ -194,12 +195,12 @@ def _loaded(thawed, arrays, net, freedoms, method):
         return jnp.where(jnp.all(jnp.isfinite(new)), new, x)
 
     x = lax.fori_loop(0, _FIRST, step, frozen[0])
-    found, factored = equilibrium.newton(sought, x - frozen[0], method, jnp.ones((), bool))
+    found, factored = newton.equilibrate(sought, x - frozen[0], method, jnp.ones((), bool))
     forces = sought.tensions(found.x)
     valid = (found.code == status.OK) & carries(frozen[3].groups, forces)
     valid = valid & (verdict(nodes, groups, others) == status.OK)
     attached = system(implicit.gate(valid, data))
-    tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
+    tol, worth = newton.adjoint_effort(method, attached, dtype)
     moved, *_ = implicit.attach_apart(attached, found.x, valid, factored, tol, worth)
     moved = implicit.nan_unless(valid, moved, parameters)
     free = jnp.zeros(nodes.size, bool).at[freedoms.free].set(True).reshape(nodes.shape)

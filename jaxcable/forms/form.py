@@ -3,8 +3,9 @@
 import jax.numpy as jnp
 from jax import lax
 
-from .. import implicit, status
-from .._tree import pytree
+from ..common import status
+from ..common.tree import pytree
+from ..numerics import implicit
 from .along import carries
 
 

@@ -4,14 +4,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import _check
-from .._rules import or_nan, positive
+from ..common import checks
+from ..common.rules import or_nan, positive
 from ..elements import hanging
 from ..elements.element import Sagging
 from ..elements.prestress import element
-from ..elementwise import motion_of
-from ..ramp import make_system
-from ..tangent import filled, prepared
+from ..mechanics.elementwise import motion_of
+from ..mechanics.ramp import make_system
+from ..stiffness.tangent import filled, prepared
 
 
 def catenary_curves(structure, solution, n=21):
@@ -127,13 +127,13 @@ def hanging_chain(first, second, n, sag, weight, axial_stiffness):
     """
     if n < 2:
         raise ValueError(f"n = {n}: a chain that sags has at least 2 elements")
-    first, second = _check.floats(first, "first"), _check.floats(second, "second")
+    first, second = checks.floats(first, "first"), checks.floats(second, "second")
     for name, value in (("first", first), ("second", second)):
         if value.shape != (3,):
             raise ValueError(f"{name}: expected shape (3,), got {value.shape}")
     numbers = {"sag": sag, "weight": weight, "axial_stiffness": axial_stiffness}
     for name, value in numbers.items():
-        if _check.floats(value, name).shape != ():
+        if checks.floats(value, name).shape != ():
             raise ValueError(f"{name}: expected a number, got shape {jnp.shape(value)}")
         numbers[name] = or_nan(positive(name, value))
     dtype = jnp.result_type(float, first, second)

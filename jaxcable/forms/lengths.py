@@ -14,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import linear, status
-from .._tree import copy, pytree
+from .. import linear
+from ..common import status
+from ..common.tree import copy, pytree
 from ..elements.prestress import stretch
-from ..freedoms import number_freedoms
+from ..spaces.freedoms import number_freedoms
 
 _HALVINGS = 12
 

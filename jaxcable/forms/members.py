@@ -3,12 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check, status
-from .._rules import kept, rules_of
+from ..analysis.phases import spread
+from ..common import checks, status
+from ..common.rules import kept, rules_of
+from ..common.selection import Only, Selection
 from ..elements.bar import Straight
-from ..phases import spread
-from ..selection import Only, Selection
-from ..structure import Structure, place_rules
+from ..model.structure import Structure, place_rules
 
 
 def check_members(structure):
@@ -50,6 +50,6 @@ def stated(value, structure, name):
         if isinstance(own, Only):
             meant = own.chosen(n_elem, name)
             own = own.spread(np.zeros(n_elem))
-        values.append(_check.per_element(own, n_elem, name))
+        values.append(checks.per_element(own, n_elem, name))
         chosen.append(meant)
     return values, chosen

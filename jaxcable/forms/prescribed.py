@@ -5,7 +5,7 @@ That is the stationary point of ``sum T l - p.x``, which is convex where all for
 (a sum of norms): a minimal net if they are equal. Elements whose length is given instead take part
 with their force as an unknown (`lengths`), the multiplier of that condition.
 
-The iteration is `equilibrium.newton` on members that hold their force whatever their length, with
+The iteration is `newton.equilibrate` on members that hold their force whatever their length, with
 its tangent by autodiff and its line search. The derivative is the implicit function theorem's.
 """
 
@@ -16,14 +16,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import equilibrium, implicit, plausibility, status
-from .._rules import Rule, or_nan
-from .._tree import Indices, copy, fill, thaw
-from ..assembly import System
-from ..equilibrium import Newton
-from ..freedoms import number_freedoms
+from ..common import status
+from ..common.rules import Rule, or_nan
+from ..common.tree import Indices, cast, copy, fill, thaw
+from ..equilibrium import newton
+from ..equilibrium.newton import Newton
+from ..mechanics.assembly import System
+from ..model import plausibility
+from ..model.supports import Fixed
+from ..numerics import implicit
 from ..spaces import Translations
-from ..supports import Fixed
+from ..spaces.freedoms import number_freedoms
 from . import lengths
 from .along import OnForm, split, touched
 from .force_density import number_axes, shape
@@ -178,10 +181,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     """The compiled core; results per element are lists, one item per group."""
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, groups, tensions, given, loads, others = jax.tree.map(
-        lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
-        jax.tree.map(jnp.asarray, parameters),
-    )
+    nodes, groups, tensions, given, loads, others = cast(parameters, dtype)
     load = total(loads, nodes.shape, dtype)
     data = (nodes, tensions, given, load, None if others is None else OnForm(groups, others))
     allowed = verdict(parameters[0], parameters[1], method, others)
@@ -189,12 +189,12 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     frozen = lax.stop_gradient(data)
     start = jnp.zeros_like(nodes) if net is None else _draped(frozen, net)
     if extra is None:
-        found, factored = equilibrium.newton(system(frozen), start, method, allowed == status.OK)
+        found, factored = newton.equilibrate(system(frozen), start, method, allowed == status.OK)
         code = status.first_failure(allowed, found.code)
         steps, residual, scale = found.steps, found.residual, found.scale
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
-        tol, worth = equilibrium.adjoint_effort(method, attached, dtype)
+        tol, worth = newton.adjoint_effort(method, attached, dtype)
         motion, *_ = implicit.attach_apart(attached, found.x, valid, factored, tol, worth)
         forces = [state.force for state in attached.states]
     else:
@@ -281,14 +281,14 @@ def _with_lengths(system, data, start, extra, method, struts):
     one that springs would leave (a tensegrity held by constant forces): then the saddle comes
     first, from the forces that balance best at the start, and springs only if that leads nowhere.
     """
-    tol = equilibrium.limit(method, start.dtype)
+    tol = newton.limit(method, start.dtype)
     saddle = _saddle(system, data, extra)
     known = jnp.zeros((), bool)
     if struts:
         first = lengths.settle(saddle, saddle.balanced(start), tol, method.max_steps, ~known)
         known = first[1] == status.OK
     sprung = system(data, stiffness=_STIFF * _force(data))
-    near, _ = equilibrium.newton(sprung, start, copy(method, tol=_NEAR), ~known)
+    near, _ = newton.equilibrate(sprung, start, copy(method, tol=_NEAR), ~known)
     z = saddle.join(near.x, sprung.tensions(near.x))
     active = ~known & (near.code == status.OK)
     limit = method.max_steps - near.steps

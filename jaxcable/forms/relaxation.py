@@ -19,10 +19,12 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import _check, implicit, plausibility, status
-from .._rules import Rule, not_negative, or_nan
-from .._tree import copy, fill, pytree, thaw
+from ..common import checks, status
+from ..common.rules import Rule, not_negative, or_nan
+from ..common.tree import cast, copy, fill, pytree, thaw
 from ..elements.prestress import element
+from ..model import plausibility
+from ..numerics import implicit
 from .along import split
 from .form import arranged, make_form
 from .members import check_members, stated, total, verdict
@@ -102,7 +104,7 @@ def dynamic_relaxation(
             rests[k] = or_nan(Rule("rest_length", own, lambda v, own: own & (v <= 0), text))
     tol = or_nan(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
     if start is not None:
-        start = _check.floats(start, "start")
+        start = checks.floats(start, "start")
         if start.shape != structure.nodes.shape:
             raise ValueError(
                 f"start: expected shape {structure.nodes.shape}, got {tuple(start.shape)}"
@@ -216,12 +218,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
     """The compiled core; results per element are lists, one item per group."""
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
-    nodes, members, loads, start = lax.stop_gradient(
-        jax.tree.map(
-            lambda x: x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x,
-            jax.tree.map(jnp.asarray, parameters),
-        )
-    )
+    nodes, members, loads, start = lax.stop_gradient(cast(parameters, dtype))
     members = [copy(m, group=m.group.continued() if m.group.breaks else m.group) for m in members]
     load = total(loads, nodes.shape, dtype)
     rests = [m.unstressed(nodes) for m in members]

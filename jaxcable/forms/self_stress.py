@@ -19,7 +19,7 @@ Ranks are discrete, so all of this is NumPy on the host and has no derivatives.
 import jax
 import numpy as np
 
-from .._tree import pytree
+from ..common.tree import pytree
 from ._balance import arranged, balance, host_nodes, in_a_row, incidence, members
 
 KINDS = {

@@ -3,12 +3,12 @@
 import jax
 import jax.numpy as jnp
 
-from .._tree import pytree
+from ..common.tree import pytree
 from ..elements.element import Sagging
 from ..elements.prestress import element
-from ..elementwise import each
-from ..ramp import make_system
-from ..tangent import filled, prepared
+from ..mechanics.elementwise import each
+from ..mechanics.ramp import make_system
+from ..stiffness.tangent import filled, prepared
 
 
 @pytree

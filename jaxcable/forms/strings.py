@@ -6,7 +6,7 @@ whatever its length, as a string over a pulley does; with a large ``k`` it nearl
 
 import jax.numpy as jnp
 
-from .._tree import Indices, pytree
+from ..common.tree import Indices, pytree
 from ..elements.bar import Axial
 from ..elements.element import ElementState
 from ..elements.prestress import stretch

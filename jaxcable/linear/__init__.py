@@ -5,7 +5,7 @@ A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the sam
 
 import jax.numpy as jnp
 
-from .._tree import copy
+from ..common.tree import copy
 from . import choice, dense, sparse
 from .bordered import solve_bordered
 from .dense import Factor, solve_definite

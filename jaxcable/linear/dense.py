@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 from jax import lax
 
-from .._tree import copy, pytree
+from ..common.tree import copy, pytree
 from . import solver
 
 _MOST = 150  # unknowns up to which dense is faster, see experiments/scaling.py

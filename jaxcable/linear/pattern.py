@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._tree import copy, places, pytree
+from ..common.tree import copy, places, pytree
 from .solver import choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones

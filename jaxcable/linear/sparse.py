@@ -14,7 +14,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.experimental.buffer_callback import buffer_callback
 
-from .._tree import copy, pytree
+from ..common.tree import copy, pytree
 from . import dense, host
 from .banded import solve_banded
 from .pattern import Sparse

@@ -5,8 +5,8 @@ They are evaluated from the state of the elements and go on acting in later phas
 
 import jax.numpy as jnp
 
-from .. import _check
-from .._tree import copy, pytree
+from ..common import checks
+from ..common.tree import copy, pytree
 from .groups import bundled, check_elements, partly, selected, settled
 from .load import Dead, Measured
 
@@ -53,7 +53,7 @@ class SelfWeight(Dead):
 
     def __post_init__(self):
         check_elements(self.elements)
-        direction = _check.floats(self.direction, "direction")
+        direction = checks.floats(self.direction, "direction")
         if direction.shape != (3,):
             raise ValueError(
                 f"direction: expected shape (3,) such as (0, 0, -1), got {direction.shape}"
@@ -145,11 +145,11 @@ class LineLoads(Measured):
 
     def __post_init__(self):
         check_elements(self.elements)
-        forces = _check.floats(self.forces, "forces")
+        forces = checks.floats(self.forces, "forces")
         if forces.shape != (3,):
             raise ValueError(f"forces: expected shape (3,), got {forces.shape}")
         object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "factor", _check.floats(self.factor, "factor"))
+        object.__setattr__(self, "factor", checks.floats(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
         check_geometry(self.geometry, self.per)

@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from .. import _check
-from .._tree import copy, pytree
+from ..common import checks
+from ..common.tree import copy, pytree
 from . import faces as _faces
 from .along import check_geometry, padded, room
 from .load import Measured
@@ -52,13 +52,13 @@ class AreaLoads(Measured):
 
     def __post_init__(self):
         object.__setattr__(self, "faces", _faces.checked(self.faces))
-        forces = _check.floats(self.forces, "forces")
+        forces = checks.floats(self.forces, "forces")
         if forces.shape not in ((3,), (len(self.faces), 3)):
             raise ValueError(
                 f"forces: expected shape (3,) or ({len(self.faces)}, 3), got {forces.shape}"
             )
         object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "factor", _check.floats(self.factor, "factor"))
+        object.__setattr__(self, "factor", checks.floats(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
         check_geometry(self.geometry, self.per)

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from .. import _check
+from ..common import checks
 from .load import Load
 
 
@@ -38,7 +38,7 @@ def combine(cases, factors):
     if not isinstance(cases, dict | list | tuple):
         raise ValueError(f"cases: expected a dict or a list of loads, got {type(cases).__name__}")
     cases = list(cases.values()) if isinstance(cases, dict) else list(cases)
-    factors = _check.floats(factors, "factors")
+    factors = checks.floats(factors, "factors")
     if not cases:
         raise ValueError("cases: at least one load case is needed")
     if factors.ndim not in (1, 2) or factors.shape[-1] != len(cases):

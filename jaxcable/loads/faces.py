@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._tree import Indices
+from ..common import checks
+from ..common.tree import Indices
 
 _SPLITS = {
     3: [((0, 1, 2), 1.0)],
@@ -21,7 +21,7 @@ def checked(faces):
     array = np.asarray(faces)
     if array.ndim != 2 or array.shape[1] not in (3, 4) or len(array) == 0:
         raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got shape {array.shape}")
-    array = _check.integers(array, "faces", width=array.shape[1])
+    array = checks.integers(array, "faces", width=array.shape[1])
     few = np.array([len(set(face)) < 3 for face in array.tolist()])
     if few.any():
         k = int(few.argmax())
@@ -31,7 +31,7 @@ def checked(faces):
 
 def known(faces, structure):
     """Raise ValueError if a node of the faces is unknown to the structure."""
-    _check.known(faces.array, structure.n_node, "faces")
+    checks.known(faces.array, structure.n_node, "faces")
 
 
 def area_vectors(corners):

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._tree import copy, plain
-from ..selection import Selection
+from ..common import checks
+from ..common.selection import Selection
+from ..common.tree import copy, plain
 
 _ALL = 1.0  # of every element of a group
 
@@ -88,7 +88,7 @@ def scattered(nodes, parts, shape, dtype):
         dtype: of the result.
     """
     nodes = plain(nodes)
-    known = [None if part is None else _check.concrete(part) for part in parts]
+    known = [None if part is None else checks.concrete(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
     total = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)

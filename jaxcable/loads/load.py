@@ -2,7 +2,7 @@
 
 import abc
 
-from .._tree import copy
+from ..common.tree import copy
 
 
 class Load(abc.ABC):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from .. import _check
+from ..common import checks
 
 BORDERS = (None, "ends", "links")
 STRAIGHT = 45.0
@@ -68,7 +68,7 @@ def net_faces(nodes, links, largest=4, border=None):
     if largest not in (3, 4):
         raise ValueError(f"largest = {largest!r}: expected 3 or 4 corners")
     plan = np.asarray(nodes, float)[:, :2]
-    links = _check.integers(links, "links", width=2)
+    links = checks.integers(links, "links", width=2)
     if links.size and links.max() >= len(plan):
         k = int((links >= len(plan)).any(axis=1).argmax())
         raise ValueError(f"links[{k}] = {links[k].tolist()}: there are nodes 0 to {len(plan) - 1}")
@@ -315,7 +315,7 @@ def _warn(plan, lines, closed, rings, nothing):
     )
     if after - before > nothing:
         i, j = min(lines)
-        _check.suspect(
+        checks.suspect(
             f"net_faces: {after - before:.6g} of {after:.6g} m2 lie outside of all links, between "
             f"free ends of cables such as {i} and {j}; give border='ends' if they are meant, "
             "border='links' if not"

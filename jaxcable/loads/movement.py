@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .. import _check
-from .._tree import Indices, copy, pytree
+from ..common import checks
+from ..common.tree import Indices, copy, pytree
 from .groups import scattered
 from .load import Moving
 
@@ -42,14 +42,14 @@ class SupportMovement(Moving):
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
-            object.__setattr__(self, "nodes", Indices(_check.integers(self.nodes, "moved nodes")))
+            object.__setattr__(self, "nodes", Indices(checks.integers(self.nodes, "moved nodes")))
         if self.displacements is None:
             object.__setattr__(self, "displacements", (0.0, 0.0, 0.0))
         for name in ("displacements", "rotations"):
             value = getattr(self, name)
             if value is None:
                 continue
-            value = _check.floats(value, name)
+            value = checks.floats(value, name)
             if value.shape not in ((3,), (len(self.nodes), 3)):
                 raise ValueError(
                     f"{name}: expected shape (3,) or ({len(self.nodes)}, 3), got {value.shape}"
@@ -58,7 +58,7 @@ class SupportMovement(Moving):
 
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
-        _check.known(self.nodes.array, structure.n_node, "moved nodes")
+        checks.known(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None and not structure.turns()[self.nodes.array].all():
             k = int((~structure.turns()[self.nodes.array]).argmax())
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
@@ -70,7 +70,7 @@ class SupportMovement(Moving):
         is refused here, and a free component that moves ends as NONFINITE (see `ramp`).
         """
         own = fixed.array[self.nodes.array]
-        moves = _check.concrete(self.displacements)
+        moves = checks.concrete(self.displacements)
         for k, node in enumerate(self.nodes.array):
             if moves is None:
                 loose = ~own[k, :3] & ~own[k, :3].any()

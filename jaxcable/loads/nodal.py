@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .. import _check
-from .._tree import Indices, copy, pytree
+from ..common import checks
+from ..common.tree import Indices, copy, pytree
 from .groups import scattered
 from .load import OnNodes
 
@@ -39,8 +39,8 @@ class NodalLoads(OnNodes):
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
-            object.__setattr__(self, "nodes", Indices(_check.integers(self.nodes, "load nodes")))
-        forces = _check.floats(self.forces, "forces")
+            object.__setattr__(self, "nodes", Indices(checks.integers(self.nodes, "load nodes")))
+        forces = checks.floats(self.forces, "forces")
         if forces.shape not in ((3,), (len(self.nodes), 3)):
             raise ValueError(
                 f"forces: expected shape (3,) or ({len(self.nodes)}, 3), got {forces.shape}; give "
@@ -48,7 +48,7 @@ class NodalLoads(OnNodes):
             )
         object.__setattr__(self, "forces", forces)
         if self.moments is not None:
-            moments = _check.floats(self.moments, "moments")
+            moments = checks.floats(self.moments, "moments")
             if moments.shape not in ((3,), (len(self.nodes), 3)):
                 raise ValueError(
                     f"moments: expected shape (3,) or ({len(self.nodes)}, 3), got {moments.shape}"
@@ -57,7 +57,7 @@ class NodalLoads(OnNodes):
 
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
-        _check.known(self.nodes.array, structure.n_node, "load nodes")
+        checks.known(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
             turns = structure.turns()[self.nodes.array]
             if not turns.all():
@@ -72,7 +72,7 @@ class NodalLoads(OnNodes):
         return copy(self, forces=factor * self.forces, moments=moments)
 
     def __str__(self):
-        forces = _check.concrete(self.forces)
+        forces = checks.concrete(self.forces)
         if forces is None:
             return "NodalLoads"
         total = np.broadcast_to(forces, (len(self.nodes), 3)).sum(axis=0)

@@ -8,9 +8,9 @@ from a potential: all nodes at the border are held, the pressure is even and per
 import jax
 import jax.numpy as jnp
 
-from .. import _check
-from .._rules import Rule, refuse
-from .._tree import Indices, copy, pytree
+from ..common import checks
+from ..common.rules import Rule, refuse
+from ..common.tree import Indices, copy, pytree
 from . import faces as _faces
 from .groups import bundled, chosen, partly
 from .load import Following
@@ -63,12 +63,12 @@ class CablePressure(Following):
     part: object = None  # of elements of a group, 1 or 0, by its number, put in by the analysis
 
     def __post_init__(self):
-        axis = _check.floats(self.axis, "axis")
+        axis = checks.floats(self.axis, "axis")
         if axis.shape != (3,):
             raise ValueError(f"axis: expected shape (3,), got {axis.shape}")
         object.__setattr__(self, "axis", axis)
         refuse(self.rules())
-        pressure = _check.floats(self.pressure, "pressure")
+        pressure = checks.floats(self.pressure, "pressure")
         if pressure.ndim > 1:
             raise ValueError(f"pressure: expected a scalar or [n_elem], got {pressure.shape}")
         object.__setattr__(self, "pressure", pressure)
@@ -193,7 +193,7 @@ class FacePressure(Following):
 
     def __post_init__(self):
         object.__setattr__(self, "faces", _faces.checked(self.faces))
-        pressure = _check.floats(self.pressure, "pressure")
+        pressure = checks.floats(self.pressure, "pressure")
         if pressure.shape not in ((), (len(self.faces),)):
             raise ValueError(
                 f"pressure: expected a scalar or shape ({len(self.faces)},), got {pressure.shape}"

@@ -1,8 +1,8 @@
 """Linear law, without end."""
 
-from .. import _check
-from .._rules import positive, refuse
-from .._tree import copy, pytree
+from ..common import checks
+from ..common.rules import positive, refuse
+from ..common.tree import copy, pytree
 from .law import Law
 
 
@@ -29,7 +29,7 @@ class Elastic(Law):
     rising = True
 
     def __post_init__(self):
-        E = _check.floats(self.E, "E")
+        E = checks.floats(self.E, "E")
         if E.shape != ():
             raise ValueError(f"E: expected a scalar (a group shares its law), got shape {E.shape}")
         object.__setattr__(self, "E", E)

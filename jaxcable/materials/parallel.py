@@ -11,7 +11,7 @@ stress ``s(m)`` of the laws at their own strain m, a spring of compliance c make
 
 import jax.numpy as jnp
 
-from .._tree import copy, pytree
+from ..common.tree import copy, pytree
 from .elastic import Elastic
 from .inverse import inverse
 from .law import Law

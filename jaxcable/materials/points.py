@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .. import _check
-from .._rules import Rule
+from ..common import checks
+from ..common.rules import Rule
 
 
 def rules(strain, stress, unloading):
@@ -31,7 +31,7 @@ def suspect(strain):
     if np.abs(strain).max() > 1:
         k = int(np.abs(strain).argmax())
         text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
-        _check.suspect(text)
+        checks.suspect(text)
 
 
 def with_origin(e, s):

@@ -17,9 +17,9 @@ and yields backwards after twice the strain. At given ``p_k`` its energy is conv
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import refuse
-from .._tree import copy, pytree
+from ..common import checks
+from ..common.rules import refuse
+from ..common.tree import copy, pytree
 from . import points
 from .inverse import inverse
 from .law import Law
@@ -75,7 +75,7 @@ class Polygonal(Law):
     worked_out = ("rising", "n_memory")
 
     def __post_init__(self):
-        strain, stress = _check.floats(self.strain, "strain"), _check.floats(self.stress, "stress")
+        strain, stress = checks.floats(self.strain, "strain"), checks.floats(self.stress, "stress")
         if strain.ndim != 1 or len(strain) < 2:
             raise ValueError(f"strain: expected shape [n] with n >= 2, got {strain.shape}")
         if stress.shape != strain.shape:
@@ -83,7 +83,7 @@ class Polygonal(Law):
         if self.unloading not in ("reversible", "elastic"):
             raise ValueError(f'unloading = {self.unloading!r}: expected "reversible" or "elastic"')
         refuse(points.rules(strain, stress, self.unloading))
-        e, s = _check.concrete(strain), _check.concrete(stress)
+        e, s = checks.concrete(strain), checks.concrete(stress)
         if e is not None:
             points.suspect(e)
             if s is not None:

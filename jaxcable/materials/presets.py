@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .. import _check
-from .._rules import positive, refuse
+from ..common import checks
+from ..common.rules import positive, refuse
 from .polygonal import Polygonal
 
 
@@ -94,4 +94,4 @@ def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible
 
 def _positive(**numbers):
     for name, value in numbers.items():
-        refuse([positive(name, _check.floats(value, name))])
+        refuse([positive(name, checks.floats(value, name))])

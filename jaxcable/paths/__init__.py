@@ -1,6 +1,5 @@
-"""To failure: paths followed by arc length, stability, buckling, vibration, flexibility."""
+"""To failure: paths followed by arc length, and the events on them."""
 
-from .buckling import Buckling, buckling_factor
 from .events import (
     BIFURCATION,
     FAILURES,
@@ -11,10 +10,8 @@ from .events import (
     TIGHTENING,
     Events,
 )
-from .flexibility import flexibility
 from .result import TracedPath
 from .trace import trace_path
-from .vibration import Vibration, natural_frequencies
 
 __all__ = [
     "BIFURCATION",
@@ -24,12 +21,7 @@ __all__ = [
     "NAMES",
     "SLACKENING",
     "TIGHTENING",
-    "Buckling",
     "Events",
     "TracedPath",
-    "Vibration",
-    "buckling_factor",
-    "flexibility",
-    "natural_frequencies",
     "trace_path",
 ]

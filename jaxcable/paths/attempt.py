@@ -2,9 +2,11 @@
 
 import jax.numpy as jnp
 
-from .. import equilibrium, linear, status
-from .._tree import pytree
-from ..elementwise import each
+from .. import linear
+from ..common import status
+from ..common.tree import pytree
+from ..equilibrium import newton
+from ..mechanics.elementwise import each
 from .correction import Condition, Corrected, by_load, correct, loose_unknowns
 from .run import Point, Settings
 from .steps import cosine, scale_of
@@ -43,7 +45,7 @@ class Course:
         """The course of a phase."""
         dtype = ramp.begin.motion.dtype
         begin = ramp.at(jnp.zeros((), dtype))
-        tol = equilibrium.limit(method, dtype)
+        tol = newton.limit(method, dtype)
         return cls(ramp, begin, method, settings, tol, begin.extent(), capacity)
 
 

@@ -17,8 +17,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import status
-from .._tree import copy
+from ..common import status
+from ..common.tree import copy
 from .attempt import LOAD, Course, attempt
 from .decision import decide, outcome, proceed
 from .detection import detect

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import equilibrium, linear
-from .._tree import pytree
+from .. import linear
+from ..common.tree import pytree
+from ..equilibrium import newton
 
 _EXACT = 1e-3  # of what is allowed: not to be improved
 _STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 to 6
@@ -153,5 +154,5 @@ def loose_unknowns(system, x):
 
 def by_load(ramp, memory, x, factor, method, active):
     """A guess by Newton's method at a given load factor: the point, and its status."""
-    outcome, _ = equilibrium.newton(ramp.at(factor, memory), x, method, active)
+    outcome, _ = newton.equilibrate(ramp.at(factor, memory), x, method, active)
     return outcome.x, outcome.code

@@ -3,8 +3,8 @@
 import jax
 import jax.numpy as jnp
 
-from .. import status
-from .._tree import copy, pytree, where
+from ..common import status
+from ..common.tree import copy, pytree, where
 from .attempt import ARC, FINISH, LOAD
 from .detection import NEAR
 from .steps import cosine, guess_ahead, stride

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._tree import pytree
+from ..common.tree import pytree
 
 NONE = 0
 LIMIT_POINT = 1

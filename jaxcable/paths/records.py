@@ -3,8 +3,8 @@
 import jax
 import jax.numpy as jnp
 
-from .._tree import where
-from ..reading import read
+from ..common.tree import where
+from ..mechanics.reading import read
 from . import events
 from .inertia import multiplicity
 from .run import Noted

@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from .._tree import pytree
-from ..solution import Path
+from ..analysis.solution import Path
+from ..common.tree import pytree
 from .events import FAILURES
 
 

@@ -1,7 +1,7 @@
 """What a continuation carries from step to step."""
 
-from .._rules import Rule
-from .._tree import pytree
+from ..common.rules import Rule
+from ..common.tree import pytree
 
 
 @pytree

@@ -8,16 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .. import implicit, status
-from .._rules import refuse
-from .._tree import copy, fill
-from ..compilation import program
-from ..equilibrium import Newton
-from ..preparation import as_phases, prepare, ready, verdicts
-from ..ramp import Ramp
-from ..results import on_nodes, per_element, with_peaks
-from ..solution import named
-from ..solver import solve
+from ..analysis.preparation import as_phases, prepare, ready, verdicts
+from ..analysis.solution import named
+from ..analysis.solver import solve
+from ..analysis.states import on_nodes, per_element, with_peaks
+from ..common import status
+from ..common.compilation import program
+from ..common.rules import refuse
+from ..common.tree import copy, fill
+from ..equilibrium.newton import Newton
+from ..mechanics.ramp import Ramp
+from ..numerics import implicit
 from .continuation import march
 from .events import BIFURCATION, LIMIT_POINT, Events
 from .inertia import alignment

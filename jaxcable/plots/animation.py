@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from ..parts import pieces
+from ..model.parts import pieces
 from .glyphs import draw_supports, support_keys, supports
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys

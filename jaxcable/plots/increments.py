@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..iteration import default_tolerance
+from ..equilibrium.iteration import default_tolerance
 from .stages import refuse_batch
 from .style import GRID, SERIES, below, finish, start
 

@@ -2,14 +2,7 @@
 
 import numpy as np
 
-from ..paths.events import (
-    BIFURCATION,
-    LIMIT_POINT,
-    MATERIAL_FAILURE,
-    NAMES,
-    SLACKENING,
-    TIGHTENING,
-)
+from ..paths.events import BIFURCATION, LIMIT_POINT, MATERIAL_FAILURE, NAMES, SLACKENING, TIGHTENING
 from .style import GRID, SERIES, below, finish, start
 
 _MARKS = {

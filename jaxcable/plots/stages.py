@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..parts import columns, pieces
+from ..model.parts import columns, pieces
 from .glyphs import supports
 from .members import Forces
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Cables, Catenaries
 from ..forms.hanging import hanging_chain
 from ..loads import LineLoads, NodalLoads, SelfWeight
-from ..phases import Phase
-from ..structure import Structure
-from ..supports import pinned
+from ..model.structure import Structure
+from ..model.supports import pinned
 from .nets import Scene
 
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254

@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Bars, Cables
 from ..forms.feasible import feasible_prestress
 from ..loads import NodalLoads
-from ..phases import Phase
-from ..structure import Structure
-from ..supports import pinned
+from ..model.structure import Structure
+from ..model.supports import pinned
 from .nets import Scene
 
 
@@ -56,8 +56,8 @@ def geiger_dome(
     Phase 1 prestresses: the given geometry is in equilibrium (`feasible_prestress`). Phase 2 is a
     roof load on the plan area around every top node. It takes tension from the ridges, which hold
     the struts upright: with the numbers given here the rings twist from about 410 N/m2 on. The
-    perfect dome does not: beyond, look at its lowest eigenvalue (`forms.modes`), or give it errors
-    of length.
+    perfect dome does not: beyond, look at its lowest eigenvalue (`stiffness.modes`), or give it
+    errors of length.
 
     Args:
         span: diameter of the circle of anchors, m.

@@ -8,11 +8,11 @@ vertical deflections; the plan is flat.
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Cables
 from ..loads import NodalLoads
-from ..phases import Phase
-from ..structure import Structure
-from ..supports import pinned
+from ..model.structure import Structure
+from ..model.supports import pinned
 from .nets import Scene, grid
 
 NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)

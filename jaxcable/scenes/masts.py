@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Beams, Cables
 from ..loads import NodalLoads, SelfWeight
 from ..materials import Elastic, steel
-from ..phases import Phase
+from ..model.structure import Structure
+from ..model.supports import clamped, pinned
 from ..sections import Section
-from ..structure import Structure
-from ..supports import clamped, pinned
 from .nets import Scene
 
 STEEL_WEIGHT = 77e3  # N/m3 (7 850 kg/m3)

@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Cables
 from ..loads import NodalLoads
-from ..phases import Phase
-from ..structure import Structure
-from ..supports import pinned
+from ..model.structure import Structure
+from ..model.supports import pinned
 
 
 class Scene(NamedTuple):

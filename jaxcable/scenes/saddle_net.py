@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Cables
 from ..loads import NodalLoads
 from ..materials import Elastic
-from ..phases import Phase
+from ..model.structure import Structure
+from ..model.supports import pinned
 from ..sections import Section
-from ..structure import Structure
-from ..supports import pinned
 from .nets import Scene, grid
 
 DIAMETER = 0.05  # m: the paper's area is 19.63 cm2

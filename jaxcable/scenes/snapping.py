@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Bars, Beams
 from ..loads import NodalLoads
 from ..materials import Elastic
-from ..phases import Phase
+from ..model.structure import Structure
+from ..model.supports import Supports
 from ..sections import Section
-from ..structure import Structure
-from ..supports import Supports
 from .nets import Scene
 
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
-from ..phases import Phase
-from ..structure import Structure
-from ..supports import Supports
+from ..model.structure import Structure
+from ..model.supports import Supports
 from .nets import Scene
 
 TWIST = np.pi / 6

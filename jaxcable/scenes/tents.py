@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..elements import Bars, Cables
 from ..loads import CablePressure, LineLoads
-from ..phases import Phase
-from ..structure import Structure
-from ..supports import pinned
+from ..model.structure import Structure
+from ..model.supports import pinned
 from .nets import Scene
 
 

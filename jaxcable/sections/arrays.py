@@ -3,17 +3,17 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
+from ..common import checks
 
 
 def stack(*values):
     """Scalars as one array [n]."""
-    if any(_check.concrete(v) is None for v in values):
+    if any(checks.concrete(v) is None for v in values):
         return jnp.stack([jnp.asarray(v) for v in values])
     return np.array([float(v) for v in values])
 
 
 def concatenate(arrays):
     """Arrays one after the other."""
-    traced = any(_check.concrete(a) is None for a in arrays)
+    traced = any(checks.concrete(a) is None for a in arrays)
     return (jnp if traced else np).concatenate(arrays)

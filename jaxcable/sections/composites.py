@@ -3,13 +3,13 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import or_nan, positive
+from ..common import checks
+from ..common.rules import or_nan, positive
 from .arrays import concatenate, stack
 from .torsion import are_round
 
 
-def composite(sections, torsion=None):
+def composite(cls, sections, torsion=None):
     """Several sections side by side as one; overlapping parts are not subtracted.
 
     A concrete-filled tube is a disc and a ring; a strand with a soft core a disc and a ring too.
@@ -45,8 +45,6 @@ def composite(sections, torsion=None):
         >>> print(f"{section.torsional_stiffness() / 1e6:.3f} MN m2")  # sum G J
         5.552 MN m2
     """
-    from .section import Section
-
     sections = list(sections)
     parts = []  # of one law each: section, its law, slice of its fibres, its torsion constant
     for section in sections:
@@ -67,7 +65,7 @@ def composite(sections, torsion=None):
     def join(name):
         return concatenate([getattr(section, name)[part] for section, _, part, _ in parts])
 
-    return Section(
+    return cls(
         join("y"),
         join("z"),
         join("area"),
@@ -87,7 +85,7 @@ def composite(sections, torsion=None):
 
 
 def _stated(torsion, n_law):
-    torsion = _check.floats(torsion, "torsion")
+    torsion = checks.floats(torsion, "torsion")
     if torsion.shape != (n_law,) and not (n_law == 1 and torsion.shape == ()):
         raise ValueError(
             f"torsion: expected {'a scalar' if n_law == 1 else f'shape ({n_law},)'}, one constant "
@@ -109,6 +107,6 @@ def _summed(sections, parts, kinds):
             for s, _, part, constant in parts
         ]
     )
-    if _check.concrete(alike) is None:
+    if checks.concrete(alike) is None:
         return jnp.where(alike, total, jnp.nan)
     return total if alike else None

@@ -5,7 +5,7 @@ The functions are methods of `Section`.
 
 import jax.numpy as jnp
 
-from .._tree import copy
+from ..common.tree import copy
 from .arrays import stack
 
 

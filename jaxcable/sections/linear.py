@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from .._tree import pytree
+from ..common.tree import pytree
 from ..materials import Elastic
 
 

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from .._tree import copy, joined
+from ..common.tree import copy, joined
 
 
 def sort(section):

@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import positive, refuse
-from .._tree import Indices, copy, pytree
+from ..common import checks
+from ..common.rules import positive, refuse
+from ..common.tree import Indices, copy, pytree
 from ..materials import Elastic, Parallel
 from ..materials.law import uniaxial
 from . import capacity, composites, geometry, shapes, strains
@@ -72,13 +72,13 @@ class Section:
     def __post_init__(self):
         put = object.__setattr__
         for name in ("y", "z", "area"):
-            value = _check.floats(getattr(self, name), name)
+            value = checks.floats(getattr(self, name), name)
             if value.ndim != 1 or len(value) != len(self.y) or len(value) == 0:
                 raise ValueError(f"{name}: expected shape [n_fibre] as y, got {value.shape}")
             put(self, name, value)
         refuse(self.rules())
         if self.own is not None:
-            put(self, "own", _check.floats(self.own, "own"))
+            put(self, "own", checks.floats(self.own, "own"))
             if self.own.shape != (self.n_fibre, 3):
                 raise ValueError(f"own: expected shape [n_fibre, 3], got {self.own.shape}")
         put(self, "laws", tuple(self.laws) if isinstance(self.laws, list | tuple) else (self.laws,))
@@ -88,7 +88,7 @@ class Section:
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
         if self.cells is not None and not isinstance(self.cells, Indices):
-            cells = _check.integers(self.cells, "cells", 4)
+            cells = checks.integers(self.cells, "cells", 4)
             count = 0 if self.points is None else len(self.points)
             if len(cells) != self.n_fibre or cells.max(initial=-1) >= count:
                 raise ValueError(f"cells: expected four of {count} points for every fibre")
@@ -100,13 +100,13 @@ class Section:
 
     # --- shapes
 
-    disc = staticmethod(shapes.disc)
-    ring = staticmethod(shapes.ring)
-    rectangle = staticmethod(shapes.rectangle)
-    i_shape = staticmethod(shapes.i_shape)
-    polygon = staticmethod(shapes.polygon)
-    mesh = staticmethod(shapes.mesh)
-    composite = staticmethod(composites.composite)
+    disc = classmethod(shapes.disc)
+    ring = classmethod(shapes.ring)
+    rectangle = classmethod(shapes.rectangle)
+    i_shape = classmethod(shapes.i_shape)
+    polygon = classmethod(shapes.polygon)
+    mesh = classmethod(shapes.mesh)
+    composite = classmethod(composites.composite)
 
     shifted = geometry.shifted
     centred = geometry.centred

@@ -6,8 +6,8 @@ to a diameter or a width exist.
 
 import numpy as np
 
-from .. import _check
-from .._rules import Rule, or_nan, positive
+from ..common import checks
+from ..common.rules import Rule, or_nan, positive
 from . import meshes, outlines
 from .arrays import stack
 from .composites import composite
@@ -17,7 +17,7 @@ _CELLS = ("quadrilaterals", "triangles")
 _AXES = np.array([1.0, 1.0, 0.0])  # of second moments: the two about axes, not the product
 
 
-def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
+def disc(cls, diameter, law, shape=(10, 10), cells="quadrilaterals"):
     """Solid circle; area and torsion constant, ``pi d^4 / 32``, are exact.
 
     Args:
@@ -41,10 +41,10 @@ def disc(diameter, law, shape=(10, 10), cells="quadrilaterals"):
     points, quads = meshes.disc(*_shape(shape))
     inertia = np.pi / 64 * diameter**4
     quads = _cells(quads, cells)
-    return _from_mesh(diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
+    return _from_mesh(cls, diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
 
 
-def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
+def ring(cls, diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
     """Circular tube; area and torsion constant, ``pi (d^4 - d_i^4) / 32``, are exact.
 
     Args:
@@ -71,10 +71,10 @@ def ring(diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
     inner = diameter / 2 - thickness
     points = (inner + place * thickness)[:, None] * direction
     inertia = np.pi / 64 * (diameter**4 - (2 * inner) ** 4)
-    return _from_mesh(points, _cells(quads, cells), law, 2 * inertia, round_inertia=inertia)
+    return _from_mesh(cls, points, _cells(quads, cells), law, 2 * inertia, round_inertia=inertia)
 
 
-def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
+def rectangle(cls, width, height, law, shape=(10, 10), cells="quadrilaterals"):
     """Rectangle; its torsion constant is Saint-Venant's series.
 
     Args:
@@ -100,10 +100,10 @@ def rectangle(width, height, law, shape=(10, 10), cells="quadrilaterals"):
     width, height = _positive(width, "width"), _positive(height, "height")
     points, quads = meshes.square(*_shape(shape))
     points = points * stack(width / 2, height / 2)[None, :]
-    return _from_mesh(points, _cells(quads, cells), law, rectangle_torsion(width, height))
+    return _from_mesh(cls, points, _cells(quads, cells), law, rectangle_torsion(width, height))
 
 
-def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
+def i_shape(cls, height, width, web, flange, law, shape=(8, 2, 12)):
     """Doubly symmetric I without fillets.
 
     The torsion constant is that of thin walls, ``sum b t^3 / 3``; warping is not modelled.
@@ -134,14 +134,14 @@ def i_shape(height, width, web, flange, law, shape=(8, 2, 12)):
     flange = _within(flange, 2 * flange >= height, "flange", "twice is too thick")
     web = _within(web, web > width, "web", "wider than the flange")
     along, through, tall = _shape(shape, (1, 1, 1))
-    top = rectangle(width, flange, law, (along, through))
-    middle = rectangle(web, height - 2 * flange, law, (max(1, through), tall))
+    top = rectangle(cls, width, flange, law, (along, through))
+    middle = rectangle(cls, web, height - 2 * flange, law, (max(1, through), tall))
     z = (height - flange) / 2
     torsion = (2 * width * flange**3 + (height - 2 * flange) * web**3) / 3
-    return composite([top.shifted(z=z), middle, top.shifted(z=-z)], torsion).shifted()
+    return composite(cls, [top.shifted(z=z), middle, top.shifted(z=-z)], torsion).shifted()
 
 
-def polygon(points, holes, law, size, cells="quadrilaterals"):
+def polygon(cls, points, holes, law, size, cells="quadrilaterals"):
     """Polygon with holes; its axis is at the origin of the points (`Section.centred` moves it).
 
     The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
@@ -186,10 +186,10 @@ def polygon(points, holes, law, size, cells="quadrilaterals"):
     quads = _cells(made[1], cells)
     # strips that end in a point have cells without area
     quads = quads[meshes.areas(made[0], quads) > 1e-14 * float(size) ** 2]
-    return _from_mesh(made[0], quads, law, placed=False)
+    return _from_mesh(cls, made[0], quads, law, placed=False)
 
 
-def mesh(points, cells, laws):
+def mesh(cls, points, cells, laws):
     """Section from a mesh of your own; its axis is at the origin of the points, as of `polygon`.
 
     Args:
@@ -216,10 +216,10 @@ def mesh(points, cells, laws):
     cells = np.asarray(cells)
     if cells.ndim != 2 or cells.shape[1] not in (3, 4):
         raise ValueError(f"cells: expected shape [n_cell, 3] or [n_cell, 4], got {cells.shape}")
-    cells = _check.integers(cells, "cells", cells.shape[1])
+    cells = checks.integers(cells, "cells", cells.shape[1])
     if cells.shape[1] == 3:
         cells = np.column_stack([cells, cells[:, 2]])
-    points = _check.floats(points, "points")
+    points = checks.floats(points, "points")
     if points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(f"points: expected shape [n_point, 2], got {points.shape}")
     if (cells >= len(points)).any():
@@ -232,14 +232,14 @@ def mesh(points, cells, laws):
         kind = np.array([next(k for k, own in enumerate(kinds) if own is law) for law in laws])
         order = np.argsort(kind, kind="stable")
         counts = tuple(np.bincount(kind).tolist())
-        return _from_mesh(points, cells[order], kinds, counts=counts, placed=False)
-    return _from_mesh(points, cells, laws, placed=False)
+        return _from_mesh(cls, points, cells[order], kinds, counts=counts, placed=False)
+    return _from_mesh(cls, points, cells, laws, placed=False)
 
 
-def _from_mesh(points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True):
+def _from_mesh(
+    cls, points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True
+):
     """Section of a mesh; `round_inertia`: the exact one of a circular shape, any axis, m4."""
-    from .section import Section
-
     area, centroid, own = meshes.moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
@@ -249,7 +249,7 @@ def _from_mesh(points, cells, laws, torsion=None, counts=None, round_inertia=Non
         # by their area
         total = own.sum(0) + (area @ centroid[:, ::-1] ** 2)[np.array([0, 1, 1])]
         own = own + (area / area.sum())[:, None] * ((round_inertia - total) * _AXES)[None]
-    return Section(y, z, area, laws, counts, torsion, points, cells, own, placed)
+    return cls(y, z, area, laws, counts, torsion, points, cells, own, placed)
 
 
 def _cells(quads, kind):
@@ -270,7 +270,7 @@ def _shape(shape, least=(1, 1)):
 
 def _positive(value, name):
     """A dimension as a float: refused if it is not positive, NaN if that is traced."""
-    return _float(or_nan(positive(name, _check.floats(value, name))))
+    return _float(or_nan(positive(name, checks.floats(value, name))))
 
 
 def _within(value, broken, name, text):
@@ -279,16 +279,16 @@ def _within(value, broken, name, text):
 
 
 def _float(value):
-    value = _check.floats(value, "dimension")
+    value = checks.floats(value, "dimension")
     if value.ndim:
         raise ValueError(f"dimension: expected a scalar, got shape {value.shape}")
-    return value if _check.concrete(value) is None else float(value)
+    return value if checks.concrete(value) is None else float(value)
 
 
 def _outline(points, name):
-    if _check.concrete(points) is None:
+    if checks.concrete(points) is None:
         raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
-    points = _check.floats(points, name)
+    points = checks.floats(points, name)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise ValueError(f"{name}: expected shape [n, 2] with n >= 3, got {points.shape}")
     finite = np.isfinite(points).all(axis=1)

@@ -10,9 +10,11 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .. import implicit, linear, status
-from .._tree import pytree
-from ..search import search
+from .. import linear
+from ..common import status
+from ..common.tree import pytree
+from ..numerics import implicit
+from ..numerics.search import search
 
 
 @pytree

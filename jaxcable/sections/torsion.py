@@ -3,8 +3,8 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .. import _check
-from .._rules import or_nan, positive
+from ..common import checks
+from ..common.rules import or_nan, positive
 from . import outlines
 
 
@@ -55,7 +55,7 @@ def bredt_torsion(points, thickness):
         >>> print(f"{box.torsional_stiffness() / 1e6:.2f} MN m2")  # G J
         5.54 MN m2
     """
-    points, thickness = _check.floats(points, "points"), _check.floats(thickness, "thickness")
+    points, thickness = checks.floats(points, "points"), checks.floats(thickness, "thickness")
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise ValueError(f"points: expected shape [n, 2] with n >= 3, got {points.shape}")
     if thickness.shape not in ((), (len(points),)):
@@ -64,10 +64,10 @@ def bredt_torsion(points, thickness):
             f"got shape {thickness.shape}"
         )
     thickness = or_nan(positive("thickness", thickness))
-    known = _check.concrete(points)
+    known = checks.concrete(points)
     if known is not None and np.isfinite(known).all() and (text := outlines.crossed(known)):
         raise ValueError(text)
-    traced = known is None or _check.concrete(thickness) is None
+    traced = known is None or checks.concrete(thickness) is None
     pack = jnp if traced else np
     y, z = points.T
     to_y, to_z = pack.roll(y, -1), pack.roll(z, -1)
@@ -88,7 +88,7 @@ def are_round(parts):
     """
     if any(own is None or torsion is None for *_, own, torsion in parts):
         return False
-    traced = any(_check.concrete(v) is None for part in parts for v in part)
+    traced = any(checks.concrete(v) is None for part in parts for v in part)
     pack = jnp if traced else np
     y, z, area = (pack.concatenate([part[k] for part in parts]) for k in range(3))
     y0, z0 = area @ y / area.sum(), area @ z / area.sum()

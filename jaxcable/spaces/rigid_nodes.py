@@ -19,9 +19,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
-from .._tree import pytree
-from ..freedoms import along, combined, numbers_of
-from ..rotations import (
+from ..common.tree import pytree
+from ..numerics.rotations import (
     IDENTITY,
     angles,
     conjugate,
@@ -34,6 +33,7 @@ from ..rotations import (
     turn_by,
     turned,
 )
+from .freedoms import along, combined, numbers_of
 from .space import Space, by_numbers, square
 
 _NO_STIFFNESS = 1e-9  # of that of one node's spin, which a free spin may have from rounding

@@ -12,8 +12,8 @@ import abc
 import jax
 import jax.numpy as jnp
 
-from .._tree import pytree
-from ..freedoms import along, combined
+from ..common.tree import pytree
+from .freedoms import along, combined
 
 
 @pytree

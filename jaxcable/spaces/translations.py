@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 
-from .._tree import pytree
-from ..freedoms import along, combined, numbers_of
+from ..common.tree import pytree
+from .freedoms import along, combined, numbers_of
 from .space import Space, by_numbers, square
 
 

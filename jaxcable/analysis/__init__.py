@@ -1,0 +1,1 @@
+"""An analysis from its phases to its solution: checked, scheduled, scanned, told."""

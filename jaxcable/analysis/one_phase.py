@@ -1,0 +1,193 @@
+"""One phase: its increments, what is read off them, and the derivative of its end."""
+
+import dataclasses
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..common import status
+from ..common.tree import copy, fill, thaw, where
+from ..equilibrium import incremental, newton
+from ..equilibrium.newton import Newton
+from ..mechanics.reading import read
+from ..numerics import implicit
+from ..numerics.rooted import told
+from ..spaces import space_of
+from .solution import LOG, Path, named
+
+
+class Ended(NamedTuple):
+    """What a phase ended with.
+
+    Attributes:
+        code, stable: status so far, and whether its end is stable.
+        carry: `Carry`, of the last good increment; as it was before if there is none.
+        point: its motion without what has no derivative, and the marks of that
+            (`implicit.attach_apart`).
+        factor: load factor there, 0 if there is no good increment.
+        seen: `Reading` there.
+        path: `Path`, and log: the numbers `LOG` of every increment, [n_inc, 9].
+        factored: what sparse solves factorised last.
+    """
+
+    code: object
+    stable: object
+    carry: object
+    point: object
+    factor: object
+    seen: object
+    path: object
+    log: object
+    factored: object
+
+
+def run_phase(ramp, before, steps, method, code, differentiate_path, factored, seen, fresh, tell):
+    """Go through the increments of a phase: `Ended`.
+
+    Args:
+        ramp: the phase.
+        before: the carry that it begins with.
+        steps: number of its increments and the load factors of all, [1 + n_inc], the first of them
+            0, those beyond 1 for phases with more of them.
+        method, code, factored, seen, fresh, tell: see `newton.march`.
+        differentiate_path: whether increments have derivatives, and not only the end.
+    """
+    count, factors = steps
+    live = (factors > 0) & (factors <= 1)
+    factors = jnp.minimum(factors, 1)  # what passes by stays at the end, and is cut off in results
+    given = (factors, live), method, code
+    if isinstance(method, Newton):
+        found = _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell)
+    else:
+        found = _stepped(ramp, count, given, fresh, tell)
+    ramp, (x, bare, marks), xs, rows, log, memory, seen, factored = found
+    good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
+    valid, factor = _reached(good, count, ramp.begin.motion.dtype)
+    carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
+    moved = (xs - ramp.begin.motion[None])[..., :3]
+    path, counts = _path(rows, moved, good, good | ~live)
+    motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
+    path = copy(path, motion=motion)
+    code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
+    if not isinstance(method, Newton):
+        end, here = lax.stop_gradient((ramp.at(factor, memory), x))
+        judged = newton.is_stable(end, here) & (code == status.OK)
+        log = log.at[count - 1, stable].set(judged.astype(log.dtype))
+    log = lax.stop_gradient(jnp.concatenate([log, counts.astype(log.dtype)], axis=1))
+    stable = jnp.take(log[:, stable], count - 1) > 0
+    return Ended(code, stable, carry, (bare, marks), factor, seen, path, log, factored)
+
+
+def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
+    """The increments by Newton's method; of their derivatives only the end's, if not all are asked.
+
+    Returns:
+        The ramp; the last point as `implicit.attach_apart` gives it; all points, rows and log;
+        memory at the end; what was read there; what was factored.
+    """
+    (factors, live), method, _ = given
+    frozen = lax.stop_gradient(ramp)
+    found = newton.march(frozen, frozen.begin.motion, *given, factored, seen, fresh, tell)
+    *whole, seen, memory, factored = found
+    xs, log, rows = jax.tree.map(lambda x: x[1:], whole)
+    factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
+    valid, factor = _reached(good, count, factors.dtype)
+    ramp = implicit.gate(valid, ramp)
+    x = xs[-1]  # the point stays where it was when an increment fails
+    if memory is None:
+        tol, worth = newton.adjoint_effort(method, ramp.at(factor), factors.dtype)
+        point = implicit.attach_apart(ramp.at(factor), x, valid, factored, tol, worth)
+        if differentiate_path:
+            attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
+            xs = attach(factors, xs, good)
+            rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors, xs)
+    else:
+        problem = thaw((ramp, factors, xs, good))
+        x, memory = told(_followed, (x, memory), problem)
+        point = x, x, None
+        if differentiate_path:
+            rows, xs, *_ = _follow(ramp, factors, xs, good, True)
+    return ramp, point, xs, rows, log, memory, seen, factored
+
+
+def _stepped(ramp, count, given, fresh, tell):
+    """The increments by the paper's scheme, differentiated as it is; as `_iterated`."""
+    (factors, live), method, code = given
+    increments = factors[1:], live[1:]
+    xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
+    x, memory = xs[-1], None
+    if ramp.memory is None:
+        rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors[1:], xs)
+    else:
+        good = (log[:, 0] == status.OK) & live[1:]
+        rows, _, memory, x = _follow(ramp, factors[1:], xs, good, False)
+    return ramp, (x, x, None), xs, rows, log, memory, None, None
+
+
+def _reached(good, count, dtype):
+    """Whether any increment is good, and the load factor of the last one that is."""
+    n_good = jnp.sum(good)
+    return n_good > 0, (n_good / count).astype(dtype)
+
+
+def _row(system, x):
+    """What a path keeps of one increment."""
+    return read(system, x).of_path
+
+
+def _follow(ramp, factors, xs, good, converges):
+    """Go through the increments of a phase with memory again, to differentiate them.
+
+    Every increment depends on the memory that the one before left, so that the end of the
+    phase is not one implicit function, but each increment is. Their points are known by now.
+
+    Returns:
+        Rows and points of all increments; memory and point at the end.
+    """
+
+    @jax.checkpoint
+    def step(carry, increment):
+        memory, last = carry
+        factor, x, ok = increment
+        system = ramp.at(factor, memory)
+        if converges:
+            x = implicit.attach(system, x, ok)
+        last = jnp.where(ok, x, last)
+        seen = read(system, x)
+        return (ramp.settle(system, seen.strains, ok, memory), last), (seen.of_path, x)
+
+    start = (ramp.memory, lax.stop_gradient(xs[0]))
+    (memory, last), (rows, xs) = lax.scan(step, start, (factors, xs, good))
+    return rows, xs, memory, last
+
+
+def _followed(problem):
+    """Last point and memory of a phase that has one, see `_follow`."""
+    *_, memory, last = _follow(*fill(*problem), True)
+    return last, memory
+
+
+def _end(ramp, factor, points, valid, before, memory=None):
+    """Carry at the end of a phase; that `before` it if it has no good increment.
+
+    Of two points, see `implicit.attach_apart`; and the motion of the second.
+    """
+    motion, bare = points
+    after = copy(ramp.leave(factor, motion, memory), loads=None), bare
+    before = copy(before, loads=None), before.motion
+    carry, bare = where(valid, after, before)
+    return copy(carry, loads=ramp.begin.loads), bare
+
+
+def _path(rows, moved, good, finite):
+    """The increments of a phase: `Path`, NaN unless `finite`, and counts [n_inc, 2]."""
+
+    def known(x):
+        return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
+
+    values = {"displacement": moved, **named(rows.found)}
+    path = Path(*(None,) * len(dataclasses.fields(Path)))
+    path = copy(path, **jax.tree.map(known, values))
+    return path, jnp.where(good[:, None], jnp.stack([rows.n_slack, rows.n_loose], axis=1), -1)

@@ -1,0 +1,307 @@
+"""What the compiled core is given: phases checked, numbered and taken apart on the host."""
+
+import itertools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks, status
+from ..common.rules import kept, rules_of
+from ..common.tree import cast, copy, thaw
+from ..elements.element import Secant
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
+from ..loads import as_list
+from ..loads.load import Acting, Load, Moving, OnNodes
+from ..mechanics import load_stacks
+from ..mechanics.bundles import Bundles
+from ..mechanics.load_stacks import continued
+from ..mechanics.ramp import unloaded
+from ..model import plausibility, spins
+from ..model.structure import Structure, place_rules
+from ..model.topology import require_same
+from ..spaces import space_of
+from ..spaces.freedoms import number_freedoms
+from .phases import Phase, keeps_rules
+from .schedule import Schedule, numbering, on_rows, stated
+from .solution import Solution, State
+
+
+class Prepared(NamedTuple):
+    """An analysis, checked.
+
+    Attributes:
+        thawed, arrays: nodes, groups, carry and `Schedule`, as `thaw` splits them.
+        method: `Newton` or `Incremental`.
+        code: status that `start` ended with.
+        fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
+        loads: element loads of the analysis, those that `start` brings first, list of `LoadStack`.
+        bundles: which groups are evaluated together.
+        n_free: number of unknowns.
+        may_warn: whether a tangent that is not definite says that a state is unstable, and can
+            happen. It cannot where the energy is convex (`System.always_convex`), and does not
+            under nodal moments and following loads, which make it unsymmetric.
+    """
+
+    thawed: object
+    arrays: list
+    method: object
+    code: object
+    fixed: tuple
+    loads: list
+    bundles: Bundles
+    n_free: int
+    may_warn: bool
+
+
+def prepare(structure, phases, method, start, earlier=0):
+    """Check the arguments of an analysis and take topology apart from numbers: `Prepared`.
+
+    Args:
+        structure, phases, method, start: those of `solve`.
+        earlier: number of phases that are solved already.
+
+    Raises:
+        ValueError: wrong input, naming argument, index and rule.
+    """
+    phases = as_phases(structure, phases)
+    method = _method(structure, method)
+    plausibility.precision(structure.nodes)
+    carry, code, fixed = _begin(structure, start)
+    rows, groups = structure.rows()
+    bundles = Bundles.of(groups)
+    sets = _support_sets(structure, phases, fixed)
+    loads = [_loads(structure, phase, own) for phase, own in zip(phases, sets[1:], strict=True)]
+    nodal, movements, along = ([own[k] for own in loads] for k in range(3))
+    inputs = [phase.inputs(structure) for phase in phases]
+    for k, phase in enumerate(phases):
+        moving = along[k] or movements[k]
+        alone = not (moving or any(inputs[k])) and phase.supports is None
+        mask = sets[k + 1].array
+        plausibility.loading(earlier + k, nodal[k], mask, groups, alone)
+        if not moving:
+            plausibility.held(earlier + k, mask, groups)
+    stacks = load_stacks.stacks(along)
+    everything = [*([] if carry is None else carry.loads), *stacks]
+    bundled = bundles.groups(groups)
+    numbered = _numbered(structure, method, everything, bundled, bundles)
+    freedoms, changes, before = numbering(sets, numbered)
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
+    shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
+    schedule = Schedule(
+        number=np.arange(len(phases), dtype=np.int32),
+        inputs=stated([bundles.inputs(own) for own in inputs], bundled),
+        added_load=on_rows(nodal, "nodal_forces", shape, dtype),
+        moved=on_rows(movements, "steps", shape, dtype),
+        freedoms=freedoms,
+        changes=changes,
+        before=before,
+        loads=stacks,
+        increments=tuple(int(phase.increments) for phase in phases),
+        n_node=structure.n_node,
+    )
+    thawed, arrays = thaw((nodes, bundled, carry, schedule))
+    warns = _may_warn(bundled, carry, everything, nodal)
+    count = len(freedoms.free)
+    return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
+
+
+def _method(structure, method):
+    """`Newton` or `Incremental`, checked."""
+    method = Newton() if method is None else method
+    if not isinstance(method, Newton | Incremental):
+        raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
+    if isinstance(method, Incremental) and method.stiffness == "secant":
+        for k, group in enumerate(structure.groups):
+            if not isinstance(group, Secant):
+                raise ValueError(
+                    f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
+                    'stiffness; use "tangent"'
+                )
+    return method
+
+
+def _loads(structure, phase, fixed):
+    """Loads of a phase, checked: nodal loads, movements of supports, loads on elements."""
+    loads = as_list(phase.loads)
+    for load in loads:
+        load.check(structure)
+    movements = [load for load in loads if isinstance(load, Moving)]
+    for movement in movements:
+        movement.check_supported(fixed)
+    own = [load.among(structure) for load in loads if isinstance(load, Acting)]
+    return [load for load in loads if isinstance(load, OnNodes)], movements, own
+
+
+def _numbered(structure, method, stacks, groups, bundles):
+    """A function that numbers the unknowns which a `Fixed` leaves, for the groups of bundles."""
+    (rows, _), space = structure.rows(), structure.space
+    followers = [stack for stack in stacks if stack.follows]
+    if followers and getattr(method, "stiffness", None) == "secant":
+        raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
+    links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
+    pressed = tuple((own, 3, ()) for stack in followers for own in stack.touches(groups, bundles))
+
+    def number(fixed):
+        solver, symmetric = method.linear_solver, space.symmetric and not followers
+        coupled = (*links, *pressed)
+        return number_freedoms(fixed, rows, coupled, solver, symmetric, structure.rigid, space)
+
+    return number
+
+
+def _may_warn(groups, carry, stacks, nodal):
+    """See `Prepared.may_warn`."""
+    if all(g.tension_only and g.rising and not (g.slides and stacks) for g in groups):
+        return False
+    moments = [load.moments for own in nodal for load in own]
+    before = None if carry is None else checks.concrete(carry.nodal_load)
+    turned = before is not None and bool(np.any(before[:, 3:]))
+    following = any(stack.follows for stack in stacks)
+    return not (turned or following or any(m is not None for m in moments))
+
+
+def _support_sets(structure, phases, fixed):
+    """`Fixed` before the first phase and in each; all with directions if one has some."""
+    sets = [fixed]
+    for phase in phases:
+        sets.append(sets[-1] if phase.supports is None else structure.fixed(phase.supports))
+        if phase.supports is not None and structure.space.rotates:
+            spins.warn(structure, sets[-1].spins)
+    if all(own.axes is None for own in sets):
+        return sets
+    sets = [own.directed() for own in sets]
+    for before, after in itertools.pairwise(sets):
+        for part in range(0, before.array.shape[1], 3):
+            held = [own.array[:, part : part + 3] for own in (before, after)]
+            in_part = [own.any(axis=1) & ~own.all(axis=1) for own in held]
+            apart = np.abs(before.axes.array - after.axes.array).max(axis=(1, 2)) > 1e-9
+            turned = in_part[0] & in_part[1] & apart
+            if turned.any():
+                raise ValueError(
+                    f"supports of node {int(turned.argmax())}: held in part along other directions "
+                    "than in the phase before; free it, or hold all of it, in a phase between"
+                )
+    return sets
+
+
+def as_phases(structure, phases):
+    """The phases of an analysis as a list; ValueError if these are no structure and no phases."""
+    if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
+        raise ValueError("structure: got a scene; unpack it: solve(*scene)")
+    if not isinstance(structure, Structure):
+        kind = checks.kind(structure, "Structure(nodes, elements, supports)")
+        raise ValueError(f"structure: expected a Structure, got {kind}")
+    if phases is None:
+        raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
+    if not isinstance(phases, Phase | list | tuple):
+        hint = "; loads go into a phase: [Phase(loads=...)]" if isinstance(phases, Load) else ""
+        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}{hint}")
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    for k, phase in enumerate(phases):
+        if not isinstance(phase, Phase):
+            hint = "; loads go into a phase: Phase(loads=...)" if isinstance(phase, Load) else ""
+            kind = checks.kind(phase, "Phase(...)")
+            raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
+    if not phases:
+        raise ValueError("phases: an analysis needs at least one phase")
+    return phases
+
+
+def _no_method(method):
+    """What was given for a method, in words, and where it belongs."""
+    if isinstance(method, Phase):
+        return "Phase; phases go into one list: solve(structure, [first, second])"
+    if isinstance(method, Solution | State):
+        return f"{type(method).__name__}; an earlier solution goes by name: start=..."
+    return checks.kind(method, "Newton()")
+
+
+def exact(parameters):
+    """Nodes, groups, carry and schedule as they were handed over, floats as exact as the nodes."""
+    return cast(parameters, jnp.asarray(parameters[0]).dtype)
+
+
+def ready(parameters, bundles):
+    """Nodes, groups, carry and schedule to compute with, from those that were handed over.
+
+    Everything is that of bundles of groups. The iteration may pass through where the curve of a law
+    has ended (the answer may not): laws go on there.
+    """
+    nodes, groups, carry, schedule = exact(parameters)
+    dtype = nodes.dtype
+    if carry is None:
+        carry = unloaded(nodes, groups)
+    else:
+        carry = copy(carry, states=_warm(groups, bundles, carry.states))
+    if carry.bearing is None and schedule.freedoms.axes is not None:
+        carry = copy(carry, bearing=space_of(groups).rotations(carry.motion))
+    begun = nodes + carry.motion[:, :3]
+    loads = [stack.bundled(bundles) for stack in (*carry.loads, *schedule.loads)]
+    carry = copy(
+        carry,
+        loads=loads,
+        amounts=[*carry.amounts, *(stack.idle(begun, dtype) for stack in schedule.loads)],
+    )
+    groups = [group.continued() for group in groups]
+    return nodes, groups, carry, schedule
+
+
+def _warm(groups, bundles, states):
+    """States of bundles from those of their groups; all that expand know how warm they are.
+
+    Some expand only since the states were, and some stand in a bundle with others that do.
+    """
+    found = list(states)
+    for group, own in zip(groups, bundles.members, strict=True):
+        if group.expansion is not None or any(states[k].warmth is not None for k in own):
+            for k in own:
+                if states[k].warmth is None:
+                    found[k] = copy(states[k], warmth=jnp.ones_like(states[k].rest_length))
+    return bundles.together(found)
+
+
+def verdicts(parameters, *others):
+    """What rules say of numbers that nothing could be refused of, because they were traced.
+
+    Args:
+        parameters: nodes, groups, carry and schedule, as they were handed over.
+        others: method and settings.
+
+    Returns:
+        own: whether the numbers of the structure keep their rules, scalar bool.
+        codes: INVALID_INPUT or OK, [n_phase]: of a phase's numbers, the structure's, and `others`.
+    """
+    nodes, groups, _, schedule = parameters
+    own = kept([*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))])
+    good = jnp.broadcast_to(own & kept(rules_of(others)), len(schedule))
+    if jax.tree.leaves(schedule.inputs):
+        good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups))(schedule.inputs)
+    for stack in schedule.loads:
+        broken = ~stack.each(lambda load: kept(rules_of(load)))
+        good = good & (jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(broken) == 0)
+    return own, jnp.where(good, status.OK, status.INVALID_INPUT).astype(jnp.int32)
+
+
+def _begin(structure, start):
+    """Carry, status and supported freedoms that the analysis starts from."""
+    if start is None:
+        return None, np.int32(status.OK), structure.fixed(structure.supports)
+    if isinstance(start, Solution):
+        code, last = start.status, start.last
+    elif isinstance(start, State):
+        code, last = np.int32(status.OK), start
+    else:
+        raise ValueError(f"start: expected a Solution, got {type(start).__name__}")
+    require_same(structure, last.topology, "start")
+    fixed = last.fixed[-1]
+    if isinstance(start, State) and any(f != fixed for f in last.fixed):
+        if isinstance(last.phase, jax.core.Tracer):
+            raise ValueError(
+                "start: which supports a traced .last had is not known; use the solution itself"
+            )
+        fixed = last.fixed[int(last.phase) + 1]
+    carry = copy(last.carry, loads=[continued(stack) for stack in last.carry.loads])
+    return carry, code, fixed

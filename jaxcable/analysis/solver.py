@@ -1,0 +1,220 @@
+"""`solve`: the phases of an analysis one after the other, each in increments by `lax.scan`."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import linear
+from ..common import status
+from ..common.compilation import program
+from ..common.progress import Increment, listener, tell
+from ..common.tree import copy, fill, pytree
+from ..equilibrium.newton import Newton
+from ..mechanics.ramp import Ramp, knowing
+from ..mechanics.reading import read
+from ..model import plausibility
+from ..numerics import implicit
+from .one_phase import run_phase
+from .preparation import exact, prepare, ready, verdicts
+from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution
+from .states import Reached, arranged, per_element, state_of, system_of
+
+
+def solve(structure, phases=None, method=None, start=None, differentiate_path=False, progress=None):
+    """Analyse a structure through its phases.
+
+    A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it. Numbers are
+    traced, so that changing one does not recompile; topology and the number of increments are not.
+
+    Args:
+        structure: `Structure`.
+        phases: list of `Phase`.
+        method: `Newton` (default) or `Incremental`.
+        start: `Solution` (or its `.last`) of the same structure to continue from.
+        differentiate_path: with Newton, also give derivatives of `phases[k].path.displacement` and
+            of the forces there (one adjoint system per increment); without it those derivatives are
+            NaN. All else is differentiable in any case.
+
+        progress: True to have long work say on stderr where it is, a line every half second
+            (increment, iterations, residual); or a function of a `progress.Increment`, which is
+            called after each. It is compiled in: another function compiles again.
+
+    Returns:
+        `Solution`; look at its `status`, or call `raise_if_failed`.
+
+    Raises:
+        ValueError: wrong input, naming argument, index and rule.
+
+    Warns:
+        InputWarning: input that is legal and most likely not meant.
+        UnstableWarning: a phase ends in an equilibrium that is unstable. Inside of jit, vmap and
+            grad nothing is said, nor under moments and following loads: look at `stable`.
+
+    Example:
+        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle, and how that node gives way
+        (tangent stiffness: 2 (EA/L0 0.6^2 + N/l 0.8^2) = 14600 N/m):
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> def analyse(load):
+        ...     loads = jc.NodalLoads([1], load * jnp.array([0.0, 0.0, -1.0]))
+        ...     return jc.solve(structure, jc.Phase(pretension=500.0, loads=loads))
+        >>> solution = analyse(600.0)
+        >>> jc.describe(solution.status)
+        'converged'
+        >>> print(jnp.round(solution.tension, 6))  # N
+        [500. 500.]
+        >>> rate = jax.grad(lambda load: analyse(load).displacement[1, 2])(600.0)
+        >>> print(f"{1 / rate:.1f} N/m")
+        -14600.0 N/m
+    """
+    listen = listener(progress)
+    task = prepare(structure, phases, method, start)
+    core = task.thawed, task.arrays, task.method, task.code
+    asked = differentiate_path, listen, task.bundles
+    solution = _analyse(*core, *asked, size=task.n_free)
+    if task.may_warn:  # or else nobody has to wait for the numbers
+        plausibility.stability(solution)
+    return arranged(structure, solution, task)
+
+
+@functools.partial(program, static=("differentiate_path", "listen", "bundles"))
+def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
+    """The compiled core: one loop over the phases. Results per element are lists, one a group."""
+    parameters = fill(thawed, arrays)
+    own, codes = verdicts(parameters, method)
+    nodes, groups, carry, schedule = ready(parameters, bundles)
+    # a state of numbers that are none is none: its NaN must not reach what a batch shares
+    sound = _finite((nodes, groups)) & own
+    frame = implicit.gate(sound, (nodes, groups))
+    loads, counts = carry.loads, jnp.asarray(schedule.increments, jnp.int32)
+    factors = jnp.asarray(schedule.factors, nodes.dtype)
+    teller = None if listen is None else _teller(listen, len(schedule))
+    touched = implicit.touch(parameters)
+
+    def phase(run, own):
+        row, verdict, *steps = own
+        data = schedule.of(row)
+        code = status.first_failure(run.code, verdict)
+        before = knowing(copy(run.carry, loads=loads), data.number)
+        problem = nodes, groups, before, data
+        sane = sound & _finite((before, data)) & (code == status.OK)
+        ramp = Ramp.build(*implicit.gate(sane, problem))
+        factored = run.factored if schedule.changes is None else linear.forgotten(run.factored)
+        tell = None if teller is None else functools.partial(teller, data.number, steps[0])
+        fresh = run.reached.number < 0
+        given = method, code, differentiate_path, factored, run.seen, fresh, tell
+        done = run_phase(ramp, before, steps, *given)
+        code, carry = done.code, done.carry
+        path = copy(done.path, displacement=done.path.displacement[:, : schedule.n_node])
+        reached = run.reached.after(data, done.factor)
+        end = state_of(frame, carry, done.point, reached, schedule, done.seen)
+        end = _unless(sound, end, touched)
+        moved = end.displacement - run.carry.motion[: schedule.n_node, :3]
+        result = _unless(code == status.OK, copy(end, displacement=moved), touched)
+        result = {name: getattr(result, name) for name in PER_PHASE}
+        began = [state.memory for state in ramp.begin.states]
+        began = None if all(own is None for own in began) else began
+        result = PhaseResult(status=None, stable=None, path=None, began=began, **result)
+        left = copy(carry, loads=None)
+        run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
+        return run, (result, path, done.log)
+
+    start, reached = copy(carry, loads=None), Reached.none(schedule, nodes.dtype)
+    end = _blank(lambda: state_of(frame, carry, (carry.motion, None), reached, schedule))
+    factored = seen = None
+    if isinstance(method, Newton):
+        factored = linear.nothing_factored(schedule.freedoms.pattern, nodes.dtype)
+        seen = _blank(lambda: read(system_of(frame, carry, reached, schedule), carry.motion))
+    run = _Run(code, jnp.zeros((), bool), start, end, factored, reached, seen)
+    run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
+    if not differentiate_path and isinstance(method, Newton):
+        paths = implicit.undifferentiated(paths, parameters)
+    known = [stack.until(run.reached.number) for stack in _given(parameters)]
+    states = bundles.apart(run.carry.states)
+    carry = copy(run.carry, states=states, loads=[jax.tree.leaves(own.load) for own in known])
+    final = _unless(run.code == status.OK, run.end, touched)
+    end, final = (_apart(bundles, own) for own in (run.end, final))
+    ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
+    watched = isinstance(method, Newton) and method.watch
+    return Solution(
+        status=run.code,
+        stable=run.stable,
+        last=copy(end, carry=carry),
+        phases=PhaseResults(ends, paths, log, schedule.increments, watched),
+        **{name: getattr(final, name) for name in (*PER_PHASE, "load")},
+    )
+
+
+def _blank(function):
+    """Zeros in place of what a function gives."""
+    return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
+
+
+def _given(parameters):
+    """Element loads of all phases, as they were handed over, list of `LoadStack`."""
+    _, _, carry, schedule = exact(parameters)
+    return [*(() if carry is None else carry.loads), *schedule.loads]
+
+
+def _apart(bundles, part, axis=0):
+    """Results of bundles as those of their groups; `axis` is that of the elements."""
+    return per_element(part, lambda own: bundles.apart(own, axis))
+
+
+@pytree
+class _Run:
+    """What the loop over the phases carries.
+
+    Attributes:
+        code, stable: status so far, and whether the end of the last phase is stable.
+        carry: `Carry`, without the loads, which do not change.
+        end: the `State` that it stands for.
+        factored: what sparse solves factorised last, see `linear.solve_next`.
+        reached: `results.Reached`.
+        seen: `Reading` of the last good increment.
+    """
+
+    code: object
+    stable: object
+    carry: object
+    end: object
+    factored: object
+    reached: object
+    seen: object
+
+
+def _unless(ok, end, touched):
+    """A `State` with its results NaN unless `ok`."""
+    values = {name: getattr(end, name) for name in (*PER_PHASE, "load")}
+    return copy(end, **implicit.nan_beside(ok, values, touched))
+
+
+def _teller(listen, phases):
+    """A function that tells of the increments of a phase."""
+
+    def news(number, count, factor, outcome):
+        relative = outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0)
+        traced = {
+            "phase": number + 1,
+            "count": count,
+            "number": jnp.round(factor * count).astype(jnp.int32),
+            "load_factor": factor,
+            "iterations": outcome.steps,
+            "residual": outcome.residual,
+            "relative_residual": relative,
+            "status": outcome.code,
+        }
+        tell(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))
+
+    return news
+
+
+def _finite(tree):
+    """Whether every float in `tree` is finite."""
+    floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
+    # side by side: one test, and not one for each of many small arrays
+    return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

@@ -1,0 +1,1 @@
+"""What every room uses: pytrees, checks, rules of numbers, selections, statuses, progress."""

@@ -1,0 +1,181 @@
+"""The incremental scheme of the paper: a fixed number of linear solves per increment.
+
+Tangent form: the unbalanced load is carried into the next increment,
+``K_t du = dF + (F - f_int)``, followed by a fixed number of equilibrium iterations. Order of the
+error in the increment 2, 4, 8 for 0, 1, 2 corrections.
+
+Secant form: ``u = K_s(u)^-1 (F - f_int(0))`` with the secant stiffness of the increment before. For
+a start in equilibrium this is the paper's eqs. 2-8 with the two inverses of eq. 5 in the order in
+which it converges: ``du_i = (K_i^-1 - K_{i-1}^-1) F_{i-1} + K_i^-1 dF_i`` telescopes to
+``u_i = K_i^-1 F_i``. One Picard step an increment: first order. Where stiffness grows fast an
+eigenvalue of that step passes -1, and rounding grows from increment to increment: below some
+increment the form diverges (`experiments/accession_curves.py`); the tangent form does not.
+
+Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .. import linear
+from ..common import checks, status
+from ..common.rules import Rule, refuse
+from ..common.tree import pytree
+from ..numerics import implicit
+from .newton import Newton, Outcome, equilibrate
+
+
+@pytree(static=("corrections", "stiffness", "linear_solver"))
+class Incremental:
+    """A fixed number of linear solves per increment, as in the paper.
+
+    Where the stiffness at the start of a phase is singular (slack chord, mechanism before it is
+    prestressed) the first increment is solved to equilibrium instead; `path.equilibrated` says so.
+    Derivatives are those of the algorithm as it is, path included.
+
+    Args:
+        corrections: equilibrium iterations after each increment's first solve.
+        stiffness: "tangent" or "secant".
+        tol: largest unbalanced force that an increment may end with, as a part of the load (both
+            Euclidean norms over the free freedoms; without load, of the element forces at the
+            nodes); beyond it the status is DRIFTED. The paper uses 0.05. `numpy.inf` never stops.
+        linear_solver: as for `Newton`.
+
+    Raises:
+        ValueError: `corrections` below 0, an unknown `stiffness` or solver, a `tol` that is not
+            positive; in an analysis, "secant" for elements or loads that have no secant stiffness.
+
+    Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
+
+    Example:
+        The load ``P = 2 EA (l - L0)/L0 (3 + w)/l`` moves the node of two cables down by w = 0.3 m:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> length = np.hypot(4.0, 3.3)
+        >>> load = 2 * 1e5 * (length - 5.0) / 5.0 * 3.3 / length  # N
+        >>> phase = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -load)), increments=10)
+        >>> solution = jc.solve(structure, phase, jc.Incremental(corrections=1))
+        >>> print(f"{jc.describe(solution.status)}: {solution.displacement[1, 2]:.6f} m")
+        converged: -0.300000 m
+    """
+
+    corrections: int = 0
+    stiffness: str = "tangent"
+    tol: object = 0.05
+    linear_solver: str | None = None
+
+    def __post_init__(self):
+        if not isinstance(self.corrections, int | np.integer) or self.corrections < 0:
+            raise ValueError(f"corrections = {self.corrections!r}: expected an integer >= 0")
+        if self.stiffness not in ("tangent", "secant"):
+            raise ValueError(f'stiffness = {self.stiffness!r}: expected "tangent" or "secant"')
+        tol = checks.floats(self.tol, "tol")
+        if tol.shape != ():
+            raise ValueError(f"tol: expected a scalar, got shape {tol.shape}")
+        refuse(self.rules())
+        linear.check(self.linear_solver)
+
+    def rules(self):
+        """What its number keeps, see `_rules`; a NaN does not: no residual would exceed it."""
+        return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
+
+
+def march(ramp, x, increments, method, code, tell=None):
+    """Take a phase through its load factors; arguments and result as `newton.march`.
+
+    Differentiable as it is; the increments are checkpointed, so that the backward pass stores one
+    vector of unknowns per increment and not its stiffness matrix.
+    """
+
+    @jax.checkpoint
+    def step(carry, increment):
+        factor, live, first = increment
+        x, code, memory = carry
+
+        def go(x, code, memory):
+            outcome, memory = _increment(ramp, factor, x, method, code, memory, first)
+            if tell is not None:
+                tell(factor, outcome)
+            return outcome, memory
+
+        def pass_by(x, code, memory):
+            zero, none = jnp.zeros((), x.dtype), jnp.int32(0)
+            no = jnp.zeros((), bool)
+            return Outcome(x, code, none, none, zero, zero, no, no), memory
+
+        outcome, memory = lax.cond(live, go, pass_by, x, code, memory)
+        return (outcome.x, outcome.code, memory), (outcome.x, outcome.log)
+
+    first = jnp.arange(len(increments[0])) == 0
+    return lax.scan(step, (x, code, ramp.memory), (*increments, first))[1]
+
+
+def _increment(ramp, factor, x, method, code, memory, first):
+    """One increment of the scheme and the memory that it leaves.
+
+    The `first` increment of a phase may be solved to equilibrium.
+    """
+    active, system, begin = code == status.OK, ramp.at(factor, memory), x
+    frozen = lax.stop_gradient(system)
+    x, regular = _step(system, x, ramp, method)
+
+    def first_increment(x):
+        point, own = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
+        found, _ = equilibrate(frozen, point, own, active & ~regular)
+        settled = found.equilibrated
+        x = jnp.where(settled, implicit.attach(system, found.x, settled), x)
+        return x, settled, jnp.where(settled, found.steps, 1)
+
+    def keep(x):
+        return x, jnp.zeros((), bool), jnp.int32(1)
+
+    x, settled, steps = lax.cond(first, first_increment, keep, x)
+    regular = regular | settled
+    for _ in range(method.corrections):
+        corrected, ok = _step(system, x, ramp, method)
+        x = jnp.where(settled, x, corrected)
+        steps = steps + jnp.where(settled, 0, 1)
+        regular = regular & (ok | settled)
+    reached = lax.stop_gradient(x)
+    residual, scale = frozen.residual_and_scale(reached)
+    load, unbalanced = frozen.load_norm(reached), jnp.linalg.norm(residual)
+    largest = jnp.max(jnp.abs(residual), initial=0.0)
+    outcomes = [
+        (~(jnp.isfinite(scale) & jnp.isfinite(largest)), status.NONFINITE),
+        (~regular, status.SINGULAR),
+        (unbalanced > method.tol * jnp.where(load > 0, load, scale), status.DRIFTED),
+    ]
+    if system.breaks:
+        outcomes.insert(1, (frozen.beyond(reached), status.MATERIAL_FAILURE))
+    own = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
+    code = status.first_failure(code, jnp.asarray(own, jnp.int32))
+    good = code == status.OK
+    x = jnp.where(good, x, begin)
+    steps = jnp.where(active, steps, 0)
+    # where the energy is not convex the solver asks at the end of the phase
+    outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
+    if memory is not None:
+        memory = ramp.settle(system, system.strains(x), good, memory)
+    return outcome, memory
+
+
+def _step(system, x, ramp, method):
+    """One linear solve: the next unknowns, and whether the stiffness was regular."""
+    if method.stiffness == "tangent":
+        function, numbers, back = system.chart(x)
+        residual, linearized = jax.linearize(function, numbers)
+        factor = linear.factorize(lax.stop_gradient(system).tangent(lax.stop_gradient(x)))
+        rhs = implicit.gate(factor.regular, residual)
+        return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
+    # secant from the geometry in which the phase began
+    origin = system.place(ramp.begin.motion)
+    matrix = system.secant(origin, system.place(x))
+    factor = linear.factorize(matrix)
+    rhs = implicit.gate(factor.regular, system.residual(origin))
+    matrix = implicit.gate(factor.regular, matrix)
+    step = factor.or_identity().solve(-rhs, lambda v: matrix @ v)
+    return system.move(origin, step), factor.regular

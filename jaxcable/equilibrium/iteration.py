@@ -1,0 +1,251 @@
+"""A turn of Newton's method: evaluate, decide, aim (`equilibrium`)."""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from .. import linear
+from ..common import status
+from ..common.tree import copy, pytree, where
+from ..numerics.search import Search
+from .globalisation import Shift, Softening, Sprint
+from .newton_step import direction, largest
+
+_RELEASED = 2.0  # roundings of the first forces that the last ones may have
+_ZERO = 64  # roundings of the largest stiffness, below which an eigenvalue is none
+_RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
+
+
+def default_tolerance(dtype):
+    """Relative tolerance that a dtype can be expected to reach: 1e-10, or 1e-5 in float32."""
+    return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
+
+
+def limit(method, dtype):
+    """The relative residual that counts as converged."""
+    tol = default_tolerance(dtype) if method.tol is None else method.tol
+    return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
+
+
+@pytree
+class Iterate:
+    """Where the iteration stands.
+
+    Attributes:
+        x, residual, scale: last good point, R(x) and the force that R is judged by.
+        tangents: of elements that give them together with their forces (`System.evaluated`).
+        step, search: way on from there, and how far along it is tried next (`search.Search`).
+        arrival: whether the next evaluation is at x itself: at the start, where the iteration
+            begins again, where the softness has changed, and where there was no step.
+        stepless: whether it is the last of these.
+        shift, sprint, softening: `globalisation`; None where there is none.
+        steps, code: steps so far, and OK while nothing has gone wrong.
+        factored: what sparse solves factorised last, see `linear.solve_next`.
+        released, came_from: what the first evaluation says of residuals that are allowed.
+        stable: whether the tangent at the end is definite.
+        done: whether the end is reached.
+    """
+
+    x: object
+    residual: object
+    scale: object
+    tangents: object
+    step: object
+    search: object
+    arrival: object
+    stepless: object
+    shift: object
+    sprint: object
+    softening: object
+    steps: object
+    code: object
+    factored: object
+    released: object
+    came_from: object
+    stable: object
+    done: object
+
+
+class Task:
+    """An equilibrium that is sought, and a turn of the loop that seeks it."""
+
+    def __init__(self, system, x, method, judge):
+        self.system, self.method, self.judge = system, method, judge
+        self.begin = system.place(x)
+        self.tol = limit(method, x.dtype)
+        self.length, self.extent = system.length_scale(), system.extent()
+        self.softens, self.judges = system.may_be_convex, not system.always_convex
+        self.convex = system.convex
+        self.sprints = system.space.rotates or self.softens or system.followers is not None
+
+    def start(self, factored):
+        """The first evaluation is ahead, at the start itself."""
+        zero = jnp.zeros((), self.begin.dtype)
+        still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
+        softening = None
+        if self.softens:
+            load = jnp.max(jnp.sqrt(jnp.sum(self.system.load**2, axis=-1)))
+            softening = Softening.init(jnp.where(self.convex, load, 0.0).astype(zero.dtype))
+        no = jnp.zeros((), bool)
+        *_, tangents = jax.eval_shape(self.system.evaluated, self.begin)
+        return Iterate(
+            x=self.begin,
+            residual=still,
+            scale=zero,
+            tangents=jax.tree.map(lambda own: jnp.zeros(own.shape, own.dtype), tangents),
+            step=still,
+            search=Search.init(zero),
+            arrival=~no,
+            stepless=no,
+            shift=Shift.init(zero.dtype),
+            sprint=Sprint.init() if self.sprints else None,
+            softening=softening,
+            steps=jnp.int32(0),
+            code=jnp.int32(-1),  # nothing is known yet
+            factored=factored,
+            released=zero,
+            came_from=still if self.system.rounds else None,
+            stable=self.convex,
+            done=no,
+        )
+
+    def turn(self, it):
+        """Evaluate at a point, decide whether to go there, and make the next step."""
+        working = self.system
+        if self.softens:
+            working = working.softened(it.softening.softness)
+        it, taken, found, over = self._tried(working, it)
+        it, converged = self._known(it)
+        it, aside = self._steered(it, taken, found, over, converged)
+        return self._aimed(working, it, over & ~it.done & ~aside, converged)
+
+    def _tried(self, working, it):
+        """The one evaluation: the point it leads to, the part of the step, whether there is a
+        step, and whether its search is over."""
+        x = working.move(it.x, it.search.length * it.step)
+        x = jnp.where(it.arrival, it.x, x)
+        residual, scale, tangents = working.evaluated(x)
+        finite = jnp.isfinite(scale)
+        search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
+        if self.sprints:  # plain steps are taken whole if they lead to numbers
+            fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
+        fine, again = fine | it.arrival, again & ~it.arrival
+
+        def keep(new, old):
+            return jnp.where(fine, new, old)
+
+        new = copy(
+            it,
+            x=keep(x, it.x),
+            residual=keep(residual, it.residual),
+            scale=keep(scale, it.scale),
+            tangents=where(fine, tangents, it.tangents),
+            search=search,
+        )
+        return new, it.search.length, fine & ~it.stepless, ~again
+
+    def _known(self, it):
+        """What is known after an evaluation: a bad start, and whether it is an equilibrium."""
+        first = it.code < 0
+        finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
+        code = jnp.where(finite, status.OK, status.NONFINITE)
+        eps = jnp.finfo(it.scale.dtype).eps
+        # what is released ends at the rounding of the forces that it began with
+        released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
+        it = copy(
+            it,
+            code=jnp.where(first, code, it.code).astype(jnp.int32),
+            released=jnp.where(first, released, it.released),
+        )
+        allowed = jnp.maximum(self.tol * it.scale, it.released)
+        if self.system.rounds:
+            rounding = self.system.rounding(it.x)
+            it = copy(it, came_from=jnp.where(first, rounding, it.came_from))
+            allowed = jnp.maximum(allowed, jnp.maximum(rounding, it.came_from))
+        converged = jnp.all(jnp.abs(it.residual) <= allowed)
+        if self.softens:
+            converged = converged & (it.softening.softness == 0)
+        return it, converged
+
+    def _steered(self, it, taken, found, over, converged):
+        """What the policies make of it; whether the next evaluation is where they put it."""
+        moved = over & (~it.arrival | it.stepless)
+        spent = over & ~converged & (it.steps >= self.method.max_steps)
+        again = jnp.zeros((), bool)
+        shift = where(moved, it.shift.update(found, taken), it.shift)
+        x, sprint, softening = it.x, it.sprint, it.softening
+        reach = self.system.reach(x)
+        if self.sprints:
+            own, again = sprint.update(found, reach, it.steps, self.extent, converged)
+            sprint, again = where(moved, own, sprint), moved & again
+            x = jnp.where(again, self.begin, x)
+            shift = where(again, Shift.init(x.dtype), shift)
+        runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
+        code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
+        stop = over & ((code != status.OK) | spent)
+        aside = again & ~stop
+        if self.softens:
+            softening = where(moved, softening.update(found, taken), softening)
+            own, changed = softening.change(largest(it.residual), it.scale)
+            changed = changed & over & ~aside & ~stop & ~converged
+            softening = where(changed, own, softening)
+            shift = where(changed, Shift.init(x.dtype), shift)
+            # it stops while softened: the residual of the structure itself is to be told
+            told = stop & (softening.softness > 0)
+            softening = copy(softening, softness=jnp.where(told, 0.0, softening.softness))
+            aside, stop = aside | changed | told, stop & ~told
+        stuck = stop & (code == status.OK)
+        judging = converged & self.judge & ~self.convex
+        after = copy(
+            it,
+            x=x,
+            arrival=aside,
+            stepless=jnp.zeros((), bool),
+            shift=shift,
+            sprint=sprint,
+            softening=softening,
+            code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
+            done=stop | (over & converged & ~judging & ~aside),
+        )
+        return after, aside
+
+    def _aimed(self, working, it, wanted, converged):
+        """The next step, if `wanted`; at an equilibrium only whether the tangent is definite."""
+
+        def aim(it):
+            matrix = working.tangent(it.x, it.tangents)
+            shift = it.shift.on(largest(it.residual), self.length)
+            sprinting = jnp.zeros((), bool)
+            if self.sprints:
+                sprinting = it.sprint.on & ~converged
+            if working.space.rotates:
+                shift = jnp.where(sprinting, 0.0, shift)
+            if self.judges:
+                shift = jnp.where(converged, no_stiffness(matrix), shift)
+            matrix = linear.plus_diagonal(matrix, shift)
+            step, definite, factored = direction(working, matrix, it, sprinting, self.tol, wanted)
+            slope = it.residual @ step
+            usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
+            softening = it.softening
+            if self.softens:
+                softening = softening.seen(matrix, self.length)
+            return copy(
+                it,
+                step=jnp.where(usable, step, 0.0),
+                search=Search.init(slope),
+                arrival=~usable,
+                stepless=~usable,
+                softening=softening,
+                steps=it.steps + ~converged,
+                factored=factored,
+                stable=it.stable | (converged & definite),
+                done=converged,
+            )
+
+        return lax.cond(wanted, aim, lambda it: it, it)
+
+
+def no_stiffness(matrix):
+    """Size of eigenvalues of a tangent that rounding makes of zero, N/m; positive."""
+    size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
+    return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

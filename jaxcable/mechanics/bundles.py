@@ -1,0 +1,191 @@
+"""Element groups that differ in numbers only, evaluated together: one group in the program.
+
+A user's groups are what he names; a program has every kind of element once. Groups of one class,
+whose laws or sections are of one kind, are joined before the compiled core, in the order in which
+they are named, and what it finds comes apart again into theirs at its end.
+"""
+
+import dataclasses
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.tree import Each, Indices, copy, joined
+from ..elements.prestress import Stated
+from ..sections import Section, padding
+
+_NONE = {"weight": 0.0, "expansion": 0.0}
+"""What those have that have none, beside others that have some."""
+
+
+class Bundles(NamedTuple):
+    """Which groups are evaluated together; hashable, static in a program.
+
+    Attributes:
+        members: numbers of the groups of every bundle, in ascending order.
+        sizes: number of elements of every group.
+    """
+
+    members: tuple
+    sizes: tuple
+
+    @classmethod
+    def of(cls, groups):
+        """The bundles of element groups, whose links name rows of motion."""
+        found = {}
+        for number, group in enumerate(groups):
+            found.setdefault(_sort(number, group), []).append(number)
+        members = tuple(tuple(own) for own in found.values())
+        return cls(members, tuple(len(group.links) for group in groups))
+
+    @property
+    def plain(self):
+        """Whether every group is one by itself, in its place."""
+        return len(self.members) == len(self.sizes)
+
+    def groups(self, groups):
+        """The groups of the bundles."""
+        return groups if self.plain else [_joined([groups[k] for k in own]) for own in self.members]
+
+    def together(self, per_group):
+        """Pytrees of arrays [n_elem, ...], one for each group or None, for each bundle."""
+        if self.plain:
+            return per_group
+
+        def one(*parts):
+            return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+        return [jax.tree.map(one, *(per_group[k] for k in own)) for own in self.members]
+
+    def apart(self, per_bundle, axis=0):
+        """Pytrees with the elements of a bundle on an axis, for every group; undoes `together`."""
+        if self.plain:
+            return per_bundle
+        found = [None] * len(self.sizes)
+        for own, whole in zip(self.members, per_bundle, strict=True):
+            start = 0
+            for k in own:
+                at = (slice(None),) * axis + (slice(start, start + self.sizes[k]),)
+                found[k] = jax.tree.map(lambda x, at=at: x[at], whole)
+                start += self.sizes[k]
+        return found
+
+    def numbers(self, on):
+        """Numbers of the bundles that have some of the groups `on`, in ascending order."""
+        return tuple(b for b, own in enumerate(self.members) if set(own) & set(on))
+
+    def spread(self, on, values, fill=0.0):
+        """Arrays [n_elem] or scalars of groups, as such of the bundles that have some of them.
+
+        Args:
+            on: numbers of groups.
+            values: by number of a group; `fill` at the elements of others of its bundle.
+
+        Returns:
+            By number of a bundle; a scalar where all of its groups have the same one, `fill` too.
+        """
+        found = {}
+        for b in self.numbers(on):
+            own = [values.get(k, fill) for k in self.members[b]]
+            if all(x is own[0] for x in own) and np.ndim(own[0]) == 0:
+                found[b] = own[0]
+                continue
+            sizes = [self.sizes[k] for k in self.members[b]]
+            parts = [jnp.broadcast_to(x, (n,)) for x, n in zip(own, sizes, strict=True)]
+            found[b] = jnp.concatenate(parts)
+        return found
+
+    def inputs(self, per_group):
+        """Prestress statements of a phase, for every bundle a dict from name to `Stated`."""
+        if self.plain:
+            return per_group
+        found = []
+        for own in self.members:
+            names = dict.fromkeys(name for k in own for name in per_group[k])
+            found.append({name: self._stated(name, own, per_group) for name in names})
+        return found
+
+    def _stated(self, name, own, per_group):
+        """One statement of the groups `own` as one."""
+        parts = [per_group[k].get(name) for k in own]
+        sizes = [self.sizes[k] for k in own]
+        values = [np.zeros(n) if s is None else s.values for s, n in zip(parts, sizes, strict=True)]
+        if all(stated is not None and stated.chosen is None for stated in parts):
+            return Stated(joined(values))
+        chosen = [
+            np.full(n, s is not None) if s is None or s.chosen is None else s.chosen
+            for s, n in zip(parts, sizes, strict=True)
+        ]
+        return Stated(joined(values), np.concatenate(chosen))
+
+
+def _sort(number, group):
+    """What groups have in common that go into one bundle."""
+    own = [type(group)]
+    for field in dataclasses.fields(group):
+        value = getattr(group, field.name)
+        if field.name == "links":
+            own.append(value.shape[1:])
+        elif field.name in group.per_element:
+            own.append(value is None and field.name not in _NONE)
+        elif field.name in group._static_fields:
+            own.append(value)
+        elif field.name in group._index_fields:
+            own.append(None if value is None else number)  # topology of its own
+        elif isinstance(value, Section):
+            own.append(padding.sort(value))
+        else:
+            leaves, shape = jax.tree.flatten(value)
+            own.append((shape, tuple(map(np.shape, leaves))))
+    return tuple(own)
+
+
+def _joined(groups):
+    """Groups of one sort as one."""
+    first = groups[0]
+    if len(groups) == 1:
+        return first
+    sizes, changes = [len(group.links) for group in groups], {}
+    for field in dataclasses.fields(first):
+        values = [getattr(group, field.name) for group in groups]
+        if field.name == "links":
+            changes["links"] = _linked(tuple(values))
+        elif field.name in first.per_element:
+            if any(value is not None for value in values):
+                fill = _NONE.get(field.name)
+                pairs = zip(values, sizes, strict=True)
+                changes[field.name] = joined(
+                    [np.full(n, fill) if x is None else x for x, n in pairs]
+                )
+        elif field.name not in first._static_fields:
+            changes[field.name] = _each(values, sizes)
+    return copy(first, **changes)
+
+
+@functools.lru_cache(maxsize=64)
+def _linked(links):
+    """`Indices` one after the other."""
+    return Indices(np.concatenate([own.array for own in links]))
+
+
+def _each(values, sizes):
+    """What the elements of groups share, as one: itself, where it is the same, or `Each`."""
+    if isinstance(values[0], Section):
+        values = padding.evened(values)
+    leaves = [jax.tree.leaves(value) for value in values]
+    if all(a is b for own in leaves for a, b in zip(leaves[0], own, strict=True)):
+        return values[0]
+
+    def one(*parts):
+        return joined([_repeated(x, n) for x, n in zip(parts, sizes, strict=True)])
+
+    return Each(jax.tree.map(one, *values))
+
+
+def _repeated(x, count):
+    """An array as that of each of so many elements, without a copy."""
+    own = jnp if isinstance(x, jax.core.Tracer) else np
+    return own.broadcast_to(x, (count, *np.shape(x)))

@@ -1,0 +1,200 @@
+"""Element loads of all phases: those of one kind are stacked and evaluated together.
+
+A load acts from the phase that adds it on; before, its factor is zero. So the program of an
+analysis has every kind once, however many phases there are.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.tree import copy, pytree, stacked
+from ..loads import load as kinds
+
+
+@pytree(static=("late",))
+class LoadStack:
+    """Loads that differ in their numbers only.
+
+    Attributes:
+        load: a load whose numbers have a leading axis, [m].
+        phase: the phase that adds each of them, [m]; -1 if it acts from the beginning.
+        late: whether the first phase does not know all of them.
+    """
+
+    load: object
+    phase: object
+    late: bool = False
+
+    @property
+    def follows(self):
+        """Whether they depend on where the nodes are."""
+        return isinstance(self.load, kinds.Following)
+
+    def until(self, phase):
+        """Only those that a phase knows: numbers of later ones are zero, even if they are NaN."""
+        if not self.late:
+            return self
+
+        def known(x):
+            return jnp.where((self.phase <= phase).reshape(-1, *(1,) * (x.ndim - 1)), x, 0)
+
+        return copy(self, load=jax.tree.map(known, self.load))
+
+    def bundled(self, bundles):
+        """The same on bundles of groups."""
+        if bundles.plain:
+            return self
+        return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
+
+    def touches(self, groups, bundles):
+        """Nodes whose forces depend on each other, list of [n, k], on groups of bundles."""
+        return self.load.touched(bundles).touches(groups)
+
+    def idle(self, begun, dtype):
+        """The `Amounts` before the first phase; `begun` are the nodes then, [n_row, 3]."""
+        m = self.phase.shape[0]
+        begun = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
+        return Amounts(jnp.zeros(m, dtype), begun)
+
+    def weighted(self, amounts, function):
+        """Sum over the loads of their factors times ``function(load)``, a tree, or None."""
+        values = self.each(function, amounts.begun)
+        if self.phase.shape[0] == 1:
+            return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)
+        return jax.tree.map(lambda x: jnp.tensordot(amounts.factors, x, 1), values)
+
+    def each(self, function, begun=None):
+        """``function(load)`` of every load, a tree of arrays [m, ...]."""
+        leaves, tree = jax.tree.flatten(self.load)
+
+        def one(leaves, begun):
+            load = jax.tree.unflatten(tree, leaves)
+            return function(load if begun is None else copy(load, begun=begun))
+
+        if self.phase.shape[0] == 1:
+            own = one(*jax.tree.map(lambda x: x[0], (leaves, begun)))
+            return jax.tree.map(lambda x: x[None], own)
+        return jax.vmap(one)(leaves, begun)
+
+
+@pytree
+class Amounts:
+    """How much of a stack of loads acts.
+
+    Attributes:
+        factors: [m].
+        begun: nodes where the phases of the loads began, [m, n_row, 3], m, or None where these do
+            not ask for them.
+    """
+
+    factors: object
+    begun: object = None
+
+    def added(self, own, factor):
+        """With the loads `own`, [m] bool, at a load factor."""
+        return copy(self, factors=jnp.where(own, factor, self.factors))
+
+    def at_start(self, own, moved):
+        """With the positions [n_row, 3] where the phase of the loads `own` begins."""
+        if self.begun is None:
+            return self
+        return copy(self, begun=jnp.where(own[:, None, None], moved, self.begun))
+
+
+def stacks(acting):
+    """Stack element loads on the host.
+
+    Args:
+        acting: for every phase a list of `loads.Acting`, as the analysis has them (`among`).
+
+    Returns:
+        List of `LoadStack`, in the order in which their kinds appear.
+    """
+    found = {}
+    for phase, own in enumerate(acting):
+        for load in own:
+            load = load.without_begun()  # in `Amounts`
+            kind = jax.tree.structure(load), tuple(np.shape(x) for x in jax.tree.leaves(load))
+            found.setdefault(kind, []).append((phase, load))
+    return [
+        LoadStack(
+            stacked([load for _, load in members]),
+            np.array([phase for phase, _ in members], np.int32),
+            late=any(phase > 0 for phase, _ in members),
+        )
+        for members in found.values()
+    ]
+
+
+def continued(stack):
+    """A stack as an analysis that goes on has it: from its beginning."""
+    return copy(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
+
+
+def dead_load(nodes, groups, carry):
+    """All dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
+    load = carry.nodal_load
+    arguments = groups, carry.states, nodes, load.shape, nodes.dtype
+    for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
+        if not stack.follows:
+            load = load + stack.weighted(amounts, lambda own: own.element_forces(*arguments))
+    return load
+
+
+def line_load(number, group, state, nodes, carry):
+    """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
+    total = None
+    for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
+        if not stack.follows:
+            own = stack.weighted(amounts, lambda load: load.per_length(number, group, state, nodes))
+            if own is not None:
+                total = own if total is None else total + own
+    return total
+
+
+def pressures(number, group, carry):
+    """What follows the elements of a group and bends them, `AxialState.pressed`, or None."""
+    found = {}
+    for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
+        for k in range(stack.phase.shape[0] if stack.follows else 0):
+            load = jax.tree.map(lambda x, k=k: x[k], stack.load)
+            own = load.pressing(number, group)
+            if own is not None:
+                per, pressure, axis = own
+                found.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
+    return found or None
+
+
+@pytree
+class Following:
+    """A stack of loads that follow, and how much of them acts."""
+
+    stack: LoadStack
+    amounts: Amounts
+
+    @property
+    def acts(self):
+        """Whether any of them acts, scalar bool."""
+        return jnp.any(self.amounts.factors != 0)
+
+    def following_forces(self, *arguments):
+        """Their forces on every node, [n_node, 3], N."""
+        return self.stack.weighted(self.amounts, lambda load: load.following_forces(*arguments))
+
+    def following_blocks(self, *arguments):
+        """Their derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        links = []
+
+        def blocks(load):
+            parts = load.following_blocks(*arguments)
+            links[:] = [own for _, own in parts]  # those of a kind act on the same nodes
+            return [own for own, _ in parts]
+
+        return list(zip(self.stack.weighted(self.amounts, blocks), links, strict=True))
+
+
+def following(carry):
+    """Loads of a `Carry` that follow, a list of `Following`, or None."""
+    pairs = zip(carry.loads, carry.amounts, strict=True)
+    return [Following(*pair) for pair in pairs if pair[0].follows] or None

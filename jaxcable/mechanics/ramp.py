@@ -1,0 +1,270 @@
+"""A phase as a function of its load factor: the system that has to be in equilibrium.
+
+The phase begins with what earlier phases left (`Carry`) and adds its own data (`PhaseData`), both
+with index arrays in place of topology. `Ramp.build` turns the prestress statements into start and
+end states once; `Ramp.at` interpolates.
+"""
+
+import jax.numpy as jnp
+
+from ..common.tree import copy, pytree, where
+from ..spaces import space_of
+from ..spaces.freedoms import along, combined
+from . import load_stacks
+from .assembly import System
+from .elementwise import each
+
+
+@pytree
+class Carry:
+    """What a phase hands to the next one.
+
+    Attributes:
+        motion: of all rows since the initial nodes, [n_row, n_motion]; see `spaces`.
+        states: element states, one per group.
+        nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
+        loads: element loads of all phases, a list of `LoadStack`.
+        amounts: how much of them acts, a list of `Amounts`.
+        bearing: `RigidNodes.bearing`: rotation in which the support of every row was set.
+    """
+
+    motion: object
+    states: object
+    nodal_load: object
+    loads: object
+    amounts: object
+    bearing: object = None
+
+
+def unloaded(nodes, groups):
+    """The `Carry` of a structure that nothing has happened to."""
+    states = [group.start(nodes[group.links]) for group in groups]
+    space = space_of(groups)
+    return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
+
+
+def knowing(carry, phase):
+    """A `Carry` whose loads are those that a phase knows: later ones may be NaN."""
+    return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
+
+
+@pytree
+class PhaseData:
+    """A phase, prepared on the host.
+
+    Attributes:
+        number: of the phase.
+        inputs: prestress statements, per group a dict from name to `Stated`.
+        added_load: sum of its nodal loads, [n_node, 3 or 6], N and N m, or None.
+        moved: sum of its movements of supports, likewise, m and rad, or None.
+        freedoms: numbering of the unknowns, and what is held in this phase.
+        freedoms_before: what was held before, if the supports change in any phase, else None.
+    """
+
+    number: object
+    inputs: object
+    added_load: object
+    moved: object
+    freedoms: object
+    freedoms_before: object
+
+
+@pytree
+class Ramp:
+    """The phase between load factor 0 and 1.
+
+    Attributes:
+        nodes, groups: the structure.
+        begin: what the phase starts from, a `Carry` (loads on newly fixed freedoms taken off).
+        end_states: element states at load factor 1; None for a group that does not change.
+        held: (force at the start, `Stated` at the end) for a jacked group, else None.
+        added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
+        own: which loads of every stack in `begin` are of this phase, list of [m] bool.
+        moved: steps of the supports in this phase, [n_node, 3 or 6], or None.
+        released: reactions of newly freed freedoms, ramped out, as `Carry.nodal_load`, or None.
+        freedoms: numbering of the unknowns.
+    """
+
+    nodes: object
+    groups: object
+    begin: object
+    end_states: object
+    held: object
+    added_load: object
+    own: object
+    moved: object
+    released: object
+    freedoms: object
+
+    @classmethod
+    def build(cls, nodes, groups, carry, data):
+        """Work out start and end of the phase from the carry and the phase's data."""
+        own = [stack.phase == data.number for stack in carry.loads]
+        moved = nodes + carry.motion[:, :3]
+        pairs = zip(carry.amounts, own, strict=True)
+        amounts = [amounts.at_start(mine, moved) for amounts, mine in pairs]
+        carry = copy(carry, amounts=amounts)
+        released = None
+        if data.freedoms_before is not None:
+            carry, released = _change_supports(nodes, groups, carry, data)
+        end_states, held = [], []
+        for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
+            end_state = jack = None
+            if "jacking" in inputs:
+                force = each("tension", group, state, nodes, carry.motion)
+                jack = (force, inputs["jacking"])
+            statements = {name: stated for name, stated in inputs.items() if name != "jacking"}
+            if statements:
+                end_state = group.restate(state, nodes[group.links], statements)
+            end_states.append(end_state)
+            held.append(jack)
+        moved = None if data.moved is None else _supported(data.moved, data.freedoms)
+        return cls(
+            *(nodes, groups, carry, end_states, held, data.added_load, own, moved, released),
+            data.freedoms,
+        )
+
+    @property
+    def memory(self):
+        """Memory at the start of the phase, per group; None if no law has any."""
+        if not any(group.remembers for group in self.groups):
+            return None
+        return [state.memory for state in self.begin.states]
+
+    def states(self, factor, memory=None):
+        """Element states at a load factor; with a memory per group, if not the start's."""
+        now = []
+        parts = self.groups, self.begin.states, self.end_states, self.held
+        for group, start, end, jack in zip(*parts, strict=True):
+            state = start if end is None else group.between(start, end, factor)
+            if jack is not None:
+                force, stated = jack
+                held = _mix(force, stated.values, factor)
+                state = copy(state, held=held, jacked=stated.chosen)
+            now.append(state)
+        if memory is not None:
+            now = [copy(state, memory=own) for state, own in zip(now, memory, strict=True)]
+        return now
+
+    def nodal_load(self, factor):
+        """Nodal loads and reactions being ramped out, at a load factor."""
+        load = self.begin.nodal_load
+        if self.added_load is not None:
+            load = load + factor * self.added_load
+        if self.released is not None:
+            load = load + (1 - factor) * self.released
+        return load
+
+    def amounts(self, factor):
+        """How much of the element loads acts at a load factor."""
+        pairs = zip(self.begin.amounts, self.own, strict=True)
+        return [amounts.added(mine, factor) for amounts, mine in pairs]
+
+    def held_motion(self, factor):
+        """Motion of all nodes as the supports prescribe it at a load factor."""
+        begin = self.begin.motion
+        if self.moved is None:
+            return begin
+        return space_of(self.groups).advanced(begin, factor * self.moved)
+
+    def at(self, factor, memory=None):
+        """The system at a load factor."""
+        now = self._loaded(self.begin.motion, self.states(factor, memory), factor)
+        return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
+
+    def settle(self, system, strains, ok, memory):
+        """Memory after an increment that ended so; as it was unless `ok`."""
+        return where(ok, system.settle(strains), memory)
+
+    def begun(self):
+        """The system that the phase begins with, of which supports are not asked."""
+        return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
+
+    def leave(self, factor, motion, memory=None):
+        """What the phase leaves when it ends at `factor`; anchors the jacks."""
+        states = []
+        for group, state in zip(self.groups, self.states(factor, memory), strict=True):
+            state = copy(state, line_load=None)
+            locked = state.held is not None
+            states.append(each("lock", group, state, self.nodes, motion) if locked else state)
+        return self._loaded(motion, states, factor)
+
+    def _loaded(self, motion, states, factor):
+        """A `Carry` with the loads of a load factor."""
+        loads = self.nodal_load(factor), self.begin.loads, self.amounts(factor)
+        return Carry(motion, states, *loads, self.begin.bearing)
+
+
+def _supported(moved, freedoms):
+    """Steps of the supports [n_row, 3 or 6]; NaN if a traced one moves what is free.
+
+    There is no such state.
+    """
+    if freedoms.rows is not None:
+        moved = moved[freedoms.rows]
+    if freedoms.inner is not None:
+        moved = jnp.where(freedoms.inner[:, None], 0.0, moved)
+    shift = moved[:, :3]
+    if freedoms.axes is not None:
+        rounding = 8 * jnp.finfo(shift.dtype).eps * jnp.max(jnp.abs(shift))
+        shift = along(freedoms.axes, shift)
+        shift = jnp.where(jnp.abs(shift) <= rounding, 0.0, shift)
+    loose = ~freedoms.fixed[:, :3] & (shift != 0)
+    return jnp.where(jnp.any(loose), jnp.nan, moved)
+
+
+def _change_supports(nodes, groups, carry, data):
+    """Carry with loads on newly held freedoms taken off, and reactions of freed ones, or None.
+
+    Where a node is held in part before and after, it is along the same directions (`preparation`).
+    """
+    before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
+    was, now = data.freedoms_before.fixed, data.freedoms.fixed
+    if data.freedoms.axes is None:
+        released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
+        return copy(carry, nodal_load=jnp.where(now & ~was, 0.0, carry.nodal_load)), released
+    reaction, load = before.reactions(carry.motion), carry.nodal_load
+    if carry.bearing is not None:
+        turned_anew = jnp.any((was != now)[:, 3:], axis=1, keepdims=True)
+        bearing = jnp.where(turned_anew, carry.motion[:, 3:], carry.bearing)
+        carry = copy(carry, bearing=bearing)
+    after = make_system(nodes, groups, carry, carry.motion, data.freedoms)
+    released, left = [], []
+    pairs = zip(*(own.space.directions(carry.motion) for own in (after, before)), strict=True)
+    for k, (own, own_before) in enumerate(pairs):
+        part = slice(3 * k, 3 * k + 3)
+        gone = jnp.where(now[:, part], 0.0, along(own, reaction[:, part]))
+        released.append(combined(own, gone))
+        whole = jnp.all(now[:, part], axis=1)[:, None, None]
+        own = jnp.where(whole, own_before, own)
+        newly = now[:, part] & ~was[:, part]
+        left.append(combined(own, jnp.where(newly, 0.0, along(own, load[: len(was), part]))))
+    left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)  # no rounding
+    return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
+
+
+def make_system(nodes, groups, carry, held, freedoms, load=None):
+    """The system of a state; shapes elements by their loads.
+
+    `held` is the motion that supports prescribe, None if it is not asked for; `load` the loads of
+    the carry, if at hand.
+    """
+    if load is None:
+        load = load_stacks.dead_load(nodes, groups, carry)
+    states = [
+        copy(
+            state,
+            line_load=load_stacks.line_load(number, group, state, nodes, carry),
+            pressed=load_stacks.pressures(number, group, carry),
+        )
+        if group.shaped_by_load
+        else state
+        for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
+    ]
+    space = space_of(groups).of(nodes, groups, freedoms, held, carry.bearing)
+    return System(nodes, groups, states, load, space, load_stacks.following(carry))
+
+
+def _mix(start, end, factor):
+    """Between start and end; what does not change keeps every digit, and the end is met."""
+    return end - (1 - factor) * (end - start)

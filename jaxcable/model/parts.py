@@ -1,0 +1,113 @@
+"""A structure and its results in parts: groups by name, values per group, straight pieces."""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..elements.element import PEAK_TENSION, TENSION
+from .structure import is_group
+
+
+def groups_by_name(structure):
+    """Pairs (name, group); the name is the key in the structure's elements, "" of a single one."""
+    leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
+    return [(".".join(_word(key) for key in path), group) for path, group in leaves]
+
+
+def _word(key):
+    return str(getattr(key, "key", getattr(key, "idx", getattr(key, "name", key))))
+
+
+def per_group(structure, values):
+    """Values in the shape of the elements as a list of NumPy arrays or None, one per group."""
+    numbers = structure.arrange(list(range(len(structure.groups))))
+    found = [None] * len(structure.groups)
+
+    def put(number, value):
+        found[number] = None if value is None else np.asarray(value)
+
+    jax.tree.map(put, numbers, values, is_leaf=lambda x: x is None)
+    return found
+
+
+class Column(NamedTuple):
+    """What elements tell in one number each.
+
+    Attributes:
+        label: name of the result, and of its component if it has some: ``membrane_forces xx``.
+        unit: of the numbers.
+        values: a list with an array [n_elem], NumPy, or None for every group.
+    """
+
+    label: str
+    unit: str
+    values: list
+
+
+def columns(groups, told):
+    """What elements tell, each number by itself, a list of `Column`.
+
+    What has numbers at several places of an element is left out.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
+        told: results by name, each in the shape of the elements, as of `Told`.
+    """
+    every = (TENSION, PEAK_TENSION, *(own for group in groups for own in group.results))
+    results = {own.name: own for own in every}
+    found = []
+    for name, tree in told.items():
+        own = results[name]
+        values = jax.tree.leaves(tree, is_leaf=lambda x: x is None)
+        values = [None if x is None else np.asarray(x) for x in values]
+        if all(x is None or x.ndim == 1 for x in values):
+            found.append(Column(name, own.unit, values))
+        elif all(x is None or x.shape[1:] == (len(own.components),) for x in values):
+            for k, component in enumerate(own.components):
+                parts = [None if x is None else x[:, k] for x in values]
+                found.append(Column(f"{name} {component}", own.unit, parts))
+    return found
+
+
+def pieces(groups):
+    """Straight pieces of all elements, as pictures have them.
+
+    Args:
+        groups: element groups, or the parts of a `Topology`.
+
+    Returns:
+        ends: their node numbers, [n_piece, 2].
+        element: number of their element, counted through all groups, [n_piece].
+        group: number of their group, [n_piece].
+    """
+    ends, element, owner, count = [], [], [], 0
+    for number, own in enumerate(groups):
+        chain = own.links.array
+        if own.outline is not None:
+            chain = chain[:, own.outline]
+        pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
+        which = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
+        real = pairs[..., 0] != pairs[..., 1]  # chains are filled up with their last node
+        ends.append(pairs[real])
+        element.append(which[real])
+        owner.append(np.full(int(real.sum()), number))
+        count += len(chain)
+    return np.concatenate(ends), np.concatenate(element), np.concatenate(owner)
+
+
+def first_and_last(group):
+    """First and last node of every element of a group, [n_elem, 2]."""
+    return group.links.array[:, [0, -1]]
+
+
+def one_case(solution):
+    """Raise ValueError if `solution` is none, a batch, or is being traced."""
+    if not hasattr(solution, "status"):
+        raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")
+    if isinstance(solution.status, jax.core.Tracer):
+        raise ValueError("solution: is being traced; write files outside of jit")
+    if np.ndim(solution.status) != 0:
+        raise ValueError(
+            "solution: is a batch; take one case: jax.tree.map(lambda x: x[k], solution)"
+        )

@@ -1,0 +1,274 @@
+"""What is legal and most likely not meant: strains that no cable bears, loads that act on nothing.
+
+Units cannot be seen in a number, but in a ratio without units: an axial stiffness in kN makes a
+strain of 200 % of one of 0.2 %. All of this is NumPy on the host, for values that are there: what
+is being traced is not looked at. Each function says what it finds as an `InputWarning`.
+"""
+
+import functools
+
+import jax
+import numpy as np
+
+from ..common import checks, status
+
+STRAIN = 0.15
+"""Stated strain that a constant stiffness describes in no cable; steel breaks at 0.02 to 0.04."""
+
+LOADED = 0.5
+"""The same of a load, of which a batch or a search may hold large ones."""
+
+FAR = 100.0
+"""Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
+
+OFF_AXIS = 1e-6
+"""Distance of a beam's axis from its centroid, over the section's size, that is no rounding."""
+
+_UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
+
+
+def _warns(judge):
+    """Make a generator of texts a function that issues them as warnings."""
+
+    @functools.wraps(judge)
+    def warn(*args):
+        with np.errstate(all="ignore"):  # numbers may be of any size
+            texts = list(judge(*args))
+        for text in texts:
+            checks.suspect(text)
+
+    return warn
+
+
+def stability(solution):
+    """Warn of phases that have ended in an unstable equilibrium, unless they are being traced."""
+    if isinstance(solution.stable, jax.core.Tracer):
+        return
+    for number, (code, stable) in enumerate(zip(*solution.phases.verdicts, strict=True)):
+        if int(code) == status.OK and not bool(stable):
+            checks.suspect(
+                f"phases[{number}] ends in an unstable equilibrium: its tangent stiffness has a "
+                "negative eigenvalue, and the structure will not stay there; trace_path shows "
+                "where it became so",
+                checks.UnstableWarning,
+            )
+
+
+@_warns
+def precision(nodes):
+    """Warn of double precision that is given and not switched on: it would be lost silently."""
+    given = getattr(nodes, "dtype", None)
+    if given == np.float64 and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
+        yield (
+            "nodes: float64, but jax works in float32 here and tensions keep a few digits only; "
+            'put jax.config.update("jax_enable_x64", True) at the start of the program, or give '
+            "nodes.astype(numpy.float32) to say that float32 is meant"
+        )
+
+
+@_warns
+def places(nodes, groups, fixed):
+    """Warn of two nodes at one place that nothing joins, unless both are held.
+
+    Args:
+        nodes: initial positions, [n_node, 3], NumPy.
+        groups: element groups.
+        fixed: True where a freedom is held, [n_row, 3 or 6].
+    """
+    key = nodes[:, 0] + np.pi * nodes[:, 1] + np.e * nodes[:, 2]  # the same for the same place
+    order = np.argsort(key, kind="stable")
+    first, second = order[:-1], order[1:]
+    same = (nodes[first] == nodes[second]).all(axis=1)
+    if not same.any():
+        return
+    free = ~fixed[: len(nodes), :3].all(axis=1)
+    used = np.zeros(len(nodes), bool)
+    for group in groups:
+        used[group.links.array] = True
+    same &= (free[first] | free[second]) & used[first] & used[second]
+    if same.any():
+        k = int(same.argmax())
+        yield (
+            f"nodes[{second[k]}]: at the place of nodes[{first[k]}] and not joined to it; if they "
+            "are one node, name it by one number in links"
+        )
+
+
+@_warns
+def members(group, where, nodes):
+    """Warn of unstressed lengths and cross-sections that do not go with the place of the nodes.
+
+    Args:
+        group: element group.
+        where: its key in the elements, as text.
+        nodes: initial positions, [n_node, 3], NumPy.
+    """
+    rest, area = _there(group.rest_length), _there(group.area)
+    if rest is not None:
+        yield from _judge_lengths(f"elements{where}.rest_length", rest, _chords(group, nodes))
+    if area is not None:
+        text = "thicker than the element is long; is it in m2?"
+        yield from _first(f"elements{where}.area", area, area > _chords(group, nodes) ** 2, text)
+    if group.rotates and group.section is not None:
+        section = group.section
+        fibres = [_there(section.y), _there(section.z)]
+        size = 0.0 if any(f is None for f in fibres) else max(np.ptp(f) for f in fibres)
+        if size > np.ptp(nodes, axis=0).max():
+            yield (
+                f"elements{where}.section: fibres {size:.3g} m apart, further than all nodes; is "
+                "it in m?"
+            )
+        yield from _judge_axis(f"elements{where}.section", section)
+
+
+@_warns
+def prestress(name, stated, group, where, nodes):
+    """Warn of a statement of prestress that no cable bears.
+
+    Args:
+        name: as in `Phase`.
+        stated: `Stated` for the group.
+        group: element group.
+        where: its key in the elements, as text.
+        nodes: initial positions of the structure, [n_node, 3].
+    """
+    value, nodes = _there(stated.values), _there(nodes)
+    if value is None or nodes is None:
+        return
+    value = value if stated.chosen is None else np.where(stated.chosen, value, np.nan)
+    label, stiffness = name + where, axial_stiffness(group)
+    if name in ("pretension", "jacking", "force_density"):
+        force = value * _chords(group, nodes) if name == "force_density" else value
+        strength = _there(group.strength)
+        if strength is not None:
+            yield from _first(
+                label, value, force > strength, "more than the strength of the element"
+            )
+        if stiffness is not None:
+            yield from _judge_strain(label, value, force / stiffness, _UNITS)
+    elif name == "prestrain":
+        strain = np.maximum(value, 0.0) if group.tension_only else value  # slack is no strain
+        yield from _judge_strain(label, value, strain, "it is a ratio, not a percentage")
+    elif name == "temperature" and _there(group.expansion) is not None:
+        strain = value * _there(group.expansion)
+        yield from _judge_strain(label, value, strain, "is expansion in 1/K?")
+    elif name == "rest_length":
+        yield from _judge_lengths(label, value, _chords(group, nodes))
+
+
+@_warns
+def loading(number, loads, fixed, groups, alone):
+    """Warn of nodal loads that act on supports only, or that the elements there cannot bear.
+
+    The elements at a free node balance its load, hence one of them at least is strained by the load
+    over the sum of their axial stiffnesses.
+
+    Args:
+        number: of the phase, from 0.
+        loads: the nodal loads of the phase, a list.
+        fixed: True where a freedom is held, [n_row, 3 or 6].
+        groups: the element groups of the structure.
+        alone: whether the phase has no other input than these.
+    """
+    forces = [_there(load.forces) for load in loads]
+    if not loads or any(f is None for f in forces):
+        return
+    total = np.zeros((len(fixed), 3))
+    for load, force in zip(loads, forces, strict=True):
+        nodes, each = load.nodes.array, np.broadcast_to(force, (len(load.nodes), 3))
+        for axis in np.flatnonzero(each.any(axis=0)):
+            total[:, axis] += np.bincount(nodes, each[:, axis], len(fixed))
+    acts = total != 0
+    alone = alone and all(load.moments is None for load in loads)
+    if alone and acts.any() and not (acts & ~fixed[:, :3]).any():
+        yield (
+            f"loads of phases[{number}]: all of them act on supports (node "
+            f"{int(acts.any(axis=1).argmax())}) and strain nothing; look at the numbers of the "
+            "nodes, which start at 0, and at the supports"
+        )
+    if any(group.rotates for group in groups):  # beams bend
+        return
+    size = np.sqrt(np.sum(total**2, axis=1))
+    each = [axial_stiffness(group) for group in groups]
+    each = [np.array([np.inf]) if own is None else own for own in each]
+    if size.max() <= LOADED * min(own.min() for own in each):
+        return
+    stiffness = np.zeros(len(fixed))
+    for group, own in zip(groups, each, strict=True):
+        ends = group.links.array
+        passing = 1 if ends.shape[1] == 2 else 2  # two pieces of one cable meet at its node
+        own = np.broadcast_to(passing * own[:, None], ends.shape)
+        stiffness += np.bincount(ends.ravel(), own.ravel(), len(fixed))
+    high = ~fixed.any(axis=1) & (size > LOADED * stiffness) & np.isfinite(size)
+    if high.any():
+        node = int(high.argmax())
+        yield (
+            f"loads of phases[{number}]: {size[node]:.4g} N on node {node}, whose elements have "
+            f"axial stiffnesses of {stiffness[node]:.4g} N together: strained by "
+            f"{100 * size[node] / stiffness[node]:.3g} % at least; {_UNITS}"
+        )
+
+
+@_warns
+def held(number, fixed, groups):
+    """Warn of supports that leave nothing to move, nor elements that change by themselves."""
+    if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
+        yield (
+            f"supports of phases[{number}]: every node is held, nothing can move; pinned(nodes) "
+            "names the anchors only"
+        )
+
+
+def axial_stiffness(group):
+    """EA of a group whose law is a line, [n_elem], N, NumPy; None if it is not known."""
+    return _there(group.stiffness_along())
+
+
+def _there(value):
+    """`value` as NumPy; None if it is absent or being traced."""
+    return None if value is None else checks.concrete(value)
+
+
+def _chords(group, nodes):
+    """Length over all nodes of every element, [n_elem], m."""
+    return np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
+
+
+def _judge_axis(label, section):
+    """Say that the axis of a beam is off its centroid where nobody has put it there."""
+    if section.placed:
+        return
+    if any(_there(leaf) is None for leaf in jax.tree.leaves(section)):
+        return
+    off = np.array([float(v) for v in section.centroid()])
+    size = max(np.ptp(section.y), np.ptp(section.z), float(section.total_area) ** 0.5)
+    if np.abs(off).max() > OFF_AXIS * size:
+        yield (
+            f"{label}: its centroid is at y = {off[0]:.6g}, z = {off[1]:.6g} m from the axis of "
+            "the beam, which is the origin of its points or parts; .centred() puts the axis there, "
+            ".shifted() says that it is meant as it is"
+        )
+
+
+def _judge_lengths(label, rest, chord):
+    """Say which unstressed length is far from the distance of the nodes."""
+    wrong = (rest > FAR * chord) | (rest * FAR < chord)
+    texts = [f"its nodes are {length:.3g} m apart; is it in m?" for length in chord[wrong][:1]]
+    yield from _first(label, rest, wrong, *texts)
+
+
+def _judge_strain(label, value, strain, question):
+    """Say which value makes a strain that no cable bears."""
+    wrong = (np.abs(strain) > STRAIN) & np.isfinite(strain)
+    texts = [
+        f"a strain of {100 * e:.3g} %, and steel breaks at 2 to 4 %; {question}"
+        for e in strain[wrong][:1]
+    ]
+    yield from _first(label, value, wrong, *texts)
+
+
+def _first(label, value, wrong, text=""):
+    """Say where an entry is `wrong` first."""
+    if wrong.any():
+        k = int(wrong.argmax())
+        yield (f"{label}[{k}] = {value[k]:.6g}: {text}")

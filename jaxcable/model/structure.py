@@ -1,0 +1,301 @@
+"""Nodes, element groups and supports, checked on the host."""
+
+import functools
+
+import jax
+import numpy as np
+from scipy import sparse
+
+from ..common import checks
+from ..common.rules import Rule, refuse
+from ..common.tree import Indices, copy, plain, pytree
+from ..elements.element import Element
+from ..spaces import space_of
+from ..spaces.freedoms import Rows
+from . import plausibility
+from .spins import free_spins
+from .spins import warn as warn_of_spins
+from .supports import Fixed, Supports
+
+
+def is_group(x):
+    """Whether `x` is an element group, a leaf of the `elements` pytree."""
+    return isinstance(x, Element)
+
+
+def place_rules(nodes, group, where=""):
+    """What initial positions [n_node, 3] keep beside the numbers of a group, see `_rules`."""
+    links = plain(group.links)
+
+    def same(ends, _):
+        return (ends == ends[:, :1]).all(axis=(1, 2))
+
+    def text(index, _, links):
+        k = index[0]
+        return f"{where}links[{k}] = {links[k].tolist()}: zero length; its nodes coincide"
+
+    apart = [Rule("nodes", (nodes[links], links), same, text)] if links.shape[1] > 1 else []
+    return [*apart, *group.rules_at(nodes)]
+
+
+@pytree(indices=("rigid",))
+class Structure:
+    """A structure: initial geometry, element groups, supports.
+
+    Args:
+        nodes: initial positions, [n_node, 3], m.
+        elements: one group (`Cables`, `Bars`, ...) or any pytree of groups; results per element
+            come back in its shape.
+        supports: `pinned(...)` or `Supports(mask)`.
+        rigid: pairs of nodes (carrier, carried), [n, 2]: the second moves with the first as if a
+            rigid arm joined them (the bracket of a guy, an eccentric joint). A beam is joined to
+            the carrier; what is joined to the carried node, and loads on it, act on the carrier.
+
+    Raises:
+        ValueError: wrong shapes, unknown nodes, zero-length elements, no supports, a part
+            without any, or a free node that no element touches; names the argument and the index.
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]  # m
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)  # N
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> structure.n_node
+        3
+        >>> try:
+        ...     jc.Structure(nodes, cables, supports=jc.pinned([0, 3]))
+        ... except ValueError as error:
+        ...     print(error)
+        pinned nodes[1] = 3: the structure has nodes 0 to 2
+    """
+
+    nodes: object
+    elements: object
+    supports: Supports = None
+    rigid: object = None
+
+    def __post_init__(self):
+        nodes = checks.floats(self.nodes, "nodes")
+        if nodes.ndim != 2 or nodes.shape[1] != 3:
+            hint = ""
+            if nodes.ndim == 2 and nodes.shape[1] == 2:
+                hint = "; a plane structure has z = 0, and supports that hold z"
+            elif nodes.ndim == 2 and nodes.shape[0] == 3:
+                hint = "; transpose it"
+            raise ValueError(f"nodes: expected shape [n_node, 3], got {nodes.shape}{hint}")
+        if nodes.dtype not in (np.float32, np.float64):  # the dtype of the whole analysis
+            raise ValueError(f"nodes: expected float32 or float64, got {nodes.dtype}")
+        object.__setattr__(self, "nodes", nodes)
+        if not isinstance(self.supports, Supports):
+            got = f", got {checks.kind(self.supports, 'pinned(nodes)')}"
+            raise ValueError(
+                "supports: missing; a structure needs supports=pinned(nodes) or Supports(mask)"
+                f"{'' if self.supports is None else got}"
+            )
+        positions = checks.concrete(nodes)
+        for where, group in self.named_groups():
+            if not is_group(group):
+                raise ValueError(
+                    f"elements{where}: {type(group).__name__} is not an element group such as "
+                    "Cables(links, axial_stiffness=...)"
+                )
+            checks.known(group.links.array, len(nodes), f"elements{where}.links")
+            refuse(place_rules(nodes, group, f"elements{where}."))
+            if positions is not None:
+                group.check(positions)
+                plausibility.members(group, where, positions)
+        if not self.groups:
+            raise ValueError("elements: a structure needs at least one element group")
+        self._check_rigid()
+        fixed = self.fixed(self.supports)
+        if positions is not None:
+            plausibility.places(positions, self.groups, fixed.array)
+            warn_of_spins(self, fixed.spins)
+
+    def _check_rigid(self):
+        """Raise ValueError for pairs of nodes that cannot be carrier and carried."""
+        if self.rigid is None:
+            return
+        if not isinstance(self.rigid, Indices):
+            pairs = checks.integers(self.rigid, "rigid", width=2)
+            object.__setattr__(self, "rigid", Indices(pairs) if len(pairs) else None)
+            if not len(pairs):
+                return
+        pairs = self.rigid.array
+        checks.known(pairs, self.n_node, "rigid")
+        turns = self.joined()
+        carried = pairs[:, 1].tolist()
+        for k, (carrier, node) in enumerate(pairs.tolist()):
+            text = None
+            if carrier in carried or carrier == node:
+                text = f"node {carrier} is carried itself; name the node at the end of the chain"
+            elif carried.index(node) != k:
+                text = f"node {node} is carried twice"
+            elif not turns[carrier]:
+                text = f"node {carrier} has no rotation: no beam is joined to it rigidly"
+            if text is not None:
+                raise ValueError(f"rigid[{k}] = {[carrier, node]}: {text}")
+
+    def named_groups(self):
+        """Pairs of (key in `elements` as text, element group), in pytree order."""
+        leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
+        return [(jax.tree_util.keystr(path), group) for path, group in leaves]
+
+    @property
+    def groups(self):
+        """The element groups, a list in pytree order."""
+        return jax.tree.leaves(self.elements, is_leaf=is_group)
+
+    @property
+    def n_node(self):
+        """Number of nodes."""
+        return self.nodes.shape[0]
+
+    def arrange(self, per_group):
+        """Put a list with one item per group into the shape of `elements`."""
+        return jax.tree.unflatten(jax.tree.structure(self.elements, is_leaf=is_group), per_group)
+
+    @property
+    def space(self):
+        """What its nodes' motion is made of, a class of `spaces`."""
+        return space_of(self.groups)
+
+    def joined(self):
+        """Whether a beam is joined to a node rigidly, at least in part, [n_node] bool."""
+        joined = np.zeros(self.n_node, bool)
+        for group in self.groups:
+            if group.rotates:
+                loose = group.balls()
+                rigid = np.ones(group.links.shape, bool) if loose is None else ~loose
+                joined[group.links.array[rigid]] = True
+        return joined
+
+    def turns(self):
+        """Whether a node has rotations, [n_node] bool: its own, or those of its carrier."""
+        turns = self.joined()
+        if self.rigid is not None:
+            turns[self.rigid.array[:, 1]] = True
+        return turns
+
+    def rows(self):
+        """Rows of motion: one a node, then those of hinged ends and inner numbers of elements.
+
+        Returns:
+            rows: `freedoms.Rows`, or None if every row is a node.
+            groups: element groups whose links name rows.
+        """
+        count = self.n_node
+        nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
+        for group in self.groups:
+            links = group.links.array
+            loose = group.balls()
+            if loose is not None:
+                links = links.copy()
+                ends = np.argwhere(loose)
+                nodes.append(links[ends[:, 0], ends[:, 1]])
+                inner.append(np.zeros(len(ends), bool))
+                links[ends[:, 0], ends[:, 1]] = count + np.arange(len(ends))
+                count += len(ends)
+            if group.n_inner_row:
+                own = group.idle()  # [n_elem, n_inner_row, 3]
+                extra = count + np.arange(len(links) * group.n_inner_row)
+                nodes.append(np.repeat(group.links.array[:, 0], group.n_inner_row))
+                inner.append(np.ones(len(extra), bool))
+                idle.append((count, own.reshape(-1, 3)))
+                links = np.column_stack([links, extra.reshape(len(links), -1)])
+                count += len(extra)
+            if links is not group.links.array:
+                group = copy(group, links=Indices(links.astype(np.int32)), hinges=None)
+            groups.append(group)
+        if count == self.n_node:
+            return None, groups
+        idles = np.zeros((count, 3), bool)
+        for start, own in idle:
+            idles[start : start + len(own)] = own
+        return Rows(np.concatenate(nodes), np.concatenate(inner), idles), groups
+
+    def fixed(self, supports):
+        """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
+
+        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Of inner rows
+        those columns count as fixed that no element uses.
+        """
+        fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
+        if not fixed[:, :3].any():
+            raise ValueError("supports: no freedom is fixed; the structure would float away")
+        self._require_touched(fixed)
+        if not self.space.rotates:
+            if supports.turns:
+                raise ValueError(
+                    "supports mask: expected [n_node, 3]; no element of the structure has rotations"
+                )
+            return Fixed(fixed[:, :3], None if (axes == np.eye(3)).all() else axes)
+        rows, _ = self.rows()
+        if self.rigid is not None:
+            carried = self.rigid.array[:, 1]
+            wrong = fixed[carried].any(axis=1)
+            if wrong.any():
+                node = int(carried[wrong.argmax()])
+                raise ValueError(
+                    f"supports of node {node}: another node carries it; support that one"
+                )
+        fixed[:, 3:] |= ~self.turns()[:, None]
+        spins = free_spins(self, fixed, axes)
+        if rows is not None:
+            fixed, axes = fixed[rows.node], axes[rows.node]
+            fixed[self.n_node :, 3:] = False  # a support acts on the node, not beyond the hinge
+            fixed[rows.inner, 3:], fixed[rows.inner, :3] = True, rows.idle[rows.inner]
+            axes[rows.inner] = np.eye(3)
+        plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
+        return Fixed(fixed, None if plain else axes, spins)
+
+    def held(self):
+        """Fixed displacements along x, y, z, [n_node, 3] bool, of a structure without rotations.
+
+        Raises:
+            ValueError: supports in other directions.
+        """
+        fixed = self.fixed(self.supports)
+        if fixed.axes is not None:
+            raise ValueError("supports: form finding takes supports along x, y, z only")
+        return fixed.array
+
+    def _require_touched(self, fixed):
+        """Raise ValueError for nodes without elements and parts without supports."""
+        touched = np.zeros(self.n_node, bool)
+        for group in self.groups:
+            touched[group.links.array] = True
+        idle = ~touched & ~fixed[:, :3].all(axis=1)
+        if self.rigid is not None:
+            idle[self.rigid.array[:, 1]] = False
+        if idle.any():
+            raise ValueError(
+                f"nodes[{int(idle.argmax())}]: no element touches this node and it is not "
+                "supported; connect it, support it or remove it"
+            )
+        self._require_held(fixed[:, :3].any(axis=1), touched)
+
+    def _require_held(self, held, touched):
+        """Raise ValueError if a part has no support at all; booleans [n_node]."""
+        links = [group.links for group in self.groups]
+        part = _parts((*links, *([] if self.rigid is None else [self.rigid])), self.n_node)
+        if not part.any():  # all joined, and something is held
+            return
+        anchored = np.zeros(self.n_node, bool)
+        anchored[part[held]] = True
+        adrift = touched & ~anchored[part]
+        if adrift.any():
+            node = int(adrift.argmax())
+            count = int((part == part[node]).sum())
+            raise ValueError(
+                f"supports: node {node} is in a part of {count} nodes that no element joins to a "
+                "support; the part would float away: support it or connect it"
+            )
+
+
+@functools.lru_cache(maxsize=16)
+def _parts(links, n_node):
+    """Number of the connected part that a node belongs to, [n_node], for links of all groups."""
+    pairs = [np.stack([own.array[:, :-1].ravel(), own.array[:, 1:].ravel()]) for own in links]
+    ends = np.concatenate(pairs, axis=1)
+    graph = sparse.coo_array((np.ones(ends.shape[1], bool), ends), shape=(n_node, n_node))
+    return sparse.csgraph.connected_components(graph, directed=False)[1]

@@ -1,0 +1,270 @@
+"""Supports: which freedoms of which nodes are held, and in which directions."""
+
+import numpy as np
+
+from ..common import checks
+from ..common.tree import Indices, pytree
+
+N_FREEDOM = 3
+"""Freedoms of a node in a structure of bars and cables: three displacements."""
+
+
+class Fixed(Indices):
+    """Held freedoms of all rows of motion, and their directions: static metadata, as `Indices`.
+
+    Attributes:
+        array: True where held, [n_row, 3 or 6].
+        axes: directions of a row's displacements and rotations, `Indices` [n_row, 3, 3] with a
+            direction in each row; None if they are those of x, y, z everywhere and no row is held
+            in exactly one rotation.
+        spins: `spins.Spins` that these leave free, or None.
+    """
+
+    __slots__ = ("axes", "spins")
+
+    def __init__(self, array, axes=None, spins=None):
+        super().__init__(array)
+        self.axes = axes if axes is None or isinstance(axes, Indices) else Indices(axes)
+        self.spins = spins
+
+    def _whole(self):
+        return self._digest, self.axes, self.spins
+
+    def __hash__(self):
+        return hash(self._whole())
+
+    def __eq__(self, other):
+        return isinstance(other, Fixed) and self._whole() == other._whole()
+
+    def directed(self):
+        """The same with directions, those of x, y, z if it had none."""
+        if self.axes is not None:
+            return self
+        return Fixed(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
+
+
+@pytree(indices=("mask", "nodes", "clamps", "chosen", "held", "axes"))
+class Supports:
+    """Which freedoms are held; `pinned`, `clamped`, `restrained` make them, and ``+`` joins them.
+
+    Any of a node's three displacements and rotations can be held. A rotation that is held alone (a
+    fork, which keeps the end of a beam from twisting) means that the node turns by the shortest way
+    from where it was held: its rotation is a swing about an axis across the held one. So defined,
+    it does not depend on the way that led there.
+
+    Args:
+        mask: True where a freedom is fixed, [n_node, 3] displacements, or [n_node, 6] with
+            rotations about x, y, z.
+        nodes: nodes whose position is held, [n].
+        clamps: nodes whose position and rotation are held, [n].
+        chosen, held, axes: nodes [n] with held freedoms [n, 6] along directions of their own, rows
+            of [n, 3, 3]; see `restrained`.
+
+    Raises:
+        ValueError: nothing given, a mask of the wrong shape or type; in a structure, unknown nodes,
+            or a node that is held in part along two sets of directions.
+
+    Example:
+        >>> mask = np.zeros((3, 3), bool)
+        >>> mask[:, 1] = True  # all nodes held in the plane y = 0
+        >>> (jc.pinned([0, 2]) + jc.Supports(mask)).fixed(3)[1, :3]
+        array([False,  True, False])
+    """
+
+    mask: object = None
+    nodes: object = None
+    clamps: object = None
+    chosen: object = None
+    held: object = None
+    axes: object = None
+
+    def __post_init__(self):
+        given = (self.mask, self.nodes, self.clamps, self.chosen)
+        if all(value is None for value in given):
+            raise ValueError("Supports: give a mask [n_node, 3]; for node numbers use pinned(...)")
+        names = {"nodes": "pinned", "clamps": "clamped", "chosen": "restrained"}
+        for name, words in names.items():
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Indices):
+                value = checks.integers(value, words + " nodes")
+                object.__setattr__(self, name, Indices(value))
+        for name in ("held", "axes"):
+            value = getattr(self, name)
+            if value is not None and not isinstance(value, Indices):
+                object.__setattr__(self, name, Indices(value))
+        if self.mask is not None and not isinstance(self.mask, Indices):
+            mask = np.asarray(self.mask)
+            if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
+                raise ValueError(
+                    f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
+                    f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
+                )
+            object.__setattr__(self, "mask", Indices(mask))
+
+    def __add__(self, other):
+        if not isinstance(other, Supports):
+            return NotImplemented
+        joined = {}
+        for name in ("nodes", "clamps", "chosen", "held", "axes"):
+            parts = [getattr(s, name) for s in (self, other) if getattr(s, name) is not None]
+            joined[name] = np.concatenate([p.array for p in parts]) if parts else None
+        masks = [s.mask.array for s in (self, other) if s.mask is not None]
+        if len(masks) == 2:
+            if len(masks[0]) != len(masks[1]):
+                raise ValueError(
+                    f"supports: masks of {len(masks[0])} and {len(masks[1])} nodes cannot be joined"
+                )
+            masks = [np.pad(m, ((0, 0), (0, 6 - m.shape[1]))) for m in masks]
+            masks = [masks[0] | masks[1]]
+        return Supports(mask=masks[0] if masks else None, **joined)
+
+    @property
+    def turns(self):
+        """Whether rotations are named."""
+        by_mask = self.mask is not None and self.mask.shape[1] != N_FREEDOM
+        return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
+
+    def fixed(self, n_node):
+        """True where a freedom is fixed, along `directions`, [n_node, 6], NumPy."""
+        fixed = self._plain(n_node)
+        if self.chosen is not None:
+            np.logical_or.at(fixed, self.chosen.array, self.held.array)
+        return fixed
+
+    def _plain(self, n_node):
+        """What is fixed along x, y, z, [n_node, 6]."""
+        fixed = np.zeros((n_node, 6), bool)
+        if self.mask is not None:
+            if self.mask.shape[0] != n_node:
+                raise ValueError(
+                    f"supports mask: has {self.mask.shape[0]} rows, the structure {n_node} nodes"
+                )
+            fixed[:, : self.mask.shape[1]] = self.mask.array
+        for name, nodes, width in (("pinned", self.nodes, 3), ("clamped", self.clamps, 6)):
+            if nodes is None:
+                continue
+            checks.known(nodes.array, n_node, f"{name} nodes")
+            fixed[nodes.array, :width] = True
+        if self.chosen is not None:
+            checks.known(self.chosen.array, n_node, "restrained nodes")
+        return fixed
+
+    def directions(self, n_node):
+        """Directions of each node's displacements and rotations, rows of [n_node, 3, 3], NumPy."""
+        axes = np.tile(np.eye(3), (n_node, 1, 1))
+        if self.chosen is None:
+            return axes
+        plain, taken = self._plain(n_node), {}
+        for node, held, own in zip(
+            self.chosen.array.tolist(), self.held.array, self.axes.array, strict=True
+        ):
+            turned = np.abs(own - np.eye(3)).max() > 0
+            for kind, part in (("displacements", slice(3)), ("rotations", slice(3, 6))):
+                in_part = plain[node, part].any() and not plain[node, part].all()
+                if turned and held[part].any() and in_part:
+                    raise ValueError(
+                        f"supports of node {node}: {kind} are held in part along x, y, z and in "
+                        "part along other directions; state all along one set"
+                    )
+            if node in taken and np.abs(taken[node] - own).max() > 1e-9:
+                raise ValueError(
+                    f"supports of node {node}: held along two sets of directions; state all along "
+                    "one set"
+                )
+            axes[node] = taken[node] = own
+        return axes
+
+
+def pinned(nodes):
+    """Supports that hold the position of the given nodes, node numbers [n].
+
+    Example:
+        >>> jc.pinned([0, 2]).fixed(3)[:, :3].all(axis=1)
+        array([ True, False,  True])
+    """
+    return Supports(nodes=nodes)
+
+
+def clamped(nodes):
+    """Supports that hold position and rotation of the given nodes, node numbers [n].
+
+    Example:
+        >>> jc.clamped([0]).fixed(2).all(axis=1)
+        array([ True, False])
+        >>> (jc.clamped([0]) + jc.pinned([1])).fixed(2).sum(axis=1)
+        array([6, 3])
+    """
+    return Supports(clamps=nodes)
+
+
+def restrained(nodes, along="", about="", axes=None):
+    """Supports that hold some displacements and rotations of nodes, along any directions.
+
+    Args:
+        nodes: node numbers, [n].
+        along: displacements that are held, some of "xyz".
+        about: rotations that are held, some of "xyz"; nodes that a beam is joined to have them.
+        axes: directions that stand for x, y, z at these nodes, rows of [3, 3] or [n, 3, 3],
+            right-angled to each other (`Beams.axes_of` gives those of members); or the one that
+            stands for x, [3], others then being any across it. They stay as they are while the
+            structure moves. Default the global ones.
+
+    Returns:
+        `Supports`.
+
+    Raises:
+        ValueError: wrong letters or shapes, directions that are no right angles, nothing held,
+            traced directions.
+
+    Example:
+        Forks at both ends of a beam along x, which keep it from twisting, one of them sliding:
+
+        >>> forks = jc.restrained([0], "xyz", "x") + jc.restrained([8], "yz", "x")
+        >>> forks.fixed(9)[[0, 8]].astype(int)
+        array([[1, 1, 1, 1, 0, 0],
+               [0, 1, 1, 1, 0, 0]])
+
+        A roller on a plane that rises by 45 degrees holds what is across it:
+
+        >>> roller = jc.restrained([3], along="x", axes=(-1.0, 0.0, 1.0))
+        >>> print(roller.directions(4)[3, 0].round(4))
+        [-0.7071  0.      0.7071]
+    """
+    nodes = np.atleast_1d(checks.integers(nodes, "restrained nodes"))
+    held = np.zeros((len(nodes), 6), bool)
+    for start, name, letters in ((0, "along", along), (3, "about", about)):
+        if not isinstance(letters, str) or set(letters) - set("xyz"):
+            raise ValueError(f'{name} = {letters!r}: expected some of "x", "y", "z"')
+        held[:, [start + "xyz".index(letter) for letter in letters]] = True
+    if not held.any():
+        raise ValueError('along, about: nothing is held; give some of "xyz"')
+    return Supports(chosen=nodes, held=held, axes=_directions(axes, len(nodes)))
+
+
+def _directions(axes, count):
+    """Directions as rows of [count, 3, 3], each of length 1."""
+    if axes is None:
+        return np.tile(np.eye(3), (count, 1, 1))
+    axes = checks.concrete(checks.floats(axes, "axes"))
+    if axes is None:
+        raise ValueError("axes: directions of supports cannot be traced")
+    if axes.shape == (3,):
+        length = np.linalg.norm(axes)
+        if not (np.isfinite(length) and length > 0):
+            raise ValueError(f"axes = {axes.tolist()}: no direction")
+        along = axes / length
+        across = np.eye(3)[np.abs(along).argmin()]
+        across = across - (across @ along) * along
+        across /= np.linalg.norm(across)
+        axes = np.stack([along, across, np.cross(along, across)])
+    if axes.shape not in ((3, 3), (count, 3, 3)):
+        raise ValueError(f"axes: expected shape (3,), (3, 3) or ({count}, 3, 3), got {axes.shape}")
+    axes = np.broadcast_to(axes, (count, 3, 3)).astype(float)
+    square = axes @ np.swapaxes(axes, 1, 2)
+    skew = ~(np.abs(square - np.eye(3)).max(axis=(1, 2)) < 1e-6)
+    if skew.any():
+        raise ValueError(
+            f"axes[{int(skew.argmax())}]: expected three directions of length 1 at right angles"
+        )
+    right, _, left = np.linalg.svd(axes)  # to the last digit
+    return right @ left

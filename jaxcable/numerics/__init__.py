@@ -1,0 +1,1 @@
+"""Mathematics without structures: rotations, line search, roots and their derivatives."""

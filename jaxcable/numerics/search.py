@@ -1,0 +1,89 @@
+"""Line search on the directional derivative, for a step down a (locally) convex energy.
+
+``g(a) = R(x + a p).p`` keeps its digits near the solution where the energy has lost them. Along any
+line a convex energy has growing ``g``, and ``g <= 0`` means that it fell all the way. A full step
+is taken unless it overshoots; then the zero of ``g`` is bracketed.
+"""
+
+import jax.numpy as jnp
+from jax import lax
+
+from ..common.tree import pytree
+
+SHORT = 0.5  # in a bracket, come at least this close from below
+_OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
+_MAX_SEARCH = 60  # residuals per line search: a bisection of 60 exhausts float64
+
+
+@pytree
+class Search:
+    """Where a search along a step stands.
+
+    Attributes:
+        length: a, tried next, in (0, 1]; scalar.
+        slope: g(0), negative.
+        low, g_low, high, g_high: bracket of the zero of g.
+        count: lengths refused so far.
+    """
+
+    length: object
+    slope: object
+    low: object
+    g_low: object
+    high: object
+    g_high: object
+    count: object
+
+    @classmethod
+    def init(cls, slope):
+        """A search that tries the whole step first."""
+        one = jnp.ones((), slope.dtype)
+        return cls(one, slope, 0 * one, slope, one, jnp.inf * one, jnp.int32(0))
+
+    def update(self, g):
+        """What the derivative `g` at the length tried says.
+
+        Returns:
+            The search with the next length; whether the length that was tried will do; and whether
+            to try the next one. Neither: there is none that will do.
+        """
+        g = jnp.where(jnp.isfinite(g), g, jnp.inf)
+        too_far = g > -_OVERSHOOT * self.slope
+        too_short = (self.length < 1) & (g < SHORT * self.slope)
+        again = (too_far | too_short) & (self.count < _MAX_SEARCH) & (self.high > self.low)
+        below = g <= 0
+        low, g_low = jnp.where(below, self.length, self.low), jnp.where(below, g, self.g_low)
+        high, g_high = jnp.where(below, self.high, self.length), jnp.where(below, self.g_high, g)
+        # secant through the bracket, every other time bisection: neither end can stall
+        secant = low + (high - low) * (-g_low / (g_high - g_low))
+        inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (self.count % 2 == 0)
+        length = jnp.where(inside, secant, 0.5 * (low + high))
+        after = Search(length, self.slope, low, g_low, high, g_high, self.count + 1)
+        return after, ~too_far & ~again, again
+
+
+def search(evaluate, step, slope, usable):
+    """Find a step length a in (0, 1].
+
+    Args:
+        evaluate: function of ``a``: residual [n] there, and the force it is judged by.
+        step: p, [n].
+        slope: g(0), negative.
+        usable: whether there is a step to search along.
+
+    Returns:
+        The length, residual and scale there, and whether it may be used.
+    """
+
+    def trial(s):
+        own, *_ = s
+        residual, scale = evaluate(own.length)
+        g = jnp.where(jnp.isfinite(scale), residual @ step, jnp.inf)
+        after, fine, again = own.update(g)
+        return after, own.length, residual, scale, fine, again
+
+    nothing = jnp.zeros_like(slope), jnp.zeros_like(step), jnp.zeros_like(slope)
+    s = (Search.init(slope), *nothing, jnp.zeros((), bool), jnp.ones((), bool))
+    s = lax.while_loop(lambda s: s[-1] & usable, trial, s)
+    _, length, residual, scale, fine, _ = s
+    return length, residual, scale, usable & fine

@@ -1,0 +1,294 @@
+"""What a report tells of a state: one table a function."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..design import utilisation
+from ..elements.element import Sagging
+from ..model.parts import columns, first_and_last, groups_by_name, per_group, pieces
+from ..results.energy import energy_balance
+from ..stiffness import buckling_factor
+from .table import Table
+
+BUCKLING = (
+    "utilisation in compression is force over strength, buckling is not in it: see "
+    "stiffness.buckling_factor"
+)
+_ROUNDING = 1e-9  # of the largest force: compression that is none
+_IMBALANCE = 0.05  # of the largest work or energy of a phase, from which a word is due
+
+
+class State(NamedTuple):
+    """A state that counts in envelopes: the end of a phase, or a case.
+
+    Attributes:
+        tension: in the shape of the elements, N.
+        peak_tension: the force of largest size along each element, likewise, N.
+        reactions: [n_node, 3], N.
+        fixed: freedoms that are held in it, [n_row, 3 or 6] bool.
+    """
+
+    tension: object
+    peak_tension: object
+    reactions: object
+    fixed: object
+
+
+def reactions(structure, state, fixed, states):
+    """Reactions at the end, and the largest resultant over cases or phases with its case.
+
+    Nodes are those that are held in any of these states.
+    """
+    forces = np.asarray(state.reactions)
+    turning = state.reaction_moments is not None
+    columns, units = ["node", "Rx", "Ry", "Rz", "R"], ["", "N", "N", "N", "N"]
+    if turning:
+        moments = np.asarray(state.reaction_moments)
+        columns, units = [*columns, "Mx", "My", "Mz"], [*units, "N m", "N m", "N m"]
+    columns, units = [*columns, "largest R", "in"], [*units, "N", ""]
+    names = list(states)
+    sizes = np.array([np.linalg.norm(np.asarray(s.reactions), axis=1) for s in states.values()])
+    held = _held(structure, fixed)
+    for own in states.values():
+        held = held | _held(structure, own.fixed)
+    rows = []
+    for k in np.flatnonzero(held):
+        row = [int(k), *forces[k].tolist(), float(np.linalg.norm(forces[k]))]
+        row += moments[k].tolist() if turning else []
+        worst = int(sizes[:, k].argmax()) if names else None
+        row += [None, None] if worst is None else [float(sizes[worst, k]), names[worst]]
+        rows.append(row)
+    return Table("Reactions", tuple(columns), tuple(units), rows, governing=4)
+
+
+def _held(structure, fixed):
+    """Nodes whose position, or whose rotation where they have one, is held at all, [n_node]."""
+    fixed = fixed[: structure.n_node]
+    held = fixed[:, :3].any(axis=1)
+    return held | (fixed[:, 3:].any(axis=1) & structure.turns())
+
+
+def equilibrium(structure, state):
+    """Sums of loads and reactions; moments about the origin where all forces are at nodes."""
+    load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
+    rows = [
+        ["loads", *load.sum(0).tolist()],
+        ["reactions", *reactions.sum(0).tolist()],
+        ["sum of forces", *(load + reactions).sum(0).tolist()],
+    ]
+    units = ["", "N", "N", "N"]
+    notes = []
+    size = np.abs(load).sum() + np.abs(reactions).sum()
+    apart = np.abs((load + reactions).sum(0)).max()
+    notes.append(
+        f"forces out of balance: {apart:.1e} N, {apart / size if size else 0.0:.1e} of all forces"
+    )
+    if not any(group.shaped_by_load and not group.slides for group in structure.groups):
+        moment = np.cross(np.asarray(state.positions, float), load + reactions).sum(0)
+        span = np.ptp(np.asarray(structure.nodes, float), axis=0).max()
+        apart = np.abs(moment).max()
+        share = apart / (size * span) if size else 0.0
+        notes.append(
+            f"moments about the origin out of balance: {apart:.1e} N m, {share:.1e} of all forces "
+            "times the extent"
+        )
+    else:
+        notes.append("moments not summed: beams and catenaries carry loads between their nodes")
+    columns = ("of", "x", "y", "z")
+    return Table("Global equilibrium", columns, tuple(units), rows, tuple(notes))
+
+
+def members(structure, state, states):
+    """Force, utilisation and envelope of every element; the largest force along it counts."""
+    try:
+        used = per_group(structure, utilisation(structure, state))
+        most = {name: per_group(structure, utilisation(structure, s)) for name, s in states.items()}
+    except ValueError:  # no group has a strength
+        used, most = [None] * len(structure.groups), {}
+    own = per_group(structure, state.peak_tension)
+    each = {name: per_group(structure, s.peak_tension) for name, s in states.items()}
+    names, rows = list(each), []
+    for number, (label, group) in enumerate(groups_by_name(structure)):
+        if own[number] is None:  # it has no axial force
+            continue
+        force = np.array([each[name][number] for name in names])
+        share = [most[n][number] for n in names if n in most and most[n][number] is not None]
+        for k, ends in enumerate(first_and_last(group).tolist()):
+            row = [label, k, *ends, float(own[number][k])]
+            if names:
+                low, high = int(force[:, k].argmin()), int(force[:, k].argmax())
+                row += [float(force[low, k]), names[low], float(force[high, k]), names[high]]
+            else:
+                row += [None] * 4
+            row.append(None if used[number] is None else float(used[number][k]))
+            row.append(max(float(s[k]) for s in share) if share else None)
+            rows.append(row)
+    columns = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
+    columns = (*columns, "used", "most used")
+    units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
+    known = any(value is not None for row in rows for value in row[-2:])
+    notes = [] if known else ["no group has a strength: no utilisation"]
+    if any(isinstance(group, Sagging) for group in structure.groups):
+        notes.append("force of a catenary: the larger of the tensions at its two ends")
+    if _compressed(structure, used, own, *each.values()):
+        notes.append(BUCKLING)
+    if known and structure.space.rotates:
+        notes.append("utilisation of beams is that of their axial force alone: see fibre_stress")
+    title = "Forces, tension positive, and their envelope"
+    return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
+
+
+def others(structure, state):
+    """What elements tell beside forces along them, a table by name of the result.
+
+    Of what they tell in a number each, or one for each of its components.
+    """
+    found = {}
+    for name, value in (state.results or {}).items():
+        told = columns(structure.groups, {name: value})
+        rows = []
+        for number, (label, group) in enumerate(groups_by_name(structure)):
+            own = [column.values[number] for column in told]
+            if not own or own[0] is None:
+                continue
+            for k, ends in enumerate(first_and_last(group).tolist()):
+                rows.append([label, k, *ends, *(float(x[k]) for x in own)])
+        if rows:
+            heads = [column.label.removeprefix(name).strip() or name for column in told]
+            units = ("", "", "", "", *(column.unit for column in told))
+            title = name.replace("_", " ").capitalize()
+            names = ("group", "element", "first", "last", *heads)
+            found[name] = Table(title, names, units, rows, governing=4)
+    return found
+
+
+def _compressed(structure, used, *forces):
+    """Whether compression is compared with strength anywhere; all lists with an item per group."""
+    largest = [np.abs(own).max() for state in forces for own in state if own is not None]
+    largest = max(largest, default=0.0)
+    return any(
+        share is not None
+        and own is not None
+        and not group.tension_only
+        and (own < -_ROUNDING * largest).any()
+        for state in forces
+        for group, share, own in zip(structure.groups, used, state, strict=True)
+    )
+
+
+def buckling(structure, state, reference=None):
+    """A sentence on the lowest buckling factor of a state, by linear theory.
+
+    Args:
+        structure, state, reference: as for `stiffness.buckling_factor`.
+    """
+    factor = float(buckling_factor(structure, state, reference).factor[0])
+    before = np.asarray(structure.nodes)
+    if reference is not None:
+        before = np.asarray(getattr(reference, "last", reference).positions)
+    ends = pieces(structure.groups)[0]
+    turn = np.degrees(_turn(before[ends], np.asarray(state.positions)[ends]))
+    loads = "the loads and all forces of this state"
+    if reference is not None:
+        loads = "what has come since the reference"
+    if np.isnan(factor):
+        return (
+            "buckling: no estimate; the state is a mechanism or has buckled, or cables went slack "
+            "since the reference (trace_path follows the path)"
+        )
+    if np.isinf(factor):
+        return f"buckling: at no multiple of {loads}, by linear theory"
+    return (
+        f"buckling: at {factor:.4g} times {loads}, by linear theory, which takes turns for small: "
+        f"elements have turned by {turn:.2g} degrees at most"
+    )
+
+
+def energy(structure, solution, phases, start=None):
+    """Work of all that acts against stored and dissipated energy, a row a phase.
+
+    Args:
+        structure, phases, solution, start: as for `energy_balance`.
+    """
+    balance = energy_balance(structure, phases, solution, start)
+    names = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
+    values = [getattr(balance, name) for name in names]
+    values = np.column_stack([*values, 100 * balance.relative]).tolist()
+    rows = [[k, *own] for k, own in enumerate(values, 1)]
+    notes = [
+        f"stored at the end: {float(balance.level[-1]):.6g} J",
+        "work by the trapezoidal rule, whose error falls with the square of the increments; "
+        "part: imbalance over the largest term",
+    ]
+    for k, own in enumerate(balance.increments):
+        if balance.relative[k] > _IMBALANCE and len(own):
+            worst = int(np.abs(own).argmax())
+            notes.append(
+                f"phase {k + 1} is not balanced: {own[worst]:.3g} J in increment {worst + 1} of "
+                f"{len(own)}; it jumped there, began out of balance, or needs more increments"
+            )
+    columns, units = ("phase", *names, "part"), ("", *["J"] * len(names), "%")
+    return Table(
+        "Energy: work = stored + dissipated + imbalance", columns, units, rows, tuple(notes)
+    )
+
+
+def _turn(before, after):
+    """Largest angle between elements then and now, rad; ends [n, 2, 3]."""
+    first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
+    sine = np.linalg.norm(np.cross(first, second), axis=1)
+    return float(np.arctan2(sine, (first * second).sum(axis=1)).max())
+
+
+def cutting_list(structure, solution):
+    """Unstressed lengths at the temperature before the first phase."""
+    lengths = per_group(structure, solution.last.rest_length)
+    warmth = [state.warmth for state in solution.last.carry.states]
+    lengths = [
+        length if length is None or warm is None else length / np.asarray(warm)
+        for length, warm in zip(lengths, warmth, strict=True)
+    ]
+    notes = ["at the temperature before the first phase"]
+    rows = []
+    for (label, group), length in zip(groups_by_name(structure), lengths, strict=True):
+        if length is None:  # nothing to cut
+            continue
+        ends = first_and_last(group).tolist()
+        rows += [[label, k, *ends[k], float(length[k])] for k in range(len(ends))]
+        notes.append(
+            f"{label or 'all'}: {len(ends)} pieces, {float(np.sum(length)):.3f} m in total"
+        )
+    columns = ("group", "element", "first", "last", "unstressed length")
+    return Table("Cutting list", columns, ("", "", "", "", "m"), rows, tuple(notes))
+
+
+def slack(structure, states):
+    """Cables without tension, and in which states."""
+    found = {}
+    for name, own in states.items():
+        for (label, group), force in zip(
+            groups_by_name(structure), per_group(structure, own.tension), strict=True
+        ):
+            if group.tension_only and force is not None:
+                for k in np.flatnonzero(force <= 0):
+                    found.setdefault((label, int(k)), []).append(name)
+    rows = [[label, k, ", ".join(names)] for (label, k), names in found.items()]
+    notes = () if rows else ("none",)
+    return Table("Slack cables", ("group", "element", "in"), ("", "", ""), rows, notes)
+
+
+def loose(structure, states):
+    """Free nodes that only slack cables touch, and in which states."""
+    found = {}
+    for name, own in states.items():
+        taut = own.fixed[: structure.n_node, :3].all(axis=1)
+        for group, force in zip(structure.groups, per_group(structure, own.tension), strict=True):
+            holds = np.ones(len(group.links), bool)
+            if group.tension_only and force is not None:
+                holds = force > 0
+            taut[group.links.array[holds]] = True
+        for k in np.flatnonzero(~taut):
+            found.setdefault(int(k), []).append(name)
+    rows = [[k, ", ".join(names)] for k, names in found.items()]
+    return Table("Loose nodes", ("node", "in"), ("", ""), rows, () if rows else ("none",))

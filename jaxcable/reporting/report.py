@@ -1,0 +1,249 @@
+"""A report of a result as engineers write it: as text, as CSV tables, as a dict."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from ..common import status
+from ..files.reading import written
+from ..files.results import as_csv
+from ..model.parts import groups_by_name, one_case
+from ..model.topology import require_same
+from . import contents
+from .contents import State
+from .table import as_text, empty, finite, headed
+
+_OWN = ("tension", "peak_tension", "reactions")  # of `contents.State`, as results have them
+_LONG = 30  # rows of a table up to which its text shows them all
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """A report: `text()`, `csv()`, `dict()`, `save(path)`; `report` makes it.
+
+    Attributes:
+        status: code of the analysis.
+        summary: sentences.
+        tables: dict from name to `Table`: ``reactions``, ``equilibrium``, ``members``,
+            ``cutting_list``, ``slack``, ``loose``; ``energy`` if it was asked for.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> written = jc.report(structure, jc.solve(structure, phases))
+        >>> written.tables["cutting_list"].rows[0][:2]
+        ['', 0]
+    """
+
+    status: int
+    summary: tuple
+    tables: dict
+
+    def text(self, rows=_LONG):
+        """The report for reading; of tables longer than `rows` those that govern, in N or kN."""
+        parts = ["\n".join(self.summary)]
+        parts += [as_text(table, rows) for table in self.tables.values()]
+        return "\n\n".join(parts) + "\n"
+
+    def csv(self):
+        """Every table as CSV with all digits in SI units, a dict from its name to the text.
+
+        ``summary`` has the sentences: of the whole, and the notes of each table.
+        """
+        told = [["of", "note"], *(["all", line] for line in self.summary)]
+        told += [[name, note] for name, table in self.tables.items() for note in table.notes]
+        return {
+            "summary": as_csv(told),
+            **{
+                name: as_csv([headed(table), *([empty(v) for v in row] for row in table.rows)])
+                for name, table in self.tables.items()
+            },
+        }
+
+    def dict(self):
+        """Everything as dicts, lists, numbers and texts, ready for JSON."""
+        tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
+        for table in tables.values():
+            table["rows"] = [[finite(value) for value in row] for row in table["rows"]]
+        return {"status": self.status, "summary": list(self.summary), "tables": tables}
+
+    def save(self, path):
+        """Write the report: ``.txt``, ``.json``, or ``.csv`` (``name-table.csv`` for each table).
+
+        Returns:
+            The paths that were written, a list.
+
+        Raises:
+            ValueError: another suffix. OSError: a file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix == ".csv":
+            texts = {path.with_name(f"{path.stem}-{k}.csv"): v for k, v in self.csv().items()}
+        elif path.suffix == ".json":
+            texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
+        elif path.suffix == ".txt":
+            texts = {path: self.text(rows=10**9)}  # a file has room for all of them
+        else:
+            raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
+        for name, text in texts.items():
+            with written(name) as stream:
+                stream.write(text)
+        return list(texts)
+
+    def __str__(self):
+        return self.text()
+
+
+def report(structure, solution, phases=None, cases=None, names=None, buckling=False, energy=False):
+    """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
+
+    Args:
+        structure: `Structure` that was analysed.
+        solution: its `Solution`; of a failed one the last converged state is reported, and said so.
+        phases: the phases of the analysis, as many as the solution has. Unstressed lengths are
+            given at the temperature before the first of all phases with and without them.
+        cases: `Solution` with a leading axis [n_case], as of `design.solve_cases`: the envelopes
+            are over these, otherwise over the ends of the phases. Failed cases are named and left
+            out.
+        names: of the cases.
+        buckling: whether to say in the summary by which factor on its loads the state would buckle
+            (`stiffness.buckling_factor`, an eigenproblem); or the `Solution` or `State` of the
+            prestress, which the factor then leaves as it is.
+        energy: whether to add the balance of work and energy of every phase (`energy_balance`; it
+            compiles a program of its own, a second for nets and some for beams); or the `Solution`
+            or `State` that the analysis was started from. It needs `phases`.
+
+    Returns:
+        `Report`. Forces and utilisation are those of the largest force along an element;
+        compression is compared with strength alone.
+
+    Raises:
+        ValueError: `solution` is none, a batch, or that of another structure; names of another
+            number than the cases; those of `stiffness.buckling_factor` and of `energy_balance` if
+            these are asked for.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> print(jc.report(structure, jc.solve(structure, phases)).summary[0])
+        status 0: converged
+
+        Work of the prestress and of the loads on four nodes, and what is stored of it:
+
+        >>> told = jc.report(structure, jc.solve(structure, phases), phases, energy=True)
+        >>> table = told.tables["energy"]
+        >>> for name in ("dead", "prestress", "stored", "imbalance"):
+        ...     k = table.columns.index(name)
+        ...     print(name, *(f"{row[k]:.4f}" for row in table.rows), table.units[k])
+        dead 0.0000 0.3576 J
+        prestress 0.9779 0.0000 J
+        stored 0.9779 0.3574 J
+        imbalance 0.0000 0.0003 J
+    """
+    one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
+    if phases is not None:
+        phases = list(phases) if isinstance(phases, list | tuple) else [phases]
+        if len(phases) != len(solution.phases):
+            raise ValueError(
+                f"phases: {len(phases)} of them, the solution has {len(solution.phases)}; give "
+                "those of this analysis, without those that it was started from"
+            )
+    balanced = energy is not False and energy is not None
+    if balanced and phases is None:
+        raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
+    state = solution.last
+    states, failed = _states(solution, cases, names)
+    summary = _summary(structure, solution, failed)
+    if buckling is not False and buckling is not None:
+        reference = None if buckling is True else buckling
+        summary.append(contents.buckling(structure, state, reference))
+    at_end = {"end": State(state.tension, state.peak_tension, state.reactions, _reached(state))}
+    if cases is None and solution.status == status.OK:
+        at_end = {}  # it is that of the last phase
+    tables = {
+        "reactions": contents.reactions(structure, state, _reached(state), states),
+        "equilibrium": contents.equilibrium(structure, state),
+        "members": contents.members(structure, state, states),
+        "cutting_list": contents.cutting_list(structure, solution),
+        "slack": contents.slack(structure, {**at_end, **states}),
+        "loose": contents.loose(structure, {**at_end, **states}),
+    }
+    tables |= contents.others(structure, state)
+    if balanced:
+        start = None if energy is True else energy
+        tables["energy"] = contents.energy(structure, solution, phases, start)
+    return Report(int(solution.status), tuple(summary), tables)
+
+
+def _reached(state):
+    """Freedoms that are held in a state, [n_row, 3 or 6] bool."""
+    return np.asarray(state.fixed[int(state.phase) + 1].array)
+
+
+def _states(solution, cases, names):
+    """States to envelope by name of case or phase, and codes by name of what has failed."""
+    if cases is None:
+        parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
+        codes = {name: int(part.status) for name, part in parts.items()}
+        good = {
+            name: State(*(getattr(part, own) for own in _OWN), np.asarray(fixed.array))
+            for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
+            if codes[name] == status.OK
+        }
+    else:
+        codes = np.asarray(cases.status)
+        if codes.ndim != 1:
+            raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
+        names = [f"case {k}" for k in range(len(codes))] if names is None else list(map(str, names))
+        if len(names) != len(codes):
+            raise ValueError(f"names: {len(names)} of them, but {len(codes)} cases")
+        if len({*names, "end"}) <= len(names):
+            raise ValueError('names: each case needs a name of its own, other than "end"')
+        fixed = np.asarray(cases.last.fixed[-1].array)
+        codes = dict(zip(names, codes.tolist(), strict=True))
+        good = {
+            name: State(
+                *(jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n)) for n in _OWN),
+                fixed,
+            )
+            for k, name in enumerate(names)
+            if codes[name] == status.OK
+        }
+    return good, {name: code for name, code in codes.items() if code != status.OK}
+
+
+def _summary(structure, solution, failed):
+    code = int(solution.status)
+    groups = groups_by_name(structure)
+    counts = [f"{len(g.links)} {type(g).__name__} {n}".strip() for n, g in groups]
+    lines = [f"status {code}: {status.describe(code)}"]
+    lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
+    for number, phase in enumerate(solution.phases, 1):
+        path = phase.path
+        good = np.asarray(path.status) == status.OK
+        text = f"phase {number}: {int(good.sum())} of {good.size} increments converged"
+        if good.any():
+            k = np.flatnonzero(good)[-1]
+            text += (
+                f", residual {float(path.residual[k]):.1e} N, "
+                f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
+                f"{int(path.n_slack[k])} slack"
+            )
+        if int(phase.status) == status.OK and not bool(phase.stable):
+            text += (
+                "; UNSTABLE at its end: the tangent stiffness (under moments and following loads "
+                "its symmetric part) has a negative eigenvalue"
+            )
+        lines.append(text)
+    if code != status.OK:
+        last = solution.last
+        lines.append(
+            "FAILED: what follows is the last converged state, phase "
+            f"{int(last.phase) + 1}, load factor {float(last.load_factor):.6g}"
+        )
+    for code in dict.fromkeys(failed.values()):
+        names = ", ".join(name for name, own in failed.items() if own == code)
+        lines.append(f"left out of envelopes: {names} (status {code}: {status.describe(code)})")
+    return lines

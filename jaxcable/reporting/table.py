@@ -1,0 +1,99 @@
+"""A table of a report, and how it is laid out as text."""
+
+import dataclasses
+import math
+
+_SCALED = ("N", "N m", "J")
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """A table: what it is, its columns with their units, its rows, and what to know about it.
+
+    Attributes:
+        title: in words.
+        columns: name of each column.
+        units: unit of each column, "" for none; those of forces are "N" and of lengths "m".
+        rows: lists of numbers and texts; None where there is no value.
+        notes: sentences.
+        governing: number of the column by whose size a long table is cut in its text.
+
+    Example:
+        >>> table = jc.reporting.Table("Loads", ("node", "F"), ("", "N"), [[3, -15.0]])
+        >>> table.rows[0]
+        [3, -15.0]
+    """
+
+    title: str
+    columns: tuple
+    units: tuple
+    rows: list
+    notes: tuple = ()
+    governing: int | None = None
+
+
+def headed(table):
+    """The first line of a table: names of columns with their units, a list."""
+    pairs = zip(table.columns, table.units, strict=True)
+    return [f"{c.strip()} ({u})" if u else c.strip() for c, u in pairs]
+
+
+def finite(value):
+    """A value for JSON: None where a number is none."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def empty(value):
+    """What stands in a CSV field: nothing where there is no value."""
+    return "" if value is None else value
+
+
+def as_text(table, most):
+    """A table as lines of text, forces in N or kN by their size, work in J or kJ."""
+    rows, notes = table.rows, list(table.notes)
+    if len(rows) > most:
+        if table.governing is not None:
+            rows = sorted(rows, key=lambda row: -abs(row[table.governing] or 0.0))
+        rows = rows[:most]
+        which = "the largest" if table.governing is not None else "the first"
+        notes.append(f"{which} {most} of {len(table.rows)}; the tables have all")
+    kilo = {unit for unit in _SCALED if _largest(table, rows, unit) >= 1e4}
+    factors = [1e-3 if unit in kilo else 1.0 for unit in table.units]
+    units = ["k" + unit if unit in kilo else unit for unit in table.units]
+    heads = [f"{c} ({u})" if u else c for c, u in zip(table.columns, units, strict=True)]
+    least = {unit: 1e-9 * _largest(table, table.rows, unit) for unit in _SCALED}
+    body = [
+        [
+            _cell(value, factor, unit, least.get(unit, 0.0))
+            for value, factor, unit in zip(row, factors, table.units, strict=True)
+        ]
+        for row in rows
+    ]
+    lines = [table.title]
+    if rows:
+        widths = [max(len(line[k]) for line in [heads, *body]) for k in range(len(heads))]
+        shown = [k for k in range(len(heads)) if any(line[k] for line in body)]
+        for line in [heads, *body]:
+            lines.append("  " + "  ".join(line[k].rjust(widths[k]) for k in shown))
+    return "\n".join(lines + [f"  {note}" for note in notes])
+
+
+def _largest(table, rows, unit):
+    """Largest size of a number in the columns of a unit."""
+    columns = [k for k, own in enumerate(table.units) if own == unit]
+    sizes = [abs(row[k]) for row in rows for k in columns if row[k] is not None]
+    return max(sizes, default=0.0)
+
+
+def _cell(value, factor, unit, least):
+    """A number or text as it is shown; below `least` a number is rounding and shown as zero."""
+    if value is None:
+        return ""
+    if not isinstance(value, float):
+        return str(value)
+    if unit == "m":
+        return f"{value:.5f}"
+    if unit == "-":
+        return f"{value:.3f}"
+    value = 0.0 if abs(value) < least else value * factor
+    return f"{value:.3f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.1e}"

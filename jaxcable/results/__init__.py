@@ -1,0 +1,18 @@
+"""What analyses return, and what can be made of it: section forces, stresses, balance of energy."""
+
+from ..analysis.solution import Path, PhaseResult, PhaseResults, Solution, State
+from .energy import EnergyBalance, energy_balance
+from .internal_forces import section_forces
+from .stresses import fibre_stress
+
+__all__ = [
+    "EnergyBalance",
+    "Path",
+    "PhaseResult",
+    "PhaseResults",
+    "Solution",
+    "State",
+    "energy_balance",
+    "fibre_stress",
+    "section_forces",
+]

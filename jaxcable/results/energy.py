@@ -1,0 +1,149 @@
+"""Energy balance of an analysis: work of what acts, against what is stored and dissipated.
+
+Everything that the phases do to a structure does work on it,
+
+    work of dead and following loads, of moved and released supports, of prestress and temperature
+        = change of stored energy + dissipated energy + imbalance.
+
+The left side comes from forces and displacements at the ends of the increments, by the trapezoidal
+rule; the energies are those of the elements, written apart from their forces. In equilibrium all
+along, the imbalance is the error of that rule, of second order in the increment. One that does not
+fall so says that forces, loads and energies do not belong together, or that a state jumped: that a
+phase began out of balance, or the structure snapped between two increments.
+"""
+
+import warnings
+
+import jax
+import numpy as np
+
+from ..analysis.preparation import prepare
+from ..common.checks import InputWarning
+from ..common.tree import pytree
+from ..model.parts import one_case
+from ..model.topology import require_same
+from .works import marks, works
+
+WORKS = ("dead", "following", "supports", "prestress")
+"""Names of what does work."""
+
+_ROUNDING = 1e-9  # of the stored energy: a phase that does less has done nothing
+
+
+@pytree
+class EnergyBalance:
+    """Work and energy in each phase of an analysis, J; `energy_balance` makes it.
+
+    Attributes:
+        dead: work of dead loads, on nodes and on what they deflect within elements, or slides with
+            ropes, [n_phase].
+        following: work of loads that follow, [n_phase].
+        supports: work of supports that are moved, and of reactions that are ramped out where
+            freedoms are released, [n_phase].
+        prestress: work of jacks and turnbuckles, of heat, and of whatever else changes unstressed
+            lengths, on what is between the ends of the elements, [n_phase].
+        stored: change of the stored energy, [n_phase]. The potential of weight is none of it: what
+            a load does is work.
+        dissipated: by laws with a memory, [n_phase].
+        level: stored energy at the end of each phase, or where it stopped, [n_phase].
+        increments: the imbalance of every increment, a tuple of [n_inc].
+
+    Example:
+        600 N hung on a cable of 5 m and 100 kN, whose force is linear in the displacement, so that
+        one step of the trapezoidal rule is right:
+
+        >>> cable = jc.Cables([[0, 1]], axial_stiffness=1e5)
+        >>> held = np.array([[True, True, True], [True, True, False]])
+        >>> nodes = [[0.0, 0.0, 5.0], [0.0, 0.0, 0.0]]
+        >>> structure = jc.Structure(nodes, cable, supports=jc.Supports(held))
+        >>> phases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -600.0)))]
+        >>> balance = jc.energy_balance(structure, phases, jc.solve(structure, phases))
+        >>> print(f"{balance.dead[0]:.3f} J, {balance.stored[0]:.3f} J")  # F^2 L0 / 2 EA
+        9.000 J, 9.000 J
+    """
+
+    dead: object
+    following: object
+    supports: object
+    prestress: object
+    stored: object
+    dissipated: object
+    level: object
+    increments: tuple
+
+    @property
+    def work(self):
+        """Work of all that acts, [n_phase], J."""
+        return sum(getattr(self, name) for name in WORKS)
+
+    @property
+    def imbalance(self):
+        """Work less the energy that is stored and dissipated, [n_phase], J."""
+        return self.work - self.stored - self.dissipated
+
+    @property
+    def relative(self):
+        """The imbalance over the largest of all terms of its phase, [n_phase], without sign.
+
+        Over 1e-9 of the stored energy in a phase that does less: then all of it is rounding.
+        """
+        terms = [*(getattr(self, name) for name in WORKS), self.stored, self.dissipated]
+        largest = np.max(np.abs([*terms, _ROUNDING * self.level]), axis=0)
+        return np.abs(self.imbalance) / np.where(largest > 0, largest, 1.0)
+
+
+def energy_balance(structure, phases, solution, start=None):
+    """Work of loads, supports and prestress against stored and dissipated energy.
+
+    It reads the increments of the solution and solves nothing. Where a phase failed, its increments
+    up to there count, and later phases have none.
+
+    Args:
+        structure: `Structure` that was analysed.
+        phases: its phases, as given to `solve`.
+        solution: the `Solution`.
+        start: what the analysis was started from, as given to `solve`.
+
+    Returns:
+        `EnergyBalance`, NumPy, outside of all transformations.
+
+    Raises:
+        ValueError: `solution` is a batch or being traced, has another number of phases, or does not
+            end where these phases do (was it started from another one?); those of `solve`.
+
+    Example:
+        Two hundred newtons of pretension in all cables of a net, and 15 N on its four nodes:
+
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> balance = jc.energy_balance(structure, phases, jc.solve(structure, phases))
+        >>> print(f"{balance.prestress[0]:.4f} J of prestress, {balance.dead[1]:.4f} J of load")
+        0.9779 J of prestress, 0.3576 J of load
+        >>> bool(balance.relative.max() < 0.01)
+        True
+    """
+    one_case(solution)
+    require_same(structure, solution.last.topology, "solution")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", InputWarning)  # the analysis has said so
+        task = prepare(structure, phases, None, start)
+    counts = task.thawed[3].increments
+    if len(counts) != len(solution.phases):
+        raise ValueError(f"phases: {len(counts)} of them, the solution has {len(solution.phases)}")
+    paths = [phase.path for phase in solution.phases]
+    for k, (count, path) in enumerate(zip(counts, paths, strict=True)):
+        if count != len(path.status):
+            raise ValueError(f"phases[{k}]: {count} increments, in the solution {len(path.status)}")
+    points = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
+    core = task.thawed, task.arrays, points, task.bundles
+    rows, end = jax.tree.map(np.asarray, works(*core, size=task.n_free))
+    for own, their in zip(end, marks(solution.last.carry), strict=True):
+        apart = np.abs(own - np.asarray(their)).max()
+        if apart > np.sqrt(np.finfo(own.dtype).eps) * np.abs(own).max():
+            raise ValueError(
+                "solution: is not that of these phases; of one that was started from another give "
+                "that as start"
+            )
+    sums = np.array([[*terms.sum(axis=1), level] for terms, level in rows]).T
+    n = len(WORKS)
+    increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in rows)
+    return EnergyBalance(*sums, increments)

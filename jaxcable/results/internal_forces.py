@@ -1,0 +1,88 @@
+"""Section forces of beams at any place along them."""
+
+import jax
+import numpy as np
+
+from ..common import checks
+from ..common.rules import Rule, or_nan
+from ..elements.element import Bending
+from ..elements.prestress import element
+from ..mechanics.ramp import make_system
+from ..stiffness.tangent import filled, prepared
+
+
+def section_forces(structure, state, places=11):
+    """Section forces ``N, Vy, Vz, T, My, Mz`` of beams at any place along them.
+
+    From equilibrium of the piece of the element before the place, in its deflected shape: with the
+    loads along the element that act, whatever the laws of its fibres. They are what the part beyond
+    the place does to the part before it, along the axes of the section there::
+
+             z                         N   along x, the axis: tension is positive
+             |                         Vy, Vz  along y and z
+        =====|====]--> x, N, T         T   about x
+            /                          My  about y: positive where the side of +z is in tension
+           y                           Mz  about z: positive where the side of -y is in tension
+
+    so that a fibre at (y, z) of a linear section has the stress
+    ``N/A + My z / Iy - Mz y / Iz``. With loads ``q`` per length along the element's axes
+    ``N' = -qx, Vy' = -qy, Vz' = -qz, My' = Vz, Mz' = -Vy``: a downward load on a level beam with z
+    up makes ``My = -q L^2 / 8`` in the middle of a span.
+
+    A pure function, differentiable like the solution.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state is meant) or `State`.
+        places: parts of the unstressed length from the first node, [n], from 0 to 1; or n, for as
+            many places evenly from end to end.
+
+    Returns:
+        In the shape of `elements`, each [n_elem, n, 6], N and N m; None for other groups than
+        beams.
+
+    Raises:
+        ValueError: not a state, places outside of 0 to 1, or no beams in the structure.
+
+    Example:
+        A beam of 6 m on two supports under 1 kN/m, in one element:
+
+        >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+        >>> beam = jc.Beams([[0, 1]], section=section)
+        >>> ends = jc.restrained([0], "xyz", "x") + jc.restrained([1], "yz")
+        >>> structure = jc.Structure([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]], beam, supports=ends)
+        >>> solution = jc.solve(structure, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1e3))))
+        >>> forces = jc.section_forces(structure, solution, places=[0.0, 1 / 6, 0.5])[0]
+        >>> print(solution.status, jnp.abs(forces[:, 4]).round())  # q L^2 / 8 = 4500 N m
+        0 [   0. 2500. 4500.]
+    """
+    if not any(isinstance(group, Bending) for group in structure.groups):
+        raise ValueError("structure: has no beams; its elements have a tension and no other force")
+    if isinstance(places, int | np.integer) and not isinstance(places, bool):
+        if places < 2:
+            raise ValueError(f"places = {places}: at least 2, the ends")
+        places = np.linspace(0.0, 1.0, places)
+    places = checks.floats(places, "places")
+    if places.ndim != 1 or not places.size:
+        raise ValueError(f"places: expected a number or shape [n], got {places.shape}")
+    text = "expected from 0 to 1"
+    places = or_nan(Rule("places", places, lambda v: (v < 0) | (v > 1), text))
+    thawed, arrays, freedoms = prepared(structure, state)
+    return structure.arrange(_forces(thawed, arrays, freedoms.held, places))
+
+
+@jax.jit
+def _forces(thawed, arrays, freedoms, places):
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    places = places.astype(nodes.dtype)
+
+    def along(group, state):
+        def one(properties, state, ends, motion):
+            return element(group, properties).section_forces(state, ends, motion, places)
+
+        ends, motion = nodes[group.links], carry.motion[group.links]
+        return jax.vmap(one)(group.properties(), state, ends, motion)
+
+    pairs = zip(groups, system.states, strict=True)
+    return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]

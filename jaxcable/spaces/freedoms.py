@@ -1,0 +1,187 @@
+"""Numbering of the unknowns: rows of motion, and which of their freedoms are free.
+
+Every node is a row of motion. Further rows belong to elements: a hinged end of a beam has the
+displacement of its node and a rotation of its own; inner numbers of beams (`elements.member`) stand
+in the displacements of rows that nothing else shares. A node that another one carries rigidly has
+no freedom of its own: it moves by those of its carrier.
+"""
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+
+from .. import linear
+from ..common.tree import Indices, places, pytree
+
+
+class Rows:
+    """The rows of motion of a structure that has more of them than nodes.
+
+    Attributes:
+        node: the node that every row belongs to, [n_row], NumPy.
+        inner: rows of inner numbers, [n_row] bool, NumPy.
+        idle: columns of these that no element uses, [n_row, 3] bool, NumPy.
+    """
+
+    def __init__(self, node, inner, idle):
+        self.node = np.array(node, np.int32)
+        self.inner, self.idle = np.array(inner, bool), np.array(idle, bool).reshape(-1, 3)
+        self._key = tuple(Indices(a) for a in (self.node, self.inner, self.idle))
+
+    def __hash__(self):
+        return hash(self._key)
+
+    def __eq__(self, other):
+        return isinstance(other, Rows) and self._key == other._key
+
+    def __len__(self):
+        return len(self.node)
+
+
+@pytree
+class Freedoms:
+    """Numbering of the unknowns of a phase; the only freedoms that are solved for.
+
+    A row of motion (see the module) has three freedoms, or six in a structure with beams, along
+    directions of its own.
+
+    Attributes:
+        free: free freedoms as flat numbers n_freedom row + direction, [n_free].
+        number: unknown's number, or n_free for a held freedom, [n_row, n_freedom].
+        fixed: True where held, [n_row, n_freedom].
+        axes: directions of the freedoms, rows of [n_row, 3, 3]; None if they are x, y, z.
+        rows: the node that every row belongs to, or None if every row is a node.
+        inner: rows of inner numbers, [n_row] bool, or None.
+        carried: (nodes that others carry, their carriers), [n] each, or None.
+        bound: of the unknowns those that are held in this phase and free in another one, [n_free]
+            bool, or None: they stay where they are.
+        spins: of free spins, rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or None.
+        pattern: `linear.Pattern` of sparse matrices; None if they are dense.
+    """
+
+    free: object
+    number: object
+    fixed: object
+    axes: object = None
+    rows: object = None
+    inner: object = None
+    carried: object = None
+    pattern: object = None
+    spins: object = None
+    bound: object = None
+
+    def released(self, vector):
+        """A vector [n_free] with zeros where this phase holds what another one leaves free."""
+        return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
+
+    def moves(self):
+        """Freedoms that are not held, or whose node's or carrier's are not, [n_row, n_freedom]."""
+        n_free = self.free.shape[0]
+        if self.bound is None:
+            return self.number < n_free
+        return ~jnp.append(self.bound, True)[self.number]
+
+    @property
+    def row_of_unknown(self):
+        """The row that every unknown belongs to, [n_free]."""
+        return self.free // self.number.shape[1]
+
+    @property
+    def held(self):
+        """What results need of it: all but the numbering."""
+        return Freedoms(*(None, None, self.fixed, self.axes, self.rows, self.inner, self.carried))
+
+
+def numbers_of(number, links, width, inner=(), carried=None):
+    """Numbers of the unknowns in the order of an element's matrix, [n_elem, d].
+
+    Args:
+        number: of every row and direction, [n_row, 3 or 6].
+        links: rows of the elements, [n_elem, n_end]: ends, then rows of inner numbers.
+        width: freedoms that an element gives an end, 3 or 6.
+        inner: inner numbers as (row after the ends, column), a tuple.
+        carried: as of `Freedoms`: ends at such nodes have the six unknowns of their carriers.
+    """
+    n_inner_row = 1 + max((row for row, _ in inner), default=-1)
+    n_end = links.shape[1] - n_inner_row
+    ends = links[:, :n_end]
+    if carried is not None:
+        ends, width = carriers(len(number), carried)[ends], 6
+    numbers = number[ends][..., :width].reshape(len(links), -1)
+    if not inner:
+        return numbers
+    rows, columns = np.array(inner).T
+    own = number[links[:, n_end + rows], columns]
+    on_host = isinstance(number, np.ndarray) and isinstance(links, np.ndarray)
+    return (np if on_host else jnp).concatenate([numbers, own], axis=1)
+
+
+def carriers(n_row, carried):
+    """The row that every row moves with, itself but for carried nodes, [n_row]."""
+    if isinstance(carried[0], np.ndarray):
+        found = np.arange(n_row)
+        found[carried[0]] = carried[1]
+        return found
+    return jnp.arange(n_row).at[carried[0]].set(carried[1])
+
+
+@functools.lru_cache(maxsize=16)
+def number_freedoms(
+    fixed, rows=None, links=None, solver=None, symmetric=True, rigid=None, space=None
+):
+    """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
+
+    Args:
+        fixed: `Fixed`, True where a freedom is held, [n_row, 3 or 6].
+        rows: `Rows`, or None.
+        links: (`Indices` of links, freedoms of an end, inner numbers) for every group and every
+            load that follows, a tuple; None for no pattern.
+        solver: the solver that the pattern is made for; None to choose by size.
+        symmetric: whether the tangent is.
+        rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
+        space: the `Space` that says what a row couples by itself; None for nothing.
+    """
+    mask, spins = fixed.array.copy(), fixed.spins
+    carried = None
+    if rows is not None:
+        shared = (np.arange(len(mask)) != rows.node) & ~rows.inner
+        mask[shared, :3] = True  # numbered with their node
+    if rigid is not None:
+        carried = rigid.array[:, 1], rigid.array[:, 0]
+        mask[carried[0]] = True  # numbered with their carrier
+    free = np.flatnonzero(~mask.ravel()).astype(np.int32)
+    n_free = len(free)
+    number = np.full(mask.size, n_free, np.int32)
+    number[free] = np.arange(n_free, dtype=np.int32)
+    number = number.reshape(mask.shape)
+    if rows is not None:
+        number[shared, :3] = number[rows.node[shared], :3]
+    pattern, own = None, [] if space is None else space.coupled(number)
+    dense = own and linear.choose(n_free, False, solver).on_device
+    if links is not None and n_free > 0 and not dense:
+        numbers = [
+            numbers_of(number, own.array, width, inner, carried) for own, width, inner in links
+        ]
+        pattern = linear.make_pattern([*numbers, *own], n_free, symmetric, solver)
+    return Freedoms(
+        places(free),
+        places(number),
+        fixed.array,
+        None if fixed.axes is None else fixed.axes.array,
+        None if rows is None else places(rows.node),
+        rows.inner if rows is not None and rows.inner.any() else None,
+        None if carried is None else tuple(map(places, carried)),
+        pattern,
+        None if spins is None else (spins.rows, spins.piece, spins.ends),
+    )
+
+
+def along(axes, vectors):
+    """Components of vectors [n, 3] along directions, rows of [n, 3, 3]."""
+    return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
+
+
+def combined(axes, components):
+    """Vectors [n, 3] from their components along directions, rows of [n, 3, 3]."""
+    return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)

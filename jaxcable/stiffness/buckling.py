@@ -1,0 +1,217 @@
+"""Linear buckling: how far loads can grow until the tangent of a state is singular, estimated."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .. import linear
+from ..analysis.solution import Solution, State
+from ..common import checks
+from ..common.tree import Indices, copy, pytree
+from ..elements.element import Sagging
+from ..mechanics.ramp import make_system, unloaded
+from .tangent import displaced_by, filled, prepared, tangent_at
+
+_ROUNDING = 64  # times eps of the sums that an eigenvalue is the difference of: it is zero
+
+
+@pytree
+class Buckling:
+    """Buckling factors and shapes, lowest first.
+
+    Attributes:
+        factor: what the loads are to be multiplied by until the tangent is singular, [n], -; inf
+            where no multiple of them does it, NaN where there is no estimate.
+        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+
+    Example:
+        >>> structure, phases = jc.scenes.von_mises_truss(load=100.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> found = jc.stiffness.buckling_factor(structure, solution)
+        >>> print(solution.status, found.factor.shape, found.shapes[0, 1])  # the apex goes down
+        0 (1,) [0. 0. 1.]
+    """
+
+    factor: object
+    shapes: object
+
+
+def buckling_factor(structure, state, reference=None, n=1, fixed=None):
+    """Factors on the loads of a state at which it buckles, by linear theory.
+
+    The tangent stiffness is taken to change with the loads in proportion, from that of a reference
+    to that of the state: ``K(f) = K_ref + f (K_state - K_ref)``. Found are the lowest ``f > 0``
+    with ``K(f) phi = 0``: ``f`` times the loads, and with them the forces, buckle the structure.
+    The change contains the displacements so far, not stress alone: exact where elements hardly turn
+    before it buckles, an estimate else, too high or too low: from small loads it is 1.7 times the
+    limit load of a shallow truss that snaps; and a mast between slack guys whose top moves by 4 %
+    of its height gets 1.15 where it still stands at 6 times the load, because a stiff element that
+    has turned looks softer to first order. Take the root of its strain for a large turn.
+    `trace_path` follows the exact path. Laws that are not linear and the sag of catenaries enter by
+    their tangents as well.
+
+    With a `reference`, such as the prestressed state, factors are on what has come since, and its
+    own forces stay. Without one it is the structure without any stress, straight between its
+    initial nodes: all forces of the state grow in one proportion, those of prestress too. That
+    tells nothing of a net whose form changes with its forces.
+
+    A pure function. Derivatives are those of simple eigenvalues; of equal ones those of the shapes
+    are not finite. Dense, meant for some hundred unknowns.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state) or `State`.
+        reference: the same of the phases before the loads, ``jc.solve(structure, phases[:1])``;
+            None for the structure without stress.
+        n: number of factors; fewer if there are fewer freedoms.
+        fixed: freedoms to leave out, as in `stiffness.tangent_of`; default those held in `state`.
+
+    Returns:
+        `Buckling`. A factor is inf where the loads stiffen the structure, or change it no more than
+        rounding. It is below 1 where the state has buckled already. If the reference is not stable
+        and the state is (a net without prestress, say), factors are those above 1 alone. NaN where
+        neither is stable (mechanisms), and where cables are slack in one of the two only: between
+        them the stiffness jumps. (Without a reference slack cables are left out.)
+
+    Raises:
+        ValueError: wrong arguments; loads that follow or nodal moments, whose tangent is not
+            symmetric (if traced, factors are NaN); catenaries under load without a reference.
+
+    Example:
+        A rigid strut of 2 m, its top between two cables of 4 m with 8 kN: across them it buckles at
+        ``2 N / l h`` = 8 kN, which is 4 times the load.
+
+        >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [-4.0, 0.0, 2.0], [4.0, 0.0, 2.0]]
+        >>> strut = jc.Bars([[0, 1]], axial_stiffness=1e12)
+        >>> cables = jc.Cables([[1, 2], [1, 3]], axial_stiffness=1e6)
+        >>> parts = {"cables": cables, "strut": strut}
+        >>> structure = jc.Structure(nodes, parts, supports=jc.pinned([0, 2, 3]))
+        >>> tight = jc.Phase(pretension={"cables": 8e3, "strut": None})
+        >>> loaded = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -2e3)))
+        >>> reference = jc.solve(structure, tight)
+        >>> solution = jc.solve(structure, loaded, start=reference)
+        >>> found = jc.stiffness.buckling_factor(structure, solution, reference)
+        >>> print(solution.status, jnp.round(found.factor, 5), found.shapes[0, 1])
+        0 [4.] [0. 1. 0.]
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    thawed, arrays, freedoms = prepared(structure, state, fixed)
+    _refuse_following(thawed[2], "state")
+    catenary = any(isinstance(group, Sagging) for group in structure.groups)
+    if reference is None and catenary and thawed[2].loads:
+        raise ValueError(
+            "reference: missing; catenaries under load have no stiffness in common with those "
+            "without, give the state before the loads to be multiplied"
+        )
+    after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
+    if reference is None:
+        bare = _without_stress(thawed, arrays, slack)
+        before, alike = tangent_at((*thawed[:2], bare), arrays, freedoms), True
+    else:
+        if not isinstance(reference, Solution | State):
+            raise ValueError(
+                "reference: expected a Solution or its last, such as jc.solve(structure, "
+                f"phases[:1]), got {type(reference).__name__}"
+            )
+        held = Indices(freedoms.fixed)
+        own, indices, numbered = prepared(structure, reference, held)
+        _refuse_following(own[2], "reference")
+        before = tangent_at(own, indices, numbered)
+        pairs = zip(_slack(own, indices), slack, strict=True)
+        alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
+    symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
+    if checks.concrete(symmetric) is not None and not symmetric:
+        raise ValueError(
+            "state: moments act on nodes and make its tangent stiffness unsymmetric; linear "
+            "buckling needs loads with a potential, trace_path takes any"
+        )
+    factor, vectors = _solve(before, after, min(n, len(after)))
+    factor = jnp.where(alike & symmetric, factor, jnp.nan)
+    moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
+    return Buckling(factor, _shapes(jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)))
+
+
+def _refuse_following(carry, name):
+    """Raise ValueError if loads follow the nodes."""
+    if any(stack.follows for stack in carry.loads):
+        raise ValueError(
+            f"{name}: loads that follow act on it; linear buckling multiplies loads that keep "
+            "their direction, trace_path takes any"
+        )
+
+
+@jax.jit
+def _slack(thawed, arrays):
+    """Slack elements of a state, one boolean array [n_elem] per group."""
+    nodes, groups, carry = filled(thawed, arrays)
+    return make_system(nodes, groups, carry, None, None).slack(carry.motion)
+
+
+def _without_stress(thawed, arrays, slack):
+    """`Carry` of the structure as it was, every element as long as its chord or slack.
+
+    It has the loads of the state times zero: one program serves for both tangents.
+    """
+    bare, carry = _bare(thawed, arrays, slack), thawed[2]
+    amounts = [copy(own, factors=0.0 * own.factors) for own in carry.amounts]
+    return copy(bare, loads=carry.loads, amounts=amounts)
+
+
+@jax.jit
+def _bare(thawed, arrays, slack):
+    nodes, groups, _ = filled(thawed, arrays)
+    bare = unloaded(nodes, groups)
+    states = []
+    for group, state, loose in zip(groups, bare.states, slack, strict=True):
+        chord = group.chord(nodes[group.links])
+        longer = jnp.where(loose, chord, 0.0)  # twice its chord: slack for certain
+        states.append(copy(state, rest_length=chord + longer, elongation=-longer))
+    return copy(bare, states=states)
+
+
+@jax.jit
+def _stable(matrix):
+    """Whether a symmetric matrix is positive definite beyond its rounding."""
+    values = jnp.linalg.eigvalsh(jax.lax.stop_gradient(matrix))
+    return values[0] > 4 * len(values) * jnp.finfo(matrix.dtype).eps * values[-1]
+
+
+@functools.partial(jax.jit, static_argnames=("n",))
+def _solve(before, after, n):
+    """The lowest `n` factors and their vectors [n_free, n].
+
+    With M the one of both that is stable, and ``(K_state - K_ref) phi = kappa M phi``: K(f) is
+    singular at ``f = -1 / kappa`` if M is K_ref, and at ``1 - 1 / kappa`` if it is K_state.
+    """
+    before, after = 0.5 * (before + before.T), 0.5 * (after + after.T)
+    change = after - before
+    first, second = _stable(before), _stable(after)
+    one = jnp.eye(len(after), dtype=after.dtype)
+    known = first | second
+    metric = jnp.where(first, before, jnp.where(second, after, one))
+    change = jnp.where(known, change, one)
+    root = jnp.linalg.cholesky(metric)
+    half = jax.scipy.linalg.solve_triangular(root, change, lower=True)
+    standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
+    kappa, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
+    modes = jax.scipy.linalg.solve_triangular(root.T, vectors[:, :n], lower=False)
+    kappa = kappa[:n]
+    # a change is a difference of sums, each with its rounding
+    size = jnp.abs(jax.lax.stop_gradient(modes))
+    rounding = jnp.sum(size * ((jnp.abs(before) + jnp.abs(after)) @ size), axis=0)
+    softens = kappa < -_ROUNDING * jnp.finfo(kappa.dtype).eps * rounding
+    factor = jnp.where(first, 0.0, 1.0) - 1 / jnp.where(softens, kappa, -1.0)
+    factor = jnp.where(softens, factor, jnp.inf)
+    return jnp.where(known, factor, jnp.nan), modes
+
+
+def _shapes(shapes):
+    """Displacements [n, n_node, 3] with the largest of a node 1 and its largest part positive."""
+    flat = shapes.reshape(len(shapes), -1)
+    size = jnp.max(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(shapes) ** 2, axis=-1)), axis=1)
+    largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
+    scale = jnp.sign(largest) / jnp.where(size > 0, size, 1.0)
+    return shapes * scale[:, None, None]

@@ -1,0 +1,134 @@
+"""Shapes in which a state is softest, and structures that deviate by them.
+
+A structure that would buckle does so in the lowest eigenmodes of its tangent stiffness; its initial
+imperfections are therefore taken in their shape, with amplitudes of what workmanship allows.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks
+from ..common.tree import pytree, replace
+from .tangent import displaced_by, prepared, tangent_of
+
+
+@pytree
+class Modes:
+    """Eigenmodes of the tangent stiffness, softest first.
+
+    Attributes:
+        stiffness: eigenvalues, [n], N/m: force over displacement of a unit vector of all freedoms.
+            Positive all, the state is stable.
+        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.stiffness.modes(structure, solution)
+        >>> print(solution.status, np.round(found.stiffness, 3), found.shapes.shape)
+        0 [  200. 14600. 25800.] (3, 3, 3)
+    """
+
+    stiffness: object
+    shapes: object
+
+
+def modes(structure, state, n=6, fixed=None):
+    """Lowest eigenmodes of the tangent stiffness at the state of a solution.
+
+    Symmetric structures have equal eigenvalues: their modes are one basis of many, and small
+    changes turn it. Therefore no derivatives are offered. The sign is such that the largest
+    component is positive. Dense: meant for some hundred unknowns.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state) or `State`.
+        n: number of modes; fewer if there are fewer freedoms.
+        fixed: freedoms to leave out, as in `tangent_of`.
+
+    Returns:
+        `Modes`. With beams the shapes are the displacements of the modes alone, and a mode that
+        only turns nodes has the largest displacement 0.
+
+    Raises:
+        ValueError: `n` below 1, a traced state, or one that is not finite.
+
+    Example:
+        The softest mode of two cables is across their plane, ``2 N / l`` = 200 N/m:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.stiffness.modes(structure, solution, n=1)
+        >>> print(solution.status, np.round(found.stiffness, 3), f"{found.shapes[0, 1, 1]:.6f}")
+        0 [200.] 1.000000
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((structure, state))):
+        raise ValueError("state: is traced; eigenmodes have no derivatives, take them outside")
+    moved = np.asarray(displaced_by(*prepared(structure, state, fixed)))[: structure.n_node]
+    tangent = np.asarray(tangent_of(structure, state, fixed))
+    if not np.isfinite(tangent).all():
+        raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
+    values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
+    n = min(n, len(values))
+    shapes = np.moveaxis(moved @ vectors[:, :n], -1, 0)
+    size = np.linalg.norm(shapes, axis=-1).max(axis=1)
+    flat = shapes.reshape(n, -1)
+    sign = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])
+    # a mode of spins alone keeps its zeros
+    factor = np.where(size > 1e-12, sign / np.maximum(size, 1e-12), 0.0)
+    return Modes(values[:n], shapes * factor[:, None, None])
+
+
+def imperfect(structure, shapes, amplitudes):
+    """A structure whose nodes deviate: ``nodes + sum_k amplitudes[k] shapes[k]``.
+
+    Differentiable in amplitudes and shapes. Elements are made to the new geometry: without an
+    unstressed length of their own theirs is the new chord, and a pretension is reached in the new
+    geometry. For elements made to the perfect geometry state the `rest_length` of that. Where a
+    mode is a mechanism that prestress holds, the elements hardly notice its shape (their lengths
+    change by its square) and the structure springs back: there errors of length are what counts
+    (`Phase(shortening=...)`). Beams keep the directions of their sections: their `up` becomes the
+    z axis that they have in the perfect geometry, where a small lean could turn it by 90 degrees.
+
+    Args:
+        structure: `Structure`.
+        shapes: displacements of all nodes, [k, n_node, 3], or one, [n_node, 3]; `modes(...).shapes`
+            or any other.
+        amplitudes: of each shape, [k], or one for all, m.
+
+    Returns:
+        `Structure`.
+
+    Raises:
+        ValueError: wrong shapes.
+
+    Example:
+        >>> structure, _ = jc.scenes.von_mises_truss(sway=True)
+        >>> sway = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+        >>> leaning = jc.stiffness.imperfect(structure, sway, 0.01)
+        >>> print(leaning.nodes[1])
+        [0.01 0.   0.1 ]
+    """
+    shapes = checks.floats(shapes, "shapes")
+    if shapes.ndim == 2:
+        shapes = shapes[None]
+    if shapes.ndim != 3 or shapes.shape[1:] != (structure.n_node, 3):
+        raise ValueError(
+            f"shapes: expected [k, {structure.n_node}, 3], displacements of every node, got "
+            f"{shapes.shape}"
+        )
+    amplitudes = checks.per_element(amplitudes, len(shapes), "amplitudes")
+    moved = jnp.tensordot(jnp.asarray(amplitudes), jnp.asarray(shapes), axes=1)
+    nodes = jnp.asarray(structure.nodes)
+    upright = [group.oriented(nodes) for group in structure.groups]
+    elements = structure.arrange(upright)
+    return replace(structure, nodes=nodes + moved.astype(nodes.dtype), elements=elements)

@@ -1,0 +1,94 @@
+"""The tangent stiffness of a state that an analysis ended in."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.solution import Solution, State
+from ..common.tree import cast, fill, thaw
+from ..mechanics.ramp import make_system
+from ..model.supports import Fixed
+from ..model.topology import require_same
+from ..spaces.freedoms import number_freedoms
+
+
+def tangent_of(structure, state, fixed=None):
+    """Dense tangent stiffness at the state of a solution: autodiff of the element forces.
+
+    Positive definite: the state is stable. Slack cables give no stiffness. A pure function: it can
+    be transformed like the solution that it is given.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state is meant) or `State`.
+        fixed: freedoms to leave out, [n_node, 3] bool, in a structure with beams [n_row, 6];
+            default those held in the last phase. All False: of the free-standing structure.
+
+    Returns:
+        [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, spins follow the three
+        displacements of a node, times a length (`spaces.RigidNodes.arm`).
+
+    Raises:
+        ValueError: not a state, or `fixed` of the wrong shape.
+
+    Example:
+        ``2 (EA/L0 c^2 + N/l (1 - c^2))`` along, across and down, with c the cosine to each:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> tangent = jc.stiffness.tangent_of(structure, solution)
+        >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
+        0 [25800.   200. 14600.]
+    """
+    return tangent_at(*prepared(structure, state, fixed))
+
+
+@jax.jit
+def tangent_at(thawed, arrays, freedoms):
+    """The tangent stiffness of what `prepared` gives, [n_free, n_free], N/m."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    return system.tangent(carry.motion)
+
+
+def displaced_by(thawed, arrays, freedoms):
+    """Displacements of all rows of motion by the unknowns, [n_row, 3, n_free], of `prepared`."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    return system.displaced_by(carry.motion)
+
+
+def prepared(structure, state, fixed=None):
+    """What the tangent is made of: (nodes, groups, carry) thawed, index arrays, freedoms."""
+    state = state.last if isinstance(state, Solution) else state
+    if not isinstance(state, State):
+        raise ValueError(f"state: expected a Solution or its last, got {type(state).__name__}")
+    require_same(structure, state.topology, "state")
+    rows, groups = structure.rows()
+    held = state.fixed[-1] if fixed is not None else _held(state)
+    fixed = held if fixed is None else Fixed(np.asarray(fixed, bool), held.axes)
+    if fixed.shape != state.fixed[-1].shape:
+        raise ValueError(
+            f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"
+        )
+    nodes = structure.nodes if rows is None else structure.nodes[rows.node]
+    freedoms = number_freedoms(fixed, rows, rigid=structure.rigid)
+    return *thaw((nodes, groups, state.carry)), freedoms
+
+
+def filled(thawed, arrays):
+    """Nodes, groups and carry of `prepared`, all floats as exact as the nodes."""
+    frame = fill(thawed, arrays)
+    return cast(frame, jnp.asarray(frame[0]).dtype)
+
+
+def _held(state):
+    """Freedoms held in the phase that a state belongs to, `Indices`."""
+    if all(own == state.fixed[-1] for own in state.fixed):
+        return state.fixed[-1]
+    if isinstance(state.phase, jax.core.Tracer):
+        raise ValueError("state: supports change and the state is traced; give fixed=...")
+    return state.fixed[int(state.phase) + 1]

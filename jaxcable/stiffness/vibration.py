@@ -1,0 +1,246 @@
+"""Small free vibrations about a loaded state."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .. import linear
+from ..common import checks
+from ..common.rules import not_negative, or_nan, positive
+from ..common.tree import pytree
+from ..elements.element import Sagging
+from ..elements.prestress import element
+from ..mechanics.elementwise import each, motion_of
+from ..mechanics.ramp import make_system
+from .tangent import displaced_by, filled, prepared, tangent_at
+
+_SLOW = 1e-6  # slowest w^2, over a mean one, up from which no shift is needed
+_SHIFT = 1e-4  # the least shift, likewise: modes a million times slower keep ten digits
+_DISTRIBUTIONS = ("lumped", "consistent", "mean")
+_MASSLESS = 1e3  # roundings of the slowest mode's mu that are none
+
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of gravity, m/s2."""
+
+
+@pytree
+class Vibration:
+    """Natural frequencies and modes, slowest first.
+
+    Attributes:
+        frequency: [n], Hz; NaN for a mode without positive stiffness (the state is unstable or
+            a mechanism: see `squared`).
+        squared: squared circular frequencies, [n], 1/s2; negative where the state is unstable.
+        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+
+    Example:
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=50.0)  # kg
+        >>> print(solution.status, jnp.round(found.squared, 6))  # K / m: 200, 14600, 25800 N/m
+        0 [  4. 292. 516.]
+    """
+
+    frequency: object
+    squared: object
+    shapes: object
+
+
+def natural_frequencies(
+    structure, state, n=6, masses=None, fixed=None, gravity=STANDARD_GRAVITY, distribution=None
+):
+    """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
+
+    K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
+    the element groups (over `gravity`) and `masses`. Nodes and sections of beams have no inertia of
+    their own against turning. Dense, meant for some hundred unknowns.
+
+    A catenary is one element for a whole span: half of its mass moves with each end, and modes
+    within the span are not found. Where the first of them is slower than a mode that is returned,
+    an `InputWarning` says so (outside of transformations); a chain of `Cables` has them all.
+
+    A pure function. Derivatives are those of simple eigenvalues; equal ones have no definite modes,
+    and derivatives of their shapes are not finite.
+
+    Args:
+        structure: the `Structure` that was analysed.
+        state: `Solution` (its last converged state) or `State`.
+        n: number of modes; fewer if fewer have mass (if traced, the others are infinitely fast).
+        masses: added masses at the nodes, [n_node] or scalar, kg.
+        fixed: freedoms to leave out, as in `stiffness.tangent_of`.
+        gravity: acceleration that weights are divided by, m/s2.
+        distribution: of an element's mass m: "lumped", half to each end; "consistent" with the
+            displacements between its ends: m/3 and m/6 of straight cables and bars, and of the
+            cubic deflections of beams; "mean", of both, whose errors cancel in cables and bars;
+            None for what is of order 4 in the length of an element: the mean for cables, bars and
+            along beams, consistent across beams. Cables over several nodes are always lumped.
+
+    Returns:
+        `Vibration`.
+
+    Raises:
+        ValueError: wrong arguments; no mass at all, or none that can move; a tangent that is not
+            symmetric (loads that follow without a potential, nodal moments), whose frequencies may
+            be complex (if traced, they are NaN).
+
+    Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
+
+    Example:
+        50 kg between two cables swing across their plane with ``sqrt(2 N / l m) / 2 pi``:
+
+        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
+        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=50.0)
+        >>> print(solution.status, f"{found.frequency[0]:.6f} Hz, {2 / (2 * np.pi):.6f} Hz")
+        0 0.318310 Hz, 0.318310 Hz
+    """
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
+        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    if distribution is not None and distribution not in _DISTRIBUTIONS:
+        known = ", ".join(map(repr, _DISTRIBUTIONS))
+        raise ValueError(f"distribution = {distribution!r}: expected one of {known}")
+    gravity = or_nan(positive("gravity", gravity))
+    if masses is not None:
+        masses = jnp.broadcast_to(checks.floats(masses, "masses"), structure.n_node)
+        masses = or_nan(not_negative("masses", masses))
+    thawed, arrays, freedoms = prepared(structure, state, fixed)
+    weights = [group.weight for group in structure.groups]
+    known = [checks.concrete(own) for own in (*weights, masses) if own is not None]
+    if not any(own is None or (own > 0).any() for own in known):
+        raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
+    stiffness = tangent_at(thawed, arrays, freedoms)
+    symmetric = linear.is_symmetric(stiffness)
+    if checks.concrete(symmetric) is not None and not symmetric:
+        raise ValueError(
+            "state: loads that follow or nodal moments make its tangent stiffness unsymmetric; "
+            "frequencies may be complex, and this solves symmetric problems only"
+        )
+    moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
+    mass = _mass(thawed, arrays, freedoms, gravity, distribution)
+    if masses is not None:
+        mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
+    if not (checks.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
+        hint = ""
+        if any(isinstance(group, Sagging) for group in structure.groups):
+            hint = "; catenaries have no modes within their span, use a chain of Cables"
+        raise ValueError(f"masses: no node that is free to move has mass{hint}")
+    stiffness = jnp.where(symmetric, stiffness, jnp.nan)
+    found = _with_mass(_solve(stiffness, mass, moved, min(n, len(stiffness))))
+    _suspect_catenaries(structure, thawed, arrays, gravity, found)
+    return found
+
+
+def _mass(thawed, arrays, freedoms, gravity, distribution):
+    """Mass matrix of the elements, [n_free, n_free], kg."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, carry.motion, freedoms)
+    blocks = _blocks(thawed, arrays, jnp.asarray(gravity, nodes.dtype), distribution)
+    parts = [pair for pair in zip(blocks, system.groups, strict=True) if pair[0] is not None]
+    if not parts:
+        return jnp.zeros((len(freedoms.free),) * 2, nodes.dtype)
+    return system.assembled(parts, carry.motion)
+
+
+@functools.partial(jax.jit, static_argnames=("distribution",))
+def _blocks(thawed, arrays, gravity, distribution):
+    """Mass matrices of the elements, [n_elem, d, d] per group; None without weight."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, None, None)
+    found = []
+    for group, state in zip(system.groups, system.states, strict=True):
+        weights = group.weights(state)
+        if weights is None:
+            found.append(None)
+            continue
+
+        def one(properties, state, *arguments, group=group):
+            return element(group, properties).mass_matrix(state, *arguments, distribution)
+
+        at = nodes[group.links], motion_of(group, carry.motion)
+        found.append(jax.vmap(one)(group.properties(), state, *at, weights / gravity))
+    return found
+
+
+def _suspect_catenaries(structure, thawed, arrays, gravity, found):
+    """Warn of catenaries with modes of their own among those that were asked for."""
+    highest = checks.concrete(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
+    if highest is None:
+        return
+    nodes, groups, carry = filled(thawed, arrays)
+    for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
+        if not isinstance(group, Sagging) or group.weight is None:
+            continue
+        system = make_system(nodes, groups, carry, None, None)
+        tension = each("tension", group, system.states[number], nodes, carry.motion)
+        # a taut string's, m l of whose mass is between the ends: exact across a shallow one
+        whole = group.weights(state) / gravity
+        own = jnp.sqrt(tension / jnp.where(whole > 0, whole, jnp.nan) / state.rest_length) / 2
+        own = checks.concrete(own)
+        if own is None:
+            return
+        slow = np.flatnonzero(own < highest)
+        if len(slow):
+            k = int(slow[np.argmin(own[slow])])
+            checks.suspect(
+                f"structure: catenary {k} of group {number} swings within its span at about "
+                f"{own[k]:.3g} Hz, slower than a mode that was asked for ({highest:.3g} Hz); such "
+                "modes are not found: use a chain of Cables for it, or ask for fewer modes"
+            )
+
+
+def _solve(stiffness, mass, moved, n):
+    """The slowest `n` modes; `moved` is what the unknowns displace.
+
+    ``M v = mu (K + s M) v``, ``mu = 1 / (w^2 + s)``: unknowns without mass have mu = 0 and need not
+    be known, and slow modes, the largest mu, are exact. The shift s is zero where K is definite.
+    """
+    stiffness = 0.5 * (stiffness + stiffness.T)
+    size = jnp.sum(jnp.abs(jnp.diagonal(stiffness))) / jnp.trace(mass)
+
+    def turned(shift):
+        """Cholesky's factor of K + s M, and M as it makes it, whose eigenvalues are mu."""
+        root = jnp.linalg.cholesky(stiffness + shift * mass)
+        half = jax.scipy.linalg.solve_triangular(root, mass, lower=True)
+        return root, jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
+
+    def indefinite(shift):  # or a mechanism, whose mu would drown all others
+        fine = jnp.trace(turned(shift)[1]) * size * _SLOW < 1
+        return ~fine & (shift < size / _SLOW)
+
+    def more(shift):
+        return jnp.where(shift > 0, 10 * shift, _SHIFT * size)
+
+    shift = lax.stop_gradient(lax.while_loop(indefinite, more, jnp.zeros_like(size)))
+    root, standard = turned(shift)
+    mu, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
+    mu, vectors = mu[::-1][:n], vectors[:, ::-1][:, :n]
+    massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
+    squared = jnp.where(massive, 1 / jnp.where(massive, mu, 1.0) - shift, jnp.inf)
+    modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)
+    shapes = jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0)
+    size = jnp.max(jnp.linalg.norm(shapes, axis=-1), axis=1)
+    flat = shapes.reshape(n, -1)
+    sign = jnp.sign(jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1))
+    shapes = shapes * (sign[:, 0] / size)[:, None, None]
+    positive = squared > 0
+    frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
+    frequency = jnp.where(positive, frequency, jnp.nan)
+    return Vibration(frequency, squared, shapes)
+
+
+def _with_mass(found):
+    """The modes that have mass, where that is known."""
+    known = checks.concrete(found.squared)
+    if known is None:
+        return found
+    count = int(np.sum(~np.isposinf(known)))
+    return jax.tree.map(lambda a: a[:count], found)

@@ -1,0 +1,76 @@
+"""The map of the rooms in CONTRIBUTING.md, drawn from the imports: `python tests/rooms.py`.
+
+Rooms in the order in which data flows: a room imports only from those above it. Of the rooms that
+it imports the map names those that it does not also get by way of others.
+"""
+
+import ast
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "jaxcable"
+BEGIN, END = "<!-- rooms: python tests/rooms.py -->\n", "<!-- end of rooms -->\n"
+
+
+def rooms():
+    """Names of the rooms."""
+    return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+
+
+def uses(room):
+    """Rooms that the modules of a room import."""
+    found = set()
+    for path in (PACKAGE / room).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level == 2:
+                names = [alias.name for alias in node.names]
+                found |= {node.module.split(".")[0]} if node.module else set(names)
+    return found & set(rooms())
+
+
+def ordered():
+    """Pairs (room, rooms that it uses and no other of them uses), those that use least first."""
+    graph = {room: uses(room) for room in rooms()}
+    below = {}
+
+    def all_below(room):
+        if room not in below:
+            below[room] = set().union(graph[room], *(all_below(own) for own in graph[room]))
+        return below[room]
+
+    level = {}
+
+    def height(room):
+        if room not in level:
+            level[room] = 1 + max((height(own) for own in graph[room]), default=0)
+        return level[room]
+
+    for room in sorted(graph, key=lambda own: (height(own), own)):
+        hidden = set().union(*(all_below(own) for own in graph[room]))
+        yield room, sorted(graph[room] - hidden, key=lambda own: (-height(own), own))
+
+
+def drawn():
+    """The table, as it stands in CONTRIBUTING.md."""
+    lines = ["| room | what is in it | modules | stands on |", "|---|---|---|---|"]
+    for room, below in ordered():
+        tree = ast.parse((PACKAGE / room / "__init__.py").read_text())
+        what = ast.get_docstring(tree).split("\n")[0].rstrip(".")
+        modules = [path.stem for path in sorted((PACKAGE / room).glob("*.py"))]
+        modules = ", ".join(f"`{name}`" for name in modules if name != "__init__")
+        lines.append(f"| `{room}` | {what} | {modules} | {', '.join(below)} |")
+    return "\n".join(lines) + "\n"
+
+
+def parts():
+    """Text of CONTRIBUTING.md before the map, the map, and what follows."""
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    before, rest = text.split(BEGIN)
+    return before, *rest.split(END)
+
+
+if __name__ == "__main__":
+    before, _, after = parts()
+    (ROOT / "CONTRIBUTING.md").write_text(before + BEGIN + drawn() + END + after)
+    sys.stdout.write(drawn())
