@@ -68,7 +68,7 @@ def main():
 
     def mapped(devices, chunk):
         def everywhere(pretension, forces):
-            return jc.batched(lambda F: displacement(pretension, F), chunk, devices)(forces)
+            return jc.batched(lambda F: displacement(pretension, F), chunk, devices=devices)(forces)
 
         def mean(pretension, forces):
             return jnp.mean(everywhere(pretension, forces)[..., 2])

@@ -167,7 +167,7 @@ def identify(seed=0, fresh=16, hops=16, steps=150):
     best, trials = None, []
     for trial in range(fresh + hops):
         start = random_start(rng) if trial < fresh else nearby(best.params, rng)
-        fit = jc.fit(misfit, start, BOUNDS, steps)
+        fit = jc.fit(misfit, start, BOUNDS, steps=steps)
         first = float(fit.history.misfit[0]) / np.sqrt(FIELD.size)
         trials.append([first, rms(off_of(fit)), *np.exp(fit.params["spacing"])])
         if int(fit.status) in (jc.status.OK, jc.status.OUT_OF_STEPS, jc.status.STALLED):

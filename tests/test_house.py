@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import inspect
 from pathlib import Path
 
 import pytest
@@ -145,6 +146,33 @@ def test_modules_are_short_and_documented(path):
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
             assert ast.get_docstring(node), node.name
+
+
+def public():
+    """Pairs of (name, function) that rooms show."""
+
+    def walk(module, name):
+        for key in module.__all__:
+            own = getattr(module, key)
+            if inspect.ismodule(own) and hasattr(own, "__all__"):
+                yield from walk(own, f"{name}.{key}")
+            elif inspect.isfunction(own):
+                yield f"{name}.{key}", own
+
+    return dict(walk(jc, "jc"))
+
+
+@pytest.mark.parametrize("name", sorted(public()))
+def test_options_are_named(name):
+    """Main arguments first, then options by name: at most two with a default may go without.
+
+    Three numbers of a material, and what a node is held along, about and in, are main arguments.
+    """
+    most = 3 if name.startswith(("jc.materials", "jc.restrained")) else 2
+    given = inspect.signature(public()[name]).parameters.values()
+    by_place = [p for p in given if p.kind is p.POSITIONAL_OR_KEYWORD and p.default is not p.empty]
+    allowed = {"jc.force_density", "jc.find_form"}  # whose second argument may be missing
+    assert len(by_place) <= most + (name in allowed), [p.name for p in by_place]
 
 
 def test_picture_of_a_failed_solution_is_refused():

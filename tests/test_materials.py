@@ -266,7 +266,7 @@ def test_laws_work_under_jit_with_traced_points():
 
 
 def test_preset_steel():
-    law = materials.steel(355e6, 205e9, 0.02, 0.04)
+    law = materials.steel(355e6, 205e9, 0.02, ultimate_strain=0.04)
     top = 355e6 + 0.02 * 205e9 * (0.04 - 355e6 / 205e9)
     # quotients of the stated numbers
     assert float(law.modulus) == pytest.approx(205e9, rel=1e-14)

@@ -46,7 +46,7 @@ def by_scipy():
 )
 def test_bounded_minimum_is_that_of_scipy(optimizer, steps):
     start = jnp.clip(X0, -2.0, UPPER)
-    design = jc.minimize(rosenbrock, start, (-2.0, UPPER), optimizer, steps, tol=1e-7)
+    design = jc.minimize(rosenbrock, start, (-2.0, UPPER), optimizer, steps=steps, tol=1e-7)
     assert int(design.status) == 0
     # a gradient of tol times the loss leaves tol^2 of it, over the curvature, to gain
     assert abs(float(design.loss) - by_scipy().fun) < 1e-9

@@ -86,7 +86,7 @@ PRISM = jc.scenes.simplex()[0]
 def relaxed(v):
     """Form of two cables, one of a tension, one of a length, to a tolerance; NaN if not found."""
     tension, rest_length = jc.only([0], v[0]), jc.only([1], v[1])
-    found = forms.dynamic_relaxation(net(), tension, rest_length, PULL, tol=v[2])
+    found = forms.dynamic_relaxation(net(), tension, rest_length, loads=PULL, tol=v[2])
     return jnp.where(found.status == 0, found.positions, jnp.nan)
 
 

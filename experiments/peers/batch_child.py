@@ -45,7 +45,7 @@ def main():
     devices = jax.devices() if CASE["devices"] > 1 else None
 
     def cases(pretension, forces):
-        return jc.batched(lambda F: one(pretension, F), CASE["chunk"], devices)(forces)
+        return jc.batched(lambda F: one(pretension, F), CASE["chunk"], devices=devices)(forces)
 
     answer = {}
     for name, function in (

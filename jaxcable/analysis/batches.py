@@ -14,7 +14,7 @@ from jax.sharding import Mesh, PartitionSpec
 _AXIS = "cases"
 
 
-def batched(function, chunk=None, devices=None):
+def batched(function, chunk=None, *, devices=None):
     """Map a function of one case over the leading axis of its arguments.
 
     The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices; it can
@@ -62,9 +62,9 @@ def batched(function, chunk=None, devices=None):
         count = _count(cases)
         if chunk is None or count <= chunk:
             return one_by_one(*cases)
-        turns = -(-count // chunk)
+        chunks = -(-count // chunk)
         parts = jax.tree.map(
-            lambda a: a.reshape(turns, chunk, *a.shape[1:]), _filled(cases, turns * chunk)
+            lambda a: a.reshape(chunks, chunk, *a.shape[1:]), _filled(cases, chunks * chunk)
         )
         results = lax.map(lambda part: one_by_one(*part), parts)
         return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:])[:count], results)

@@ -82,7 +82,7 @@ def prepare(structure, phases, method, start, earlier=0):
         mask = sets[k + 1].array
         plausibility.loading(earlier + k, nodal[k], mask, groups, alone)
         if not moving:
-            plausibility.held(earlier + k, mask, groups)
+            plausibility.nothing_free(earlier + k, mask, groups)
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
     bundled = bundles.groups(groups)

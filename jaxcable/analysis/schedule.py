@@ -58,7 +58,7 @@ class Schedule:
         """The `PhaseData` of one of the `rows`."""
         number, inputs, added, moved, changes, before = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
-        was = None if before is None else copy(self.freedoms.held, **before)
+        was = None if before is None else copy(self.freedoms.of_supports, **before)
         return PhaseData(number, inputs, added, moved, freedoms, was)
 
     def phase(self, k):

@@ -22,7 +22,9 @@ from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution
 from .states import Reached, arranged, per_element, state_of, system_of
 
 
-def solve(structure, phases=None, method=None, start=None, differentiate_path=False, progress=None):
+def solve(
+    structure, phases=None, method=None, *, start=None, differentiate_path=False, progress=None
+):
     """Analyse a structure through its phases.
 
     A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it. Numbers are

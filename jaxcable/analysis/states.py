@@ -54,7 +54,7 @@ class Reached:
 
 def system_of(frame, carry, reached, schedule):
     """The system in which an analysis stands, of which only what supports hold is asked."""
-    freedoms = copy(schedule.freedoms.held, **reached.held)
+    freedoms = copy(schedule.freedoms.of_supports, **reached.held)
     return make_system(*frame, carry, None, freedoms)
 
 

@@ -43,7 +43,7 @@ class Confidence:
     degrees: object
 
 
-def confidence(fit, level=0.95, deviation=None, rcond=1e-6):
+def confidence(fit, level=0.95, deviation=None, *, rcond=1e-6):
     """Confidence intervals from the Jacobian of a `Fit`; on the host, not to be traced.
 
     ``C = s^2 (J^T J)^-1`` over the parameters that no bound holds, ``s^2 = |r|^2 / (n - rank)``

@@ -55,10 +55,10 @@ def minimize_subject_to(
     problem,
     params,
     bounds=None,
+    *,
     rounds=30,
     steps=100,
     tol=None,
-    *,
     args=(),
     scale=None,
     progress=None,
@@ -103,7 +103,7 @@ def minimize_subject_to(
     sizes = jax.tree.map(lambda x, g: jnp.max(jnp.abs(x), initial=0.0) * jnp.abs(g), params, slope)
     change = max(float(jnp.max(leaf, initial=0.0)) for leaf in jax.tree.leaves(sizes))
     penalty = _PENALTY * (max(abs(float(value)), change) or 1.0)
-    worst, turns, evaluations, failures = np.inf, 0, 0, 0
+    worst, count, evaluations, failures = np.inf, 0, 0, 0
     accuracy = max(tol, 1e-3)
     for _ in range(rounds):
         inner = minimize(
@@ -116,7 +116,7 @@ def minimize_subject_to(
             scale=scale,
             progress=progress,
         )
-        turns += 1
+        count += 1
         evaluations += int(inner.evaluations)
         failures += int(inner.failures)
         code = int(inner.status)
@@ -141,7 +141,7 @@ def minimize_subject_to(
         constraints=constraints,
         multipliers=multipliers,
         status=jnp.int32(code),
-        rounds=turns,
+        rounds=count,
         evaluations=evaluations,
         failures=failures,
     )

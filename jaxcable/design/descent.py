@@ -1,7 +1,8 @@
 """The loop of `minimize`: evaluate a trial point, accept it or shorten the step, ask for the next.
 
-The loss is evaluated in one place of the program, once a turn. Whether a line search is going on, a
-failed analysis is being avoided or the optimizer is asked for its next step is a matter of state.
+The loss is evaluated in one place of the program, once an iteration. Whether a line search is going
+on, a failed analysis is being avoided or the optimizer is asked for its next step is a matter of
+state.
 Parameters are one flat vector here; only the optimizer sees them in their own shape.
 """
 
@@ -139,9 +140,9 @@ class Descent:
             code=none,
             running=jnp.ones((), bool),
         )
-        return lax.while_loop(lambda s: s.running, self.turn, search)
+        return lax.while_loop(lambda s: s.running, self.iterate, search)
 
-    def turn(self, s):
+    def iterate(self, s):
         """One evaluation, and what follows from it."""
         value, gradient, code = self.evaluate(s.trial)
         sound, begun = code == status.OK, s.n >= 0

@@ -71,7 +71,7 @@ class Fit:
     steps: object
 
 
-def fit(residuals, params, bounds=None, steps=100, tol=None, *, args=()):
+def fit(residuals, params, bounds=None, *, steps=100, tol=None, args=()):
     """Minimise the sum of squared residuals, within bounds.
 
     Levenberg-Marquardt: ``(J^T J + mu D^2) d = -J^T r`` by a QR factorisation of the stacked

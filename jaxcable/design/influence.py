@@ -14,7 +14,7 @@ _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
 
 
 def influence(
-    structure, phases, of="tension", wrt="shortening", phase=None, method=None, start=None
+    structure, phases, of="tension", wrt="shortening", *, phase=None, method=None, start=None
 ):
     """Jacobian of the final state: exact, through all phases, at the state that they lead to.
 
@@ -65,12 +65,12 @@ def influence(
     if (
         phase is None and isinstance(wrt, str) and wrt in INCREMENTS
     ):  # a phase of its own, which changes nothing yet
-        start = solve(structure, phases, method, start) if phases else start
+        start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
     value, put = _changing(structure, phases or [Phase()], wrt, phase)
 
     def final(value):
-        solution = solve(*put(value), method, start)
+        solution = solve(*put(value), method, start=start)
         return of(solution) if callable(of) else getattr(solution, of)
 
     n_of = _count(jax.eval_shape(final, value))
@@ -176,7 +176,7 @@ def flat_matrix(jacobian, wrt):
     return jnp.concatenate([jnp.concatenate(one(entry), axis=1) for entry in entries])
 
 
-def adjustment(jacobian, change, like=None, rcond=1e-10):
+def adjustment(jacobian, change, like=None, *, rcond=1e-10):
     """The adjustments that bring about a change: least squares, and of these the smallest.
 
     The retensioning of a net: with ``jacobian = influence(structure, phases)`` and

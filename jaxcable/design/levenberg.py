@@ -1,4 +1,4 @@
-"""The loop of `fit`: Levenberg-Marquardt on a flat vector of parameters, one trial point a turn."""
+"""The loop of `fit`: Levenberg-Marquardt on a flat vector, a trial point an iteration."""
 
 from typing import NamedTuple
 
@@ -91,9 +91,9 @@ class LevenbergMarquardt:
             code=none,
             running=jnp.ones((), bool),
         )
-        return lax.while_loop(lambda s: s.running, self.turn, state)
+        return lax.while_loop(lambda s: s.running, self.iterate, state)
 
-    def turn(self, s):
+    def iterate(self, s):
         """Evaluate the trial point, accept it or not, and find the next one."""
         residual, jacobian, code = self.evaluate(s.trial)
         sound, begun = code == status.OK, s.n >= 0

@@ -8,7 +8,7 @@ from ..analysis.solver import solve
 from ..common.tree import pytree
 
 
-def solve_cases(structure, phases, cases, method=None, start=None):
+def solve_cases(structure, phases, cases, method=None, *, start=None):
     """Solve many load cases from one prestressed state, all at once.
 
     Args:
@@ -35,7 +35,7 @@ def solve_cases(structure, phases, cases, method=None, start=None):
         >>> print(solutions.status, jnp.round(1e3 * solutions.displacement[:, 1, 2], 4))  # mm
         [0 0] [-0.1 -0.2]
     """
-    first = solve(structure, phases, method, start)
+    first = solve(structure, phases, method, start=start)
     if not isinstance(cases, Phase):
         cases = list(cases)
         if not cases:
@@ -51,7 +51,7 @@ def solve_cases(structure, phases, cases, method=None, start=None):
                     "same kinds of loads on the same nodes, zero where there is none"
                 )
         cases = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *cases)
-    return jax.vmap(lambda case: solve(structure, [case], method, first))(cases)
+    return jax.vmap(lambda case: solve(structure, [case], method, start=first))(cases)
 
 
 @pytree

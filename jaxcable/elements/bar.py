@@ -21,7 +21,7 @@ from ..materials import Elastic, Parallel
 from ..materials.law import uniaxial
 from ..sections import Section
 from .element import SECTION_STRAIN, TENSION, Element, Jacked, Rounding, Secant
-from .prestress import Prestressed, checked_links, held_or, stretch
+from .prestress import Prestressed, checked_links, jacked_or, stretch
 
 # of the mass, at an end and between both; the mean of both kinds is of order 4 in the length
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
@@ -247,8 +247,10 @@ class Straight(Axial, Prestressed):
 
     def tension(self, state, ends, motion):
         """Axial force, N, tension positive."""
-        return held_or(
-            state, state.held, lambda: self.force(self.strain(state, ends, motion), state.memory)
+        return jacked_or(
+            state,
+            state.jack_force,
+            lambda: self.force(self.strain(state, ends, motion), state.memory),
         )
 
     def energy(self, state, ends, motion):
@@ -258,13 +260,13 @@ class Straight(Axial, Prestressed):
             strain = self.strain(state, ends, motion)
             return state.rest_length * self.energy_per_length(strain, state.memory)
 
-        work = None if state.held is None else state.held * stretch(ends, motion)[2]
-        return held_or(state, work, stored)
+        work = None if state.jack_force is None else state.jack_force * stretch(ends, motion)[2]
+        return jacked_or(state, work, stored)
 
     def section_strain(self, state, ends, motion):
         """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
-        own = None if state.held is None else self.strain_at(state.held, state.memory)
-        return held_or(state, own, lambda: self.strain(state, ends, motion))
+        own = None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
+        return jacked_or(state, own, lambda: self.strain(state, ends, motion))
 
     def size(self, state, ends, motion):
         """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
@@ -293,11 +295,11 @@ class Straight(Axial, Prestressed):
 
     def locked(self, state, length, change):
         """State that holds its force at a length which is `change` more than the initial one, m."""
-        strain = self.strain_at(state.held, state.memory)
+        strain = self.strain_at(state.jack_force, state.memory)
         rest_length = length / (1 + strain)
         own = jnp.stack([rest_length, rest_length * strain - change])
-        own = held_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
-        return copy(state, rest_length=own[0], elongation=own[1], held=None, jacked=None)
+        own = jacked_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
+        return copy(state, rest_length=own[0], elongation=own[1], jack_force=None, jacked=None)
 
 
 class Plain(Straight, Jacked, Secant):
@@ -331,9 +333,9 @@ class Plain(Straight, Jacked, Secant):
             return jnp.stack([force_then, force_now, jnp.where(apart, secant, tangent)])
 
         held = None
-        if state.held is not None:
-            held = jnp.stack([state.held, state.held, jnp.zeros_like(now)])
-        force_then, force_now, modulus = held_or(state, held, following)
+        if state.jack_force is not None:
+            held = jnp.stack([state.jack_force, state.jack_force, jnp.zeros_like(now)])
+        force_then, force_now, modulus = jacked_or(state, held, following)
         q_then, q_now = force_then / start, force_now / length
         c = (modulus / state.rest_length - q_then) / (length * (length + start))
         m = 2 * (ends[1] - ends[0]) + (before[1] - before[0]) + (motion[1] - motion[0])

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from ..common.tree import pytree
 from ..materials import Parallel
 from .bar import Plain, Straight
-from .prestress import held_or
+from .prestress import jacked_or
 
 
 class TensionOnly(Straight):
@@ -40,7 +40,7 @@ class TensionOnly(Straight):
 
     def is_slack(self, state, ends, motion):
         """Shorter than its unstressed length, hence without force."""
-        return held_or(
+        return jacked_or(
             state,
             jnp.zeros((), bool),
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
@@ -54,7 +54,7 @@ class TensionOnly(Straight):
             rounding = 4 * jnp.finfo(strain.dtype).eps * jnp.abs(state.elongation)
             return jnp.abs(strain) <= rounding / state.rest_length
 
-        return held_or(state, jnp.zeros((), bool), unstressed)
+        return jacked_or(state, jnp.zeros((), bool), unstressed)
 
     def _cut(self, value, strain, memory):
         """`value`, zero in a slack cable; several laws have cut it themselves, as a whole."""

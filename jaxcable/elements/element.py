@@ -55,7 +55,7 @@ class ElementState:
     What a kind of element has not is None; see `prestress.AxialState` for what these are.
     """
 
-    rest_length = held = jacked = warmth = memory = line_load = pressed = None
+    rest_length = jack_force = jacked = warmth = memory = line_load = pressed = None
 
 
 class Element(abc.ABC):
@@ -259,7 +259,7 @@ class Prestressable(Element):
 class Jacked(Prestressable):
     """Its force can be held by a jack, by the statement "jacking".
 
-    The state then has `held` and `jacked`.
+    The state then has `jack_force` and `jacked`.
     """
 
     @abc.abstractmethod

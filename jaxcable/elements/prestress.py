@@ -18,7 +18,7 @@ class AxialState(ElementState):
     Attributes:
         rest_length: unstressed length L0, [n_elem], m.
         elongation: initial chord minus unstressed length, carried by itself, [n_elem], m.
-        held: force held by a jack during a phase, [n_elem], N, or None.
+        jack_force: force held by a jack during a phase, [n_elem], N, or None.
         jacked: which elements have a jack, [n_elem] bool; None for all, where forces are held.
         loaded_length: unstressed length that has weight and takes loads per unstressed length,
             [n_elem], m: at the temperature before the first phase, since heat makes no mass, and
@@ -42,7 +42,7 @@ class AxialState(ElementState):
 
     rest_length: object = None
     elongation: object = None
-    held: object = None
+    jack_force: object = None
     jacked: object = None
     loaded_length: object = None
     warmth: object = None
@@ -173,11 +173,11 @@ def stretch(ends, motion):
     return vector, length, (2 * chord + w) @ w / (length + start), start
 
 
-def held_or(state, held, free):
-    """`held` in an element whose force a jack holds, else ``free()``."""
-    if state.held is None:
+def jacked_or(state, force, free):
+    """`force` in an element whose force a jack holds, else ``free()``."""
+    if state.jack_force is None:
         return free()
-    return held if state.jacked is None else jnp.where(state.jacked, held, free())
+    return force if state.jacked is None else jnp.where(state.jacked, force, free())
 
 
 def element(group, properties):

@@ -14,7 +14,7 @@ from ..common.rules import Rule
 from ..common.tree import Indices, plain, pytree
 from .cable import TensionOnly
 from .element import Element, Jacked
-from .prestress import held_or
+from .prestress import jacked_or
 
 
 @pytree(indices=("links",))
@@ -124,8 +124,8 @@ class SlidingCables(TensionOnly, Jacked):
             strain = self.strain(state, ends, motion)
             return state.rest_length * self.energy_per_length(strain, state.memory)
 
-        work = None if state.held is None else state.held * _change(ends, motion)
-        energy = held_or(state, work, stored)
+        work = None if state.jack_force is None else state.jack_force * _change(ends, motion)
+        energy = jacked_or(state, work, stored)
         return energy if state.line_load is None else energy + self._lost(state, ends, motion)
 
     def lock(self, state, ends, motion):

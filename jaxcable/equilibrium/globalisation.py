@@ -1,7 +1,7 @@
 """What steers Newton's method from far away: three small policies, none of which knows the others.
 
-Each is a pytree of numbers with ``init`` and what it makes of what happened in a turn of the loop
-(`newton.equilibrate`). They steer the steps and leave the equilibrium as it is.
+Each is a pytree of numbers with ``init`` and what it makes of what happened in an iteration of
+`newton.equilibrate`. They steer the steps and leave the equilibrium as it is.
 """
 
 import jax.numpy as jnp

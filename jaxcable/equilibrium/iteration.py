@@ -1,4 +1,4 @@
-"""A turn of Newton's method: evaluate, decide, aim (`equilibrium`)."""
+"""An iteration of Newton's method: evaluate, decide, aim (`equilibrium`)."""
 
 import jax
 import jax.numpy as jnp
@@ -67,7 +67,7 @@ class Iterate:
 
 
 class Task:
-    """An equilibrium that is sought, and a turn of the loop that seeks it."""
+    """An equilibrium that is sought, and an iteration of the loop that seeks it."""
 
     def __init__(self, system, x, method, judge):
         self.system, self.method, self.judge = system, method, judge
@@ -109,7 +109,7 @@ class Task:
             done=no,
         )
 
-    def turn(self, it):
+    def iterate(self, it):
         """Evaluate at a point, decide whether to go there, and make the next step."""
         working = self.system
         if self.softens:

@@ -21,7 +21,7 @@ Each iteration factorises once, at most (see 5):
 5. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method will leave anyway; a new
    factor is made where they do not get there in a few steps (`linear.solve_next`).
-6. Is it stable? Where the energy need not be convex, one more turn of the loop at the equilibrium
+6. Is it stable? Where the energy need not be convex, one more iteration at the equilibrium
    factorises the tangent, and moves nothing.
 
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
@@ -161,7 +161,7 @@ def equilibrate(system, x, method, active, factored=None, judge=False):
 def _iterated(system, x, method, active, factored, judge):
     """The `iteration.Iterate` in which Newton's method ends."""
     task = Task(system, x, method, judge)
-    return lax.while_loop(lambda it: active & ~it.done, task.turn, task.start(factored))
+    return lax.while_loop(lambda it: active & ~it.done, task.iterate, task.start(factored))
 
 
 def _outcome(end, x, active, broken, factored):
@@ -243,9 +243,11 @@ def _as_begun(system, begun, factor):
     """The system, but at the load factor 0 that in which the phase begins, if its end is NaN."""
     states = []
     for now, then in zip(system.states, begun.states, strict=True):
-        if now.held is not None:
-            held = jnp.ones(now.held.shape, bool) if now.jacked is None else now.jacked
-            now = copy(now, jacked=held)
-            then = copy(then, held=jnp.zeros_like(now.held), jacked=jnp.zeros_like(held))
+        if now.jack_force is not None:
+            jacked = jnp.ones(now.jack_force.shape, bool) if now.jacked is None else now.jacked
+            now = copy(now, jacked=jacked)
+            then = copy(
+                then, jack_force=jnp.zeros_like(now.jack_force), jacked=jnp.zeros_like(jacked)
+            )
         states.append(where(factor > 0, now, then))
     return copy(system, states=states)

@@ -15,7 +15,7 @@ _FARTHEST = 1e12  # m; beyond it squares of distances lose everything
 _CROWD = 50  # points near one another, on average, that no net has
 
 
-def read_obj(path, scale=1.0, tolerance=1e-6, largest=LARGEST):
+def read_obj(path, scale=1.0, *, tolerance=1e-6, largest=LARGEST):
     """Read points (``v``), lines, polylines (``l``) and edges of faces (``f``) of an OBJ file.
 
     Programs often write every line with points of its own: points nearer than `tolerance` become

@@ -50,7 +50,7 @@ class Prestress:
         return len(self.modes)
 
 
-def feasible_prestress(structure, groups=None, group=None, tension=1.0, tol=None):
+def feasible_prestress(structure, groups=None, group=None, *, tension=1.0, tol=None):
     """Self-equilibrated tensions, equal within groups, with every cable taut.
 
     With several modes, the one is taken in which the smallest cable tension is the largest part of

@@ -103,7 +103,7 @@ class Saddle:
 
     def motion(self, z):
         """Displacements of all nodes, [n_node, 3], m."""
-        return self.system.move(self.system.space.held, self.split(z)[0])
+        return self.system.move(self.system.space.prescribed, self.split(z)[0])
 
     def join(self, motion, forces):
         """The unknowns [n_all] of displacements [n_node, 3] and of all forces per group, N."""

@@ -39,7 +39,7 @@ _STIFF = 1e3  # of the springs that keep lengths, over the largest force
 _NEAR = 1e-4  # relative residual at which springs have done their work
 
 
-def find_form(structure, tension=None, loads=None, length=None, stress=None, method=None):
+def find_form(structure, tension=None, loads=None, *, length=None, stress=None, method=None):
     """Find the shape in which prescribed forces, and lengths of other elements, are in equilibrium.
 
     Every element has one of `tension`, `stress` and `length`; each is a scalar, [n_elem],

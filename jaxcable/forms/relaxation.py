@@ -37,6 +37,7 @@ def dynamic_relaxation(
     structure,
     tension=None,
     rest_length=None,
+    *,
     loads=None,
     start=None,
     tol=1e-10,

@@ -5,7 +5,7 @@ import numpy as np
 from ._balance import arranged, host_nodes, members
 
 
-def symmetric_groups(structure, fold, mirror=None, centre=(0.0, 0.0), tol=1e-6):
+def symmetric_groups(structure, fold, mirror=None, *, centre=(0.0, 0.0), tol=1e-6):
     """Number the elements so that images of each other have one number.
 
     Only positions count: supports need not be symmetric, since a self-stress does not load those

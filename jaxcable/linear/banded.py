@@ -42,8 +42,8 @@ def _solve_cases(band, rhs):
     cases, n, width = band.shape
     sides = rhs.shape[2]
     most = _ROW_BYTES // band.dtype.itemsize
-    turns = -(-cases // most)
-    size = min(cases, -(-cases // (turns * _VECTOR)) * _VECTOR)
+    chunks = -(-cases // most)
+    size = min(cases, -(-cases // (chunks * _VECTOR)) * _VECTOR)
     segment = min(width, max(_SEGMENT, -(-width // _SEGMENTS)))
 
     def step(turn, carry):
@@ -60,7 +60,7 @@ def _solve_cases(band, rhs):
     # zero in front of the first column and below the band, and stays so
     factor = jnp.zeros((width - 1 + n, width - 1 + segment, size), band.dtype)
     carry = (factor, jnp.zeros_like(rhs), jnp.zeros(cases, bool))
-    return lax.fori_loop(jnp.uint32(0), jnp.uint32(turns), step, carry)[1:]
+    return lax.fori_loop(jnp.uint32(0), jnp.uint32(chunks), step, carry)[1:]
 
 
 @_solve_cases.def_vmap

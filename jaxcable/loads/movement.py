@@ -59,8 +59,8 @@ class SupportMovement(Moving):
     def check(self, structure):
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "moved nodes")
-        if self.rotations is not None and not structure.turns()[self.nodes.array].all():
-            k = int((~structure.turns()[self.nodes.array]).argmax())
+        if self.rotations is not None and not structure.rotating()[self.nodes.array].all():
+            k = int((~structure.rotating()[self.nodes.array]).argmax())
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
 
     def check_supported(self, fixed):

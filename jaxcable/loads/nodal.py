@@ -59,7 +59,7 @@ class NodalLoads(OnNodes):
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
-            turns = structure.turns()[self.nodes.array]
+            turns = structure.rotating()[self.nodes.array]
             if not turns.all():
                 k = int((~turns).argmax())
                 raise ValueError(

@@ -7,7 +7,9 @@ from ..common.rules import positive, refuse
 from .polygonal import Polygonal
 
 
-def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unloading="elastic"):
+def steel(
+    yield_stress=235e6, E=210e9, hardening=0.01, *, ultimate_strain=0.05, unloading="elastic"
+):
     """Structural steel: bilinear, the same in tension and compression.
 
     Args:
@@ -35,7 +37,7 @@ def steel(yield_stress=235e6, E=210e9, hardening=0.01, ultimate_strain=0.05, unl
     return Polygonal(strain, [-top, -yield_stress, 0.0, yield_stress, top], unloading)
 
 
-def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, unloading="elastic"):
+def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, *, unloading="elastic"):
     """Prestressing strand: bilinear, tension only.
 
     Elastic to 0.9 of the strength, then inclined to the strength at the ultimate strain.
@@ -65,7 +67,7 @@ def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, unloading="elas
     return Polygonal([0.0, proof / E, ultimate_strain], [0.0, proof, strength], unloading)
 
 
-def tension_only(E, strength=np.inf, ultimate_strain=None, unloading="reversible"):
+def tension_only(E, strength=np.inf, ultimate_strain=None, *, unloading="reversible"):
     """Linear to the strength, then failed; slack in compression.
 
     Args:

@@ -77,7 +77,7 @@ class Ramp:
         nodes, groups: the structure.
         begin: what the phase starts from, a `Carry` (loads on newly fixed freedoms taken off).
         end_states: element states at load factor 1; None for a group that does not change.
-        held: (force at the start, `Stated` at the end) for a jacked group, else None.
+        jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
         own: which loads of every stack in `begin` are of this phase, list of [m] bool.
         moved: steps of the supports in this phase, [n_node, 3 or 6], or None.
@@ -89,7 +89,7 @@ class Ramp:
     groups: object
     begin: object
     end_states: object
-    held: object
+    jacks: object
     added_load: object
     own: object
     moved: object
@@ -107,7 +107,7 @@ class Ramp:
         released = None
         if data.freedoms_before is not None:
             carry, released = _change_supports(nodes, groups, carry, data)
-        end_states, held = [], []
+        end_states, jacks = [], []
         for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
             end_state = jack = None
             if "jacking" in inputs:
@@ -117,10 +117,10 @@ class Ramp:
             if statements:
                 end_state = group.restate(state, nodes[group.links], statements)
             end_states.append(end_state)
-            held.append(jack)
+            jacks.append(jack)
         moved = None if data.moved is None else _supported(data.moved, data.freedoms)
         return cls(
-            *(nodes, groups, carry, end_states, held, data.added_load, own, moved, released),
+            *(nodes, groups, carry, end_states, jacks, data.added_load, own, moved, released),
             data.freedoms,
         )
 
@@ -134,13 +134,13 @@ class Ramp:
     def states(self, factor, memory=None):
         """Element states at a load factor; with a memory per group, if not the start's."""
         now = []
-        parts = self.groups, self.begin.states, self.end_states, self.held
+        parts = self.groups, self.begin.states, self.end_states, self.jacks
         for group, start, end, jack in zip(*parts, strict=True):
             state = start if end is None else group.between(start, end, factor)
             if jack is not None:
                 force, stated = jack
-                held = _mix(force, stated.values, factor)
-                state = copy(state, held=held, jacked=stated.chosen)
+                force = _mix(force, stated.values, factor)
+                state = copy(state, jack_force=force, jacked=stated.chosen)
             now.append(state)
         if memory is not None:
             now = [copy(state, memory=own) for state, own in zip(now, memory, strict=True)]
@@ -160,7 +160,7 @@ class Ramp:
         pairs = zip(self.begin.amounts, self.own, strict=True)
         return [amounts.added(mine, factor) for amounts, mine in pairs]
 
-    def held_motion(self, factor):
+    def prescribed_motion(self, factor):
         """Motion of all nodes as the supports prescribe it at a load factor."""
         begin = self.begin.motion
         if self.moved is None:
@@ -170,7 +170,9 @@ class Ramp:
     def at(self, factor, memory=None):
         """The system at a load factor."""
         now = self._loaded(self.begin.motion, self.states(factor, memory), factor)
-        return make_system(self.nodes, self.groups, now, self.held_motion(factor), self.freedoms)
+        return make_system(
+            self.nodes, self.groups, now, self.prescribed_motion(factor), self.freedoms
+        )
 
     def settle(self, system, strains, ok, memory):
         """Memory after an increment that ended so; as it was unless `ok`."""
@@ -185,7 +187,7 @@ class Ramp:
         states = []
         for group, state in zip(self.groups, self.states(factor, memory), strict=True):
             state = copy(state, line_load=None)
-            locked = state.held is not None
+            locked = state.jack_force is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
         return self._loaded(motion, states, factor)
 
@@ -243,11 +245,11 @@ def _change_supports(nodes, groups, carry, data):
     return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
 
 
-def make_system(nodes, groups, carry, held, freedoms, load=None):
+def make_system(nodes, groups, carry, prescribed, freedoms, load=None):
     """The system of a state; shapes elements by their loads.
 
-    `held` is the motion that supports prescribe, None if it is not asked for; `load` the loads of
-    the carry, if at hand.
+    `prescribed` is the motion of all rows as supports have it, None if it is not asked for; `load`
+    the loads of the carry, if at hand.
     """
     if load is None:
         load = load_stacks.dead_load(nodes, groups, carry)
@@ -261,7 +263,7 @@ def make_system(nodes, groups, carry, held, freedoms, load=None):
         else state
         for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
     ]
-    space = space_of(groups).of(nodes, groups, freedoms, held, carry.bearing)
+    space = space_of(groups).of(nodes, groups, freedoms, prescribed, carry.bearing)
     return System(nodes, groups, states, load, space, load_stacks.following(carry))
 
 

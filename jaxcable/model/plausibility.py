@@ -210,7 +210,7 @@ def loading(number, loads, fixed, groups, alone):
 
 
 @_warns
-def held(number, fixed, groups):
+def nothing_free(number, fixed, groups):
     """Warn of supports that leave nothing to move, nor elements that change by themselves."""
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (

@@ -169,7 +169,7 @@ class Structure:
                 joined[group.links.array[rigid]] = True
         return joined
 
-    def turns(self):
+    def rotating(self):
         """Whether a node has rotations, [n_node] bool: its own, or those of its carrier."""
         turns = self.joined()
         if self.rigid is not None:
@@ -224,7 +224,7 @@ class Structure:
             raise ValueError("supports: no freedom is fixed; the structure would float away")
         self._require_touched(fixed)
         if not self.space.rotates:
-            if supports.turns:
+            if supports.holds_rotations:
                 raise ValueError(
                     "supports mask: expected [n_node, 3]; no element of the structure has rotations"
                 )
@@ -238,7 +238,7 @@ class Structure:
                 raise ValueError(
                     f"supports of node {node}: another node carries it; support that one"
                 )
-        fixed[:, 3:] |= ~self.turns()[:, None]
+        fixed[:, 3:] |= ~self.rotating()[:, None]
         spins = free_spins(self, fixed, axes)
         if rows is not None:
             fixed, axes = fixed[rows.node], axes[rows.node]

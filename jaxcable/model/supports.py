@@ -119,7 +119,7 @@ class Supports:
         return Supports(mask=masks[0] if masks else None, **joined)
 
     @property
-    def turns(self):
+    def holds_rotations(self):
         """Whether rotations are named."""
         by_mask = self.mask is not None and self.mask.shape[1] != N_FREEDOM
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))

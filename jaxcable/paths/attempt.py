@@ -86,25 +86,25 @@ def attempt(course, run):
     factor = jnp.where(by_newton, jnp.minimum(factor, settings.until), factor)
     end = jnp.where(a.rise > 0, settings.until, settings.down_to)
     factor = jnp.where(run.mode == FINISH, end, factor)
-    along = jnp.where(by_newton, 0.0, ds * a.turn * run.weight)
+    along = jnp.where(by_newton, 0.0, ds * a.direction * run.weight)
     guess, newton_code = ramp.at(factor, a.memory).move(a.x, along), jnp.int32(status.OK)
     if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
-        held, newton_code = by_load(ramp, a.memory, a.x, factor, course.method, by_newton)
-        guess = jnp.where(by_newton, held, guess)
+        found, newton_code = by_load(ramp, a.memory, a.x, factor, course.method, by_newton)
+        guess = jnp.where(by_newton, found, guess)
     sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
     condition = Condition(
-        jnp.where(free, a.turn / jnp.where(free, run.weight, 1.0), 0.0),
+        jnp.where(free, a.direction / jnp.where(free, run.weight, 1.0), 0.0),
         jnp.where(free, a.rise, sense),
         jnp.where(free, ds, sense * (factor - a.factor)),
     )
     active = ~by_newton | (newton_code == status.OK)
     found = correct(ramp, a.memory, guess, along, factor, a.factor, condition, course.tol, active)
     weight = jnp.where(run.weight > 0, run.weight, scale_of(found, begin))
-    turn, rise = found.turn / weight, found.rise
-    size = jnp.sqrt(turn @ turn + rise**2)
+    direction, rise = found.direction / weight, found.rise
+    size = jnp.sqrt(direction @ direction + rise**2)
     size = jnp.where((size > 0) & jnp.isfinite(size), size, 1.0)
     closing = run.hunting & run.beyond.branch
-    point = _point(ramp, a, found, turn / size, rise / size, closing)
+    point = _point(ramp, a, found, direction / size, rise / size, closing)
     bent = (cosine(a, point) < _BEND) & free
     far = begin.reach(found.x) > _FAR * course.extent
     regular = found.regular | (by_newton & begin.always_convex)
@@ -115,7 +115,7 @@ def attempt(course, run):
     return Tried(found, point, fresh, by_newton, newton_code, sound, bent & ~fresh, far, weight)
 
 
-def _point(ramp, a, found, turn, rise, closing):
+def _point(ramp, a, found, direction, rise, closing):
     """The `Point` that an iteration from `a` ended in; `closing` in on a bifurcation."""
     system = ramp.at(found.factor, a.memory)
     loose = loose_unknowns(system, found.x)
@@ -123,7 +123,7 @@ def _point(ramp, a, found, turn, rise, closing):
     general = system.followers is not None or system.space.rotates
     found_out = linear.spectrum(found.matrix, loose, general, closing)
     slack = _slack(system, found.x, a.slack)
-    return Point(found.x, found.factor, turn, rise, a.memory, *found_out, found.pull, slack)
+    return Point(found.x, found.factor, direction, rise, a.memory, *found_out, found.pull, slack)
 
 
 def _slack(system, motion, before):

@@ -1,7 +1,7 @@
 """Along the path: arc-length steps, and events caught between two of them.
 
-Every turn of one loop tries a step from the last point, the `anchor`, along the tangent there. What
-a point is told by is its state: the sign of the tangent's load factor, the number of negative
+Every iteration of one loop tries a step from the last point, the `anchor`, along the tangent there.
+What a point is told by is its state: the sign of the tangent's load factor, the number of negative
 eigenvalues, which elements are slack, whether any has failed. A step that ends in another state is
 not taken but hunted: it is shortened by secants of what is smooth and by halves, while steps that
 end in the old state are taken, until the event lies in a step as short as the tolerance. Then it
@@ -38,7 +38,7 @@ def march(ramp, method, settings, code, capacity):
     """
     course = Course.of(ramp, method, settings, capacity)
 
-    def turn(run):
+    def advance(run):
         tried = attempt(course, run)
         seen = detect(course, run, tried)
         decided = decide(course, run, tried, seen)
@@ -50,7 +50,7 @@ def march(ramp, method, settings, code, capacity):
         return copy(after, noted=noted, n_event=n_event, code=code, done=done)
 
     start = _start(course, code)
-    return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, turn, start)
+    return lax.while_loop(lambda run: (run.code == status.OK) & ~run.done, advance, start)
 
 
 def _start(course, code):
@@ -77,7 +77,7 @@ def _start(course, code):
         bracket=zero,
         beyond=Beyond(zero, zero, number, no, no),
         tol=settings.tol,
-        turns=number,
+        tries=number,
         rows=jax.tree.map(lambda a: jnp.zeros((n_row, *a.shape), a.dtype), row),
         n_row=number,
         noted=jax.tree.map(lambda a: jnp.zeros((n_event, *jnp.shape(a)), a.dtype), entry),

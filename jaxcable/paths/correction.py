@@ -40,7 +40,8 @@ class Corrected:
         x: point of the system.
         moved: sum of the steps since the condition's origin, [n_free].
         factor: load factor.
-        turn, rise: tangent of the path, du [n_free] and df, with ``row . turn + rise rise = 1``.
+        direction, rise: tangent of the path, du [n_free] and df, with
+            ``row . direction + rise rise = 1``.
         pull: derivative of the residual by the load factor, [n_free], N.
         matrix: tangent stiffness, a matrix of `linear`.
         converged: whether it is in equilibrium.
@@ -53,7 +54,7 @@ class Corrected:
     x: object
     moved: object
     factor: object
-    turn: object
+    direction: object
     rise: object
     pull: object
     matrix: object
@@ -121,7 +122,7 @@ def correct(ramp, memory, x, moved, factor, origin, condition, tol, active):
             x=jnp.where(onward, system.move(x, step), x),
             moved=it.moved + step,
             factor=it.factor + jnp.where(onward, df, 0.0),
-            turn=jnp.where(settled, du, it.turn),
+            direction=jnp.where(settled, du, it.direction),
             rise=jnp.where(settled, df, it.rise),
             pull=pull,
             matrix=matrix,

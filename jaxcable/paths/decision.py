@@ -80,7 +80,7 @@ def proceed(course, run, tried, seen, decided):
     close = jnp.where(beyond.branch, NEAR * settings.step, run.tol)
     over = accept & run.hunting & (bracket <= close)
     hunting = (run.hunting | seen.wide) & ~seen.hit & ~over & ~decided.last
-    ahead = guess_ahead(anchor, beyond, bracket, run.turns, close)
+    ahead = guess_ahead(anchor, beyond, bracket, run.tries, close)
     ds = jnp.where(decided.again, 0.25 * run.ds, jnp.where(hunting, ahead, nominal))
     mode = jnp.where(decided.outside, FINISH, ARC)
     mode = jnp.where(accept & ~tried.found.regular, LOAD, mode)
@@ -103,7 +103,7 @@ def proceed(course, run, tried, seen, decided):
         beyond=beyond,
         # rounding moves events by more than the tolerance: be content with a larger one
         tol=jnp.where(seen.hit, settings.tol, run.tol * jnp.where(over, 4.0, 1.0)),
-        turns=run.turns + 1,
+        tries=run.tries + 1,
     )
 
 
@@ -139,7 +139,7 @@ def outcome(course, run, tried, seen, decided, count):
     found, code = tried.found, tried.newton_code
     done = decided.last | decided.stopping | seen.fatal
     full = ~done & ((run.n_row >= n_row) | (count > n_event))
-    lost = ~done & (run.turns > _TURNS * n_row)
+    lost = ~done & (run.tries > _TURNS * n_row)
     stopped = jnp.where(seen.limit, status.LIMIT_POINT, status.BIFURCATION)
     given_up, by_newton = decided.exhausted & ~decided.rescue, tried.by_newton & (code != status.OK)
     first = decided.again & tried.fresh

@@ -36,7 +36,7 @@ class Point:
 
     Attributes:
         x, factor: point of the system and load factor.
-        turn, rise: unit tangent: unknowns over `Run.weight`, and load factor.
+        direction, rise: unit tangent: unknowns over `Run.weight`, and load factor.
         memory: of laws, that an increment from here begins with, or None.
         negative, stiffness, phi, left: see `linear.spectrum`.
         pull: derivative of the residual by the load factor, [n_free], N.
@@ -45,7 +45,7 @@ class Point:
 
     x: object
     factor: object
-    turn: object
+    direction: object
     rise: object
     memory: object
     negative: object
@@ -109,7 +109,7 @@ class Run:
         hunting, bracket: whether an event is being closed in on, and the step that contains it.
         beyond: the state at the far end of it, `Beyond`.
         tol: step in which an event counts as caught; larger after one has slipped away.
-        turns: tries so far.
+        tries: steps tried so far.
         rows, n_row: points recorded, and their number.
         noted, n_event: events recorded.
         code: status; done: whether the end is reached.
@@ -125,7 +125,7 @@ class Run:
     bracket: object
     beyond: object
     tol: object
-    turns: object
+    tries: object
     rows: object
     n_row: object
     noted: Noted

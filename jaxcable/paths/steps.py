@@ -7,14 +7,14 @@ _STRIDE = 0.02  # displacement in a step along a straight soft path, in structur
 
 def scale_of(found, system):
     """Displacement per unit of the load factor where the path begins, m."""
-    own = jnp.linalg.norm(found.turn) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
+    own = jnp.linalg.norm(found.direction) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
     usable = (own > 0) & jnp.isfinite(own)
     return jnp.where(usable, own, system.length_scale())
 
 
 def cosine(a, p):
     """Cosine of the angle between the tangents at two points."""
-    return a.turn @ p.turn + a.rise * p.rise
+    return a.direction @ p.direction + a.rise * p.rise
 
 
 def stride(p, weight, extent, largest):
@@ -22,20 +22,20 @@ def stride(p, weight, extent, largest):
 
     Where next to no load is added steps would be of its size for ever, as in plastic collapse.
     """
-    shift = jnp.max(jnp.abs(p.turn), initial=0.0) * weight
+    shift = jnp.max(jnp.abs(p.direction), initial=0.0) * weight
     by_shift = _STRIDE * extent / jnp.where(shift > 0, shift, 1.0)
     return jnp.minimum(by_shift, largest / jnp.where(p.rise > 0, p.rise, 1.0))
 
 
-def guess_ahead(anchor, far_end, bracket, turns, tol):
+def guess_ahead(anchor, far_end, bracket, tries, tol):
     """Length of the next step of a hunt."""
     rise, stiffness = far_end.rise, far_end.stiffness
-    turning = (rise > 0) != (anchor.rise > 0)
-    by_rise = anchor.rise / jnp.where(turning, anchor.rise - rise, 1.0)
+    reverses = (rise > 0) != (anchor.rise > 0)
+    by_rise = anchor.rise / jnp.where(reverses, anchor.rise - rise, 1.0)
     softening = (stiffness > 0) != (anchor.stiffness > 0)
     by_stiffness = anchor.stiffness / jnp.where(softening, anchor.stiffness - stiffness, 1.0)
-    part = jnp.where(turning, by_rise, jnp.where(softening, by_stiffness, 0.5))
-    part = jnp.where(far_end.smooth & jnp.isfinite(part) & (turns % 3 != 2), part, 0.5)
+    part = jnp.where(reverses, by_rise, jnp.where(softening, by_stiffness, 0.5))
+    part = jnp.where(far_end.smooth & jnp.isfinite(part) & (tries % 3 != 2), part, 0.5)
     # no nearer to an end than half the tolerance, so that the bracket closes from both sides
     length = jnp.clip(part * bracket, 0.5 * tol, jnp.maximum(bracket - 0.5 * tol, 0.5 * tol))
     return jnp.where(bracket <= tol, bracket, length)

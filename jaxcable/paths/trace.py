@@ -30,8 +30,8 @@ def trace_path(
     structure,
     phases=None,
     method=None,
-    start=None,
     *,
+    start=None,
     until=1.0,
     down_to=-1.0,
     step=0.02,
@@ -108,7 +108,7 @@ def trace_path(
         if not whole or count < 2:
             raise ValueError(f"{name} = {count!r}: expected a whole number of at least 2")
     if len(phases) > 1:
-        start = solve(structure, phases[:-1], method, start)
+        start = solve(structure, phases[:-1], method, start=start)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     room = int(steps), int(events)
     core = task.thawed, task.arrays, task.method, settings, task.code

@@ -131,7 +131,7 @@ def _draw(shots, begin, seen, everything, solution, structure, dpi):
     ghost(axes, seen, begin, links)
     lines = Members(axes, seen, links, scale)
     lines.show(shots[0].positions, shots[0].forces)
-    turns = None if structure is None else structure.turns()
+    turns = None if structure is None else structure.rotating()
     kinds = [
         supports(fixed.array[: len(shots[0].positions)], turns, seen.normal)
         for fixed in solution.last.fixed[1:]

@@ -14,7 +14,7 @@ _MARKS = {
 }
 
 
-def path(traced, node, axis="z", path=None, scale=1.0, unit=None, factor=1e3, length="mm"):
+def path(traced, node, axis="z", path=None, *, scale=1.0, unit=None, factor=1e3, length="mm"):
     """Draw load against displacement of a node, unstable parts dashed, events marked.
 
     Args:

@@ -8,7 +8,7 @@ from matplotlib.patches import Patch
 from .style import below, finish, start
 
 
-def section(section, stress=None, path=None, scale=1e-6, unit="N/mm2"):
+def section(section, stress=None, path=None, *, scale=1e-6, unit="N/mm2"):
     """Draw the fibres of a cross-section, coloured by stress, or else by law.
 
     Args:

@@ -36,7 +36,7 @@ class Stage:
 
     def held(self, structure, view):
         """Kinds of supports, as `glyphs.supports` gives them."""
-        turns = None if structure is None else structure.turns()
+        turns = None if structure is None else structure.rotating()
         return supports(self.fixed, turns, view.normal)
 
 

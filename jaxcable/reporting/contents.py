@@ -66,7 +66,7 @@ def _held(structure, fixed):
     """Nodes whose position, or whose rotation where they have one, is held at all, [n_node]."""
     fixed = fixed[: structure.n_node]
     held = fixed[:, :3].any(axis=1)
-    return held | (fixed[:, 3:].any(axis=1) & structure.turns())
+    return held | (fixed[:, 3:].any(axis=1) & structure.rotating())
 
 
 def equilibrium(structure, state):

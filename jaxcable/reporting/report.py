@@ -96,7 +96,9 @@ class Report:
         return self.text()
 
 
-def report(structure, solution, phases=None, cases=None, names=None, buckling=False, energy=False):
+def report(
+    structure, solution, phases=None, *, cases=None, names=None, buckling=False, energy=False
+):
     """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
 
     Args:

@@ -68,7 +68,7 @@ def section_forces(structure, state, places=11):
     text = "expected from 0 to 1"
     places = or_nan(Rule("places", places, lambda v: (v < 0) | (v > 1), text))
     thawed, arrays, freedoms = prepared(structure, state)
-    return structure.arrange(_forces(thawed, arrays, freedoms.held, places))
+    return structure.arrange(_forces(thawed, arrays, freedoms.of_supports, places))
 
 
 @jax.jit

@@ -161,7 +161,7 @@ def _point(ramp, n_inc, factor, motion, memory):
     first = ramp.at(jnp.where(factor > 0, factor, _FIRST / n_inc), memory).states
     own = [[], [], [], []]
     for group, state, soon in zip(system.groups, system.states, first, strict=True):
-        if state.held is not None:
+        if state.jack_force is not None:
             state = each("lock", group, state, system.nodes, motion)
         along, slopes = _along(state), None
         if along is None:
@@ -206,7 +206,7 @@ def _exchanged(ramp, points):
     old, new = np.arange(n), np.arange(1, n + 1)
     prestress, dissipated = jnp.zeros((2, n), points.motion.dtype)
     for k, group in enumerate(ramp.groups):
-        changes = ramp.end_states[k] is not None or ramp.held[k] is not None
+        changes = ramp.end_states[k] is not None or ramp.jacks[k] is not None
         if not (changes or group.remembers):
             continue
         # energies with unstressed lengths, at motions, and with the memory of these points

@@ -13,7 +13,7 @@ LENGTH = 15.0  # m, unstressed
 SPAN = 14.90  # m, identified, see `accuracy_cable`
 
 
-def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), increments=(1, 1)):
+def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), *, increments=(1, 1)):
     """Cable between two level supports, four equal loads at its fifth points.
 
     A 500 mm2, E 105 kN/mm2, unstressed length 15 m. The span stood in a figure; of all level spans

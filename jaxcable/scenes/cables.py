@@ -13,7 +13,7 @@ from .nets import Scene
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254
 
 
-def isolated_cable(n=0, load=8000 * POUND, increments=(1, 1)):
+def isolated_cable(n=0, load=8000 * POUND, *, increments=(1, 1)):
     """Cable between supports 1000 ft apart with a point load at 400 ft; EA/N up to 800.
 
     Area 0.85 in2, 19 000 ksi, 3.16 lb/ft, unstressed lengths 412.8837 ft and 613.0422 ft on both
@@ -62,6 +62,7 @@ def isolated_cable(n=0, load=8000 * POUND, increments=(1, 1)):
 def suspended_cable(
     span=120.0,
     rise=12.0,
+    *,
     sag=9.0,
     n=0,
     axial_stiffness=60e6,

@@ -35,6 +35,7 @@ class DomeParts(NamedTuple):
 def geiger_dome(
     span=60.0,
     rise=4.5,
+    *,
     sectors=12,
     rings=2,
     struts=6.0,
@@ -96,6 +97,7 @@ def geiger_dome(
 def levy_dome(
     span=60.0,
     rise=4.5,
+    *,
     sectors=12,
     rings=2,
     struts=6.0,

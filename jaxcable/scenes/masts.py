@@ -17,6 +17,7 @@ STEEL_WEIGHT = 77e3  # N/m3 (7 850 kg/m3)
 def guyed_mast(
     height=60.0,
     levels=3,
+    *,
     per_level=4,
     reach=0.5,
     pretension=40e3,
@@ -98,7 +99,7 @@ def guyed_mast(
 
 
 def strung_arch(
-    span=20.0, rise=4.0, n=16, pretension=20e3, load=5e3, one_sided=True, increments=(4, 10)
+    span=20.0, rise=4.0, *, n=16, pretension=20e3, load=5e3, one_sided=True, increments=(4, 10)
 ):
     """Parabolic arch stiffened by a prestressed net of cables under it.
 

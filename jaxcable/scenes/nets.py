@@ -84,6 +84,7 @@ def saddle(
     n_y,
     spacing=1.0,
     rise=0.1,
+    *,
     axial_stiffness=16e6,
     pretension=20e3,
     load=500.0,

@@ -17,6 +17,7 @@ DIAMETER = 0.05  # m: the paper's area is 19.63 cm2
 def saddle_net(
     law=None,
     spacing=10.0,
+    *,
     rise=0.1,
     pretension=30e3,
     load=90e3,

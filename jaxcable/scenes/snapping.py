@@ -13,7 +13,7 @@ from .nets import Scene
 
 
 def von_mises_truss(
-    rise=0.1, half_span=1.0, axial_stiffness=1e6, load=500.0, hanger=None, sway=False
+    rise=0.1, half_span=1.0, *, axial_stiffness=1e6, load=500.0, hanger=None, sway=False
 ):
     """Two bars that meet in a shallow apex under a vertical load, in the x-z plane.
 

@@ -16,6 +16,7 @@ TWIST = np.pi / 6
 def simplex(
     radius=1.0,
     height=1.5,
+    *,
     twist=TWIST,
     pretension=1e3,
     load=20.0,

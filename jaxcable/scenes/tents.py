@@ -13,6 +13,7 @@ from .nets import Scene
 def tent_edge(
     span=20.0,
     sag=2.0,
+    *,
     n=16,
     height=8.0,
     lean=2.0,

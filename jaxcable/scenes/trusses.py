@@ -16,6 +16,7 @@ LOADED = ("full", "half")
 def cable_truss(
     form="biconcave",
     span=40.0,
+    *,
     sags=(2.4, 1.6),
     gap=1.0,
     panels=10,

@@ -88,7 +88,7 @@ class Freedoms:
         return self.free // self.number.shape[1]
 
     @property
-    def held(self):
+    def of_supports(self):
         """What results need of it: all but the numbering."""
         return Freedoms(*(None, None, self.fixed, self.axes, self.rows, self.inner, self.carried))
 

@@ -47,7 +47,7 @@ class RigidNodes(Space):
         nodes: initial positions, [n_row, 3], m.
         arm: length by which spins are multiplied, m; it scales unknowns, not results.
         bearing: rotation in which the support of every row was set, [n_row, 4], where some hold
-            rotations in directions of their own; None if that is as in `held`.
+            rotations in directions of their own; None if that is as `prescribed`.
     """
 
     nodes: object
@@ -59,12 +59,12 @@ class RigidNodes(Space):
     symmetric = False  # moments
 
     @classmethod
-    def of(cls, nodes, groups, freedoms, held, bearing):
+    def of(cls, nodes, groups, freedoms, prescribed, bearing):
         """The space of a system; its arm is the mean length of what gives nodes rotations."""
         lengths = [group.chord(nodes[group.links]) for group in groups if group.rotates]
         lengths = jnp.concatenate(lengths)
         arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
-        return cls(freedoms, held, nodes, arm, bearing)
+        return cls(freedoms, prescribed, nodes, arm, bearing)
 
     # --- motions
 
@@ -109,7 +109,7 @@ class RigidNodes(Space):
     def place(self, x):
         """`x` with held translations and clamped nodes put where their supports are."""
         clamped = jnp.all(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
-        rotation = jnp.where(clamped, self.held[:, 3:], x[:, 3:])
+        rotation = jnp.where(clamped, self.prescribed[:, 3:], x[:, 3:])
         moved = self._supported(x[:, :3])
         return self._carried_along(jnp.concatenate([moved, rotation], axis=1))
 
@@ -123,7 +123,7 @@ class RigidNodes(Space):
 
     def _reference(self):
         """Rotation from which supports that hold some rotations reckon, [n_row, 4]."""
-        return self.held[:, 3:] if self.bearing is None else self.bearing
+        return self.prescribed[:, 3:] if self.bearing is None else self.bearing
 
     def move(self, x, step):
         """The motion after a step [n_free]."""

@@ -22,15 +22,15 @@ class Space(abc.ABC):
 
     Attributes:
         freedoms: `Freedoms`, the numbering of the unknowns.
-        held: motion of all rows as supports prescribe it, used where they hold, [n_row, n_motion];
-            None if it is not asked for.
+        prescribed: motion of all rows as supports have it, used where they hold,
+            [n_row, n_motion]; None if it is not asked for.
         n_motion, n_freedom: numbers of a row's motion, and of a force on it or a step of it.
         rotates: whether nodes turn.
         symmetric: whether the tangent is symmetric whatever the dead loads are.
     """
 
     freedoms: object
-    held: object
+    prescribed: object
 
     n_motion = n_freedom = 3
     rotates = False
@@ -40,7 +40,7 @@ class Space(abc.ABC):
 
     @classmethod
     @abc.abstractmethod
-    def of(cls, nodes, groups, freedoms, held, bearing):
+    def of(cls, nodes, groups, freedoms, prescribed, bearing):
         """The space of a system; `bearing` as of `ramp.Carry`."""
 
     @classmethod
@@ -87,7 +87,7 @@ class Space(abc.ABC):
 
     def _supported(self, displacement):
         fixed, axes = self.freedoms.fixed[:, :3], self.freedoms.axes
-        held = self.held[:, :3]
+        held = self.prescribed[:, :3]
         if axes is None:
             return jnp.where(fixed, held, displacement)
         own = jnp.where(fixed, along(axes, held), along(axes, displacement))

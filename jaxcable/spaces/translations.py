@@ -12,9 +12,9 @@ class Translations(Space):
     """A row's motion is its displacement, [3], m; see `Space`."""
 
     @classmethod
-    def of(cls, nodes, groups, freedoms, held, bearing):
+    def of(cls, nodes, groups, freedoms, prescribed, bearing):
         """The space of a system."""
-        return cls(freedoms, held)
+        return cls(freedoms, prescribed)
 
     @classmethod
     def still(cls, nodes):

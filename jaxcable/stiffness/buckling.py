@@ -38,7 +38,7 @@ class Buckling:
     shapes: object
 
 
-def buckling_factor(structure, state, reference=None, n=1, fixed=None):
+def buckling_factor(structure, state, reference=None, n=1, *, fixed=None):
     """Factors on the loads of a state at which it buckles, by linear theory.
 
     The tangent stiffness is taken to change with the loads in proportion, from that of a reference

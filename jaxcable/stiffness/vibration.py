@@ -53,7 +53,7 @@ class Vibration:
 
 
 def natural_frequencies(
-    structure, state, n=6, masses=None, fixed=None, gravity=STANDARD_GRAVITY, distribution=None
+    structure, state, n=6, *, masses=None, fixed=None, gravity=STANDARD_GRAVITY, distribution=None
 ):
     """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
 
