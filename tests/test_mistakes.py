@@ -473,7 +473,7 @@ import warnings
 import jax
 import numpy as np
 import jaxcable as jc
-from jaxcable.preparation import prepare
+from jaxcable.analysis.preparation import prepare
 
 def structure(nodes):
     return jc.Structure(nodes, jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4), jc.pinned([0, 2]))

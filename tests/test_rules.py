@@ -207,7 +207,7 @@ TABLE = [
         np.array([[1.0], [0.0], [1.0]]),
     ),
     Row(
-        "structure.py:nodes",
+        "model/structure.py:nodes",
         r"links\[0\] = \[0, 1\]: zero length",
         lambda v: code(net(NODES * v)),
         1.0,
@@ -307,7 +307,7 @@ TABLE = [
     # methods
     *[
         Row(
-            f"equilibrium.py:{name}",
+            f"equilibrium/newton.py:{name}",
             text,
             lambda v, n=name: code(net(), None, jc.Newton(**{n: v})),
             good,
@@ -321,7 +321,7 @@ TABLE = [
         )
     ],
     Row(
-        "incremental.py:tol",
+        "equilibrium/incremental.py:tol",
         "tol = nan",
         lambda v: code(net(), None, jc.Incremental(tol=v)),
         0.1,
@@ -339,14 +339,14 @@ TABLE = [
     ],
     # what is asked of states
     *[
-        Row(f"paths/vibration.py:{name}", f"{name}.* = -1.0", swinging, [1.0] * 4, bad)
+        Row(f"stiffness/vibration.py:{name}", f"{name}.* = -1.0", swinging, [1.0] * 4, bad)
         for name, bad in {
             "gravity": [-1.0, 1.0, 1.0, 1.0],
             "masses": [1.0, 1.0, -1.0, 1.0],
         }.items()
     ],
     Row(
-        "internal_forces.py:places",
+        "results/internal_forces.py:places",
         r"places\[0\] = 1.5",
         lambda v: jc.section_forces(frame(), unstrained(frame()), v),
         [0.5],
@@ -444,7 +444,7 @@ def test_a_number_that_is_refused_when_known_fails_when_traced(row):
 MAKERS = ("Rule", "positive", "not_negative")
 
 OTHERWISE = {
-    "preparation.py:_may_warn": "no rule: whether a warning can be given",
+    "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
     "elements/beam.py:idle": "no rule: layers on one line have nothing across it",
@@ -457,16 +457,16 @@ OTHERWISE = {
     "sections/shapes.py:_float": "no rule: which library computes",
     "sections/shapes.py:_outline": "traced outlines are refused",
     "sections/composites.py:_summed": "NaN where it is traced",
-    "structure.py:__post_init__": "warnings; the rules of places are asked in any case",
+    "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",
-    "paths/vibration.py:_with_mass": "no rule: how many modes have mass",
-    "paths/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
-    "paths/vibration.py:_suspect_catenaries": "no rule: a warning",
-    "paths/buckling.py:buckling_factor": "NaN where it is traced",
-    "supports.py:_directions": "traced directions are refused",
-    "spins.py:free_spins": "a warning",
-    "spins.py:warn": "a warning",
-    "plausibility.py:_there": "warnings",
+    "stiffness/vibration.py:_with_mass": "no rule: how many modes have mass",
+    "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
+    "stiffness/vibration.py:_suspect_catenaries": "no rule: a warning",
+    "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
+    "model/supports.py:_directions": "traced directions are refused",
+    "model/spins.py:free_spins": "a warning",
+    "model/spins.py:warn": "a warning",
+    "model/plausibility.py:_there": "warnings",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible.py:feasible_prestress": "NaN where a cable is not taut",
     "forms/_balance.py:host_nodes": "traced nodes are refused",
@@ -504,7 +504,7 @@ def test_every_rule_has_a_row():
     rules, looks = Counter(), set()
     for path in PACKAGE.rglob("*.py"):
         module = str(path.relative_to(PACKAGE))
-        if module in ("_rules.py", "checks.py"):
+        if module in ("common/rules.py", "common/checks.py"):
             continue
         for name, call, function in calls(ast.parse(path.read_text())):
             if name in MAKERS:

@@ -135,7 +135,12 @@ def describe(code):
 
 
 def first_failure(earlier, later):
-    """Latch: `earlier` if that is a failure, else `later`."""
+    """Latch: `earlier` if that is a failure, else `later`.
+
+    Example:
+        >>> int(jc.status.first_failure(jc.status.OK, jc.status.MECHANISM)) == jc.status.MECHANISM
+        True
+    """
     return jnp.where(earlier != OK, earlier, later)
 
 
