@@ -107,7 +107,6 @@ def test_end_positions_of_ten_thousand_draws():
     assert worst <= 1e-13
 
 
-@pytest.mark.slow
 def test_end_forces_of_ten_thousand_draws():
     """Against Newton's method on the two integrals in 60 digits, within what inputs allow."""
     values, force, _ = drawn()

@@ -1,7 +1,9 @@
 """Figures in README.md and experiments/README.md are those of the result files."""
 
+import ast
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -33,3 +35,29 @@ def test_a_changed_result_is_seen(tmp_path, monkeypatch):
     assert claims.corrected(own, text) != text
     with pytest.raises(ValueError, match="0 places match"):
         claims.corrected(own, text.replace("first call takes", "first call needs"))
+
+
+NAMED = re.findall(r"`(tests/\w+\.py)::(\w+)`", (claims.ROOT / "experiments/README.md").read_text())
+
+
+@pytest.mark.parametrize(("file", "name"), NAMED, ids=[name for _, name in NAMED])
+def test_a_test_behind_a_claim_runs_by_default(file, name):
+    """Not marked slow as a whole; single cases of it may be, at larger sizes."""
+    tree = ast.parse((claims.ROOT / file).read_text())
+    found = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name]
+    assert len(found) == 1
+    marks = [ast.unparse(own) for own in found[0].decorator_list]
+    everything = [
+        ast.unparse(n.value) for n in tree.body if ast.unparse(n).startswith("pytestmark")
+    ]
+    assert "pytest.mark.slow" not in marks + everything
+
+
+def test_every_row_of_the_validation_names_what_shows_it():
+    text = (claims.ROOT / "experiments/README.md").read_text()
+    table = text.split("| check | result | shown by |")[1].split("\n\n")[0]
+    rows = [row for row in table.splitlines()[2:] if row]
+    assert len(rows) > 30
+    for row in rows:
+        shown = row.rsplit("|", 2)[1]
+        assert re.search(r"`tests/\w+\.py::\w+`|`experiments/\w+\.py`", shown), row

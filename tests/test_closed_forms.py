@@ -52,16 +52,9 @@ def test_two_links_in_single_precision(ratio, angle):
     ("method", "increments", "order"),
     [
         (jc.Incremental(corrections=0, tol=np.inf), (40, 80), 2),
-        pytest.param(
-            jc.Incremental(corrections=1, tol=np.inf), (40, 80), 4, marks=pytest.mark.slow
-        ),
-        pytest.param(jc.Incremental(corrections=2, tol=np.inf), (8, 16), 8, marks=pytest.mark.slow),
-        pytest.param(
-            jc.Incremental(corrections=0, stiffness="secant", tol=np.inf),
-            (40, 80),
-            1,
-            marks=pytest.mark.slow,
-        ),
+        (jc.Incremental(corrections=1, tol=np.inf), (40, 80), 4),
+        (jc.Incremental(corrections=2, tol=np.inf), (8, 16), 8),
+        (jc.Incremental(corrections=0, stiffness="secant", tol=np.inf), (40, 80), 1),
     ],
     ids=["tangent-0", "tangent-1", "tangent-2", "secant"],
 )
@@ -77,7 +70,6 @@ def test_order_of_the_incremental_scheme(method, increments, order):
     assert abs(rate - order) < 0.1 * order, (errors, rate)
 
 
-@pytest.mark.slow
 def test_secant_scheme_has_the_known_errors():
     """2.5 %, 0.25 % and 0.025 % at 10, 100 and 1000 increments on two links."""
     w, _ = two_links_exact(100.0, 10.0, 10.0)

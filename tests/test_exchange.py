@@ -342,7 +342,6 @@ def opensees():
     return python if found.returncode == 0 else None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", scenes())
 def test_opensees_finds_the_same_displacements(name, tmp_path):
     python = opensees()

@@ -213,7 +213,6 @@ def mast(p):
     return weighed((moved, 100), (pulls, 0.01), (held_by, 0.01)), solution
 
 
-@pytest.mark.slow  # half a minute of compilation
 @pytest.mark.parametrize("name", MAST_PARAMETERS)
 def test_taylor_of_a_mast(name):
     assert_taylor(mast, MAST_PARAMETERS, name)

@@ -43,7 +43,6 @@ def test_taut_string_of_fifty_elements():
     assert np.allclose(np.linalg.norm(np.asarray(found.shapes)[0], axis=1), sine, atol=1e-5)
 
 
-@pytest.mark.slow
 def test_order_of_the_mass_matrices():
     def errors(distribution):
         values = []
