@@ -41,7 +41,7 @@ import jaxcable as jc
 a = 0.4  # m, side of a cell
 nodes = a * np.array(
     [
-        [1, 0, 0],  # 0, 1: anchors in front
+        [1, 0, 0],  # 0, 1: anchors at y = 0
         [2, 0, 0],
         [0, 1, 0],  # 2 anchor, 3 and 4 free, 5 anchor
         [1, 1, 0],
@@ -51,7 +51,7 @@ nodes = a * np.array(
         [1, 2, 0],
         [2, 2, 0],
         [3, 2, 0],
-        [1, 3, 0],  # 10, 11: anchors behind
+        [1, 3, 0],  # 10, 11: anchors at y = 3 a
         [2, 3, 0],
     ]
 )
@@ -125,9 +125,9 @@ for k in (0, 1, 4, 9):
 # ## A cable goes slack
 #
 # Now let a rope pull node 3 along $x$ instead. `start=` continues from an analysis: here from the
-# prestressed net, which need not be found again. The cable behind node 3 tightens, those in front
-# of it give way until one is slack. That is not an error: a slack cable has no force and no
-# stiffness, and `n_slack` counts such cables in every increment.
+# prestressed net, which need not be found again. The cable from node 3 back to its anchor, node 2,
+# tightens; the next one along $x$, to node 4, gives way until it is slack. That is not an error: a
+# slack cable has no force and no stiffness, and `n_slack` counts such cables in every increment.
 
 # %%
 prestressed = jc.solve(structure, [prestress])
@@ -138,7 +138,7 @@ side = pulled.phases[0].path
 for k in range(8):
     print(
         f"{800 * side.load_factor[k]:5.0f} N: slack cables {side.n_slack[k]}, "
-        f"tension behind {side.tension[k, 0]:6.1f} N, in front {side.tension[k, 1]:5.1f} N"
+        f"tension 2-3 {side.tension[k, 0]:6.1f} N, tension 3-4 {side.tension[k, 1]:5.1f} N"
     )
 
 # %% [markdown]

@@ -117,8 +117,8 @@ both = jax.jit(jax.value_and_grad(sag, has_aux=True))
 (_, gradient), first_both, with_gradient = measure(both, even)
 print(f"{jc.describe(status)}, mean deflection {1e3 * mean:.2f} mm")
 print(f"value    {1e3 * alone:6.0f} ms, first call {first:.1f} s")
-print(f"gradient {1e3 * with_gradient:6.0f} ms, first call {first_both:.1f} s (with the value)")
-print(f"ratio {with_gradient / alone:.2f} for {n_cable} derivatives")
+print(f"both     {1e3 * with_gradient:6.0f} ms, first call {first_both:.1f} s (value and gradient)")
+print(f"both over value {with_gradient / alone:.2f}, for {n_cable} derivatives")
 
 # %% [markdown]
 # ## A thousand load cases

@@ -69,7 +69,8 @@ def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension
     unstable = [", unstable" if _unstable(phase) else "" for phase in solution.phases]
     own = "" if stopped or number < 0 else unstable[number]
     if number < 1:  # a single phase: both pictures are of its end
-        name = f"After phase 1{stopped}{own}" if number == 0 else "Start"
+        last = "At the end" if len(solution.phases) == 1 else "After phase 1"
+        name = f"{last}{stopped}{own}" if number == 0 else "Start"
         factor = factor(begin)
         moved = begin + factor * (end - begin)
         stages = [
