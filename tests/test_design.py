@@ -259,7 +259,8 @@ def test_distance_to_slackening():
     margin = float(design.slack_margin(structure, solution, 1e-6))
     assert float(distance.min()) - 1e-6 * np.log(n) - 1e-15 <= margin <= float(distance.min())
 
-    direction = jnp.asarray(np.random.default_rng(0).normal(size=n))
+    # up: a cable cannot be told to push
+    direction = jnp.asarray(np.abs(np.random.default_rng(0).normal(size=n)))
     steps = design.nearest_kink(lambda p: design.slack_distance(structure, run(p)), p, direction)
     k = int(jnp.argmin(steps))
     low, high = 0.0, 2 * float(steps[k])
@@ -337,7 +338,7 @@ def test_gradient_of_a_loss_in_a_batch_of_optimizations():
         return design.largest_deflection(solutions, 0.02) * 1e3, solutions
 
     starts = jnp.stack([50.0 + jnp.arange(n), 80.0 - jnp.arange(n)])
-    designs = jax.jit(jax.vmap(lambda p: jc.minimize(loss, p, (0.0, None), steps=2)))(starts)
+    designs = jax.jit(jax.vmap(lambda p: jc.minimize(loss, p, (5.0, None), steps=2)))(starts)
     assert (designs.status == status.OUT_OF_STEPS).all() and (designs.failures == 0).all()
     value = jax.jit(loss)
     for k in range(2):

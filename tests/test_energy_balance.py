@@ -300,6 +300,8 @@ QUICK = {
     # phase 1 jumps from a disturbed form to that of its jacks, which any small force finds
     "hypar_net": (smooth("hypar_net"), 8, (1e-12, 2e-3), (0,)),
     "von_mises_truss": (smooth("von_mises_truss", load=250.0), 16, (6e-4,), ()),
+    # loads of several kinds that come in a later phase
+    "tent_edge": (smooth("tent_edge"), 32, (1e-8, 4e-4), ()),
 }
 SLOW = {
     "saddle_net": (smooth("saddle_net", spacing=4.0, load=9e3), 16, (4e-4, 4e-4), ()),
@@ -313,7 +315,6 @@ SLOW = {
     "geiger_dome": (smooth("geiger_dome"), 8, (1e-8, 4e-5), ()),
     "levy_dome": (smooth("levy_dome"), 8, (1e-8, 4e-5), ()),
     "simplex": (smooth("simplex"), 8, (1e-8, 6e-5), ()),
-    "tent_edge": (smooth("tent_edge"), 32, (1e-8, 4e-4), ()),
     "saddle_net of strands": (
         smooth("saddle_net", law=STRAND, spacing=4.0, load=9e3),
         16,

@@ -169,6 +169,7 @@ def cantilever(section, n=4, length=2.0):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*unstable")  # one fibre wide: nothing keeps it in its plane
 def test_an_elastic_plastic_cantilever_loaded_and_released():
     """Moment-curvature of the bilinear rectangle integrated along the undeformed axis."""
     b, h, length, n = 0.1, 0.2, 2.0, 6
@@ -184,8 +185,8 @@ def test_an_elastic_plastic_cantilever_loaded_and_released():
 
     def moment(k):  # bilinear rectangle, first loading
         ky = FY / E / (h / 2)
-        memory = moment_y * (1.5 - 0.5 * (ky / np.maximum(k, ky)) ** 2)
-        return np.where(k <= ky, E * inertia * k, (1 - HARD) * memory + HARD * E * inertia * k)
+        plastic = moment_y * (1.5 - 0.5 * (ky / np.maximum(k, ky)) ** 2)
+        return np.where(k <= ky, E * inertia * k, (1 - HARD) * plastic + HARD * E * inertia * k)
 
     k = np.linspace(0, 0.2, 400001)
     x = (np.arange(20000) + 0.5) / 20000 * length
@@ -231,7 +232,8 @@ def past_yield(structure, tension=PRETENSION):
     )
 
 
-FOUR = tuple(np.delete(v, 2) for v in (STEEL.strain, STEEL.stress))
+# of one half; the other is its mirror: elastic unloading needs equal slopes at the origin
+HALF = tuple(np.asarray(v)[3:] for v in (STEEL.strain, STEEL.stress))
 
 
 def bent(section, tension=2e3, nodes=None):
@@ -258,9 +260,14 @@ def bent(section, tension=2e3, nodes=None):
     )
 
 
-def steel(strain=FOUR[0], stress=FOUR[1]):
-    """The law through its origin and four more points."""
-    strain, stress = (jnp.insert(jnp.asarray(v), 2, 0.0) for v in (strain, stress))
+def steel(strain=HALF[0], stress=HALF[1]):
+    """The law through its origin and two points on either side."""
+
+    def whole(v):
+        v = jnp.asarray(v)
+        return jnp.concatenate([-v[::-1], jnp.zeros(1), v])
+
+    strain, stress = whole(strain), whole(stress)
     return jc.Polygonal(strain, stress, "elastic")
 
 
@@ -272,13 +279,13 @@ NODES = np.array([[0.0, 0, 0], [1.0, 0.02, 0], [2.0, 0, 0.01], [0.0, 0.3, 1.5]])
 # start of every parameter, and the analysis that takes them all (one compilation)
 SCENES = {
     "bars": (
-        {"strain": FOUR[0], "stress": FOUR[1], "pretension": PRETENSION},
+        {"strain": HALF[0], "stress": HALF[1], "pretension": PRETENSION},
         lambda p: past_yield(bar_net(steel(p["strain"], p["stress"])), p["pretension"]),
     ),
     "beam": (
         {
-            "strain": FOUR[0],
-            "stress": FOUR[1],
+            "strain": HALF[0],
+            "stress": HALF[1],
             "dimensions": np.array([0.05, 0.08]),
             "nodes": NODES,
             "pretension": np.array(2e3),

@@ -71,8 +71,9 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     space = system.space
     beside, within = _marked(groups, marks)
 
-    def summed(values):  # a hinge passes its force to the node
-        values = values if marks is None else values + beside[:, None]
+    def summed(values, marked=True):  # a hinge passes its force to the node
+        if marked and marks is not None:
+            values = values + beside[:, None]
         if freedoms.rows is None:
             return values
         return jnp.zeros_like(values[:n_node]).at[freedoms.rows].add(values)
@@ -85,7 +86,8 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         found = {name: seen.found[name] for name in (*seen.of_ends, "end_forces")}
         found = told(_read, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
-    load = summed(_acting(system, motion))
+    follow = system.followers is not None or any(group.slides for group in groups)
+    load = summed(_acting(system, motion), follow)  # dead loads do not depend on where nodes are
     return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,

@@ -42,9 +42,10 @@ def works(thawed, arrays, paths, bundles):
     def seen(carry):
         return marks(copy(carry, states=bundles.apart(carry.states)))
 
-    rows, end = [], seen(carry)
+    rows, end, loads = [], seen(carry), carry.loads
     for k, (codes, path) in enumerate(paths):
-        ramp = Ramp.build(nodes, groups, knowing(carry, k), schedule.phase(k))
+        before = knowing(copy(carry, loads=loads), k)
+        ramp = Ramp.build(nodes, groups, before, schedule.phase(k))
         terms, level, carry = _phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
         end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), seen(carry), end)
