@@ -133,3 +133,65 @@ def test_traced_movements_of_partly_held_nodes():
     with pytest.raises(ValueError, match="node 1 is free along z"):
         lifted(0.1)
     assert int(jax.jit(lifted)(0.1)) == status.NONFINITE
+
+
+def mover(kind):
+    """A structure of cables or of beams whose supports move, and its phases as a function."""
+    if kind == "cables":
+        nodes = np.array([[-4.0, 0, 3], [0, 0, 0], [4.0, 0, 3]])
+        group = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        structure, own = jc.Structure(nodes, group, jc.pinned([0, 2])), {"pretension": 500.0}
+        force = (0.0, 0.0, -600.0)
+    else:
+        section = jc.Section.rectangle(0.05, 0.08, jc.Elastic(1e8))
+        nodes = np.array([[0.0, 0, 0], [2.0, 0, 0.2], [4.0, 0, 0]])
+        beams = jc.Beams([[0, 1], [1, 2]], section=section)
+        structure, own, force = (
+            jc.Structure(nodes, beams, jc.clamped([0, 2])),
+            {},
+            (0.0, 5.0, -10.0),
+        )
+    load = jc.Phase(loads=jc.NodalLoads([1], force), **own)
+
+    def end(amount, corrections, increments):
+        move = jc.SupportMovement([2], jnp.array([0.3, 0.0, 0.1]) * amount)
+        phases = [load, jc.Phase(loads=move, increments=increments)]
+        solution = jc.solve(structure, phases, jc.Incremental(corrections, tol=np.inf))
+        return solution.displacement[1, 2]
+
+    return end
+
+
+@pytest.mark.parametrize("kind", ["cables", "beams"])
+def test_the_scheme_of_the_paper_moves_supports_as_its_derivative_says(kind):
+    """One tangent an increment, at the place of the supports of that increment."""
+    end = mover(kind)
+    for corrections, increments in ((0, 1), (1, 2)):
+        slope = jax.grad(lambda m, a=(corrections, increments): end(m, *a))(1.0)
+        h = 1e-5
+        between = end(1 + h, corrections, increments) - end(1 - h, corrections, increments)
+        assert float(slope) == pytest.approx(float(between) / (2 * h), rel=1e-7, abs=1e-10)
+    if kind == "cables":  # one solve: displacements by the tangent with the support moved, in NumPy
+        assert float(end(1.0, 0, 1)) == pytest.approx(one_step(), rel=1e-9)
+
+
+def one_step():
+    """Both phases by one linear solve each, from lengths in NumPy."""
+    rest = 5.0 / (1 + 500.0 / 1e5)
+
+    def forces(u, end):
+        total, matrix = np.array([0.0, 0.0, -600.0]), np.zeros((3, 3))
+        for place in (np.array([-4.0, 0, 3]), end):
+            way = place - u
+            length = np.linalg.norm(way)
+            pull, along = 1e5 * (length - rest) / rest, way / length
+            total = total + pull * along
+            across = np.eye(3) - np.outer(along, along)
+            matrix = matrix + 1e5 / rest * np.outer(along, along) + pull / length * across
+        return total, matrix
+
+    u = np.zeros(3)
+    for end in ([4.0, 0, 3], [4.3, 0, 3.1]):  # a solve a phase
+        total, matrix = forces(u, np.array(end))
+        u = u + np.linalg.solve(matrix, total)
+    return u[2]

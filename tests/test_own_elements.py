@@ -10,6 +10,7 @@ from own_laws import Maxwell, Prager
 
 import jaxcable as jc
 from jaxcable.common import status
+from jaxcable.elements.element import Result
 from jaxcable.mechanics.assembly import System
 
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]])
@@ -256,3 +257,21 @@ def test_time_reaches_a_law_that_creeps(kind):
     assert solution.status == status.OK
     expected = 100.0 * 2.0 / (1e9 * (2e-2 if "two" in kind else 1e-2))
     assert_allclose(solution.displacement[1, 0], expected, rtol=1e-4)  # first order in the strain
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        (Result("displacement", "m"), "'displacement' is the name of another result"),
+        (Result("tension", "kN"), "'tension' has another unit, or is kept otherwise, elsewhere"),
+    ],
+)
+def test_names_of_results_mean_one_thing(result, message):
+    class Telling(GroundSprings):
+        results = (result,)
+
+    ground = object.__new__(Telling)
+    for name, value in vars(GroundSprings([[1]], K)).items():
+        object.__setattr__(ground, name, value)
+    with pytest.raises(ValueError, match=message):
+        jc.Structure(NODES, {"net": CABLES, "ground": ground}, jc.pinned([0, 2]))

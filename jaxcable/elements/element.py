@@ -71,13 +71,16 @@ class Element(abc.ABC):
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
             take after those of the ends (`member`).
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
+            A weight may be per area; it is there where `weights` has any.
+        hinges, springs: as of `Beams`; None if it has none.
         has_length: whether loads per length act along it; its state then has `rest_length` and
             `loaded`, the length that these are per.
         tension_only, rising: whether it holds only in tension; whether its force is known not to
             fall with strain. Of groups of which both hold the energy is convex.
         remembers: whether its state has a `memory`, of laws that know what has happened to them;
-            then it has `settle(strain, memory, duration)` and `size`, and tells `SECTION_STRAIN`.
-        breaks: whether a curve of its law can end (`beyond`).
+            then it has `settle(strain, memory, duration=0.0)`, `size` and `fibre_stress(strain,
+            memory)`, and tells `SECTION_STRAIN`.
+        breaks: whether a curve of its law can end; then it has `beyond(strain)`, a bool.
         shaped_by_load: whether its state has the load along it; `slides`: whether that load goes
             from node to node with it (then `slid` says how much does).
     """

@@ -168,7 +168,9 @@ def _step(system, x, ramp, method):
     if method.stiffness == "tangent":
         function, numbers, back = system.chart(x)
         residual, linearized = jax.linearize(function, numbers)
-        factor = linear.factorize(lax.stop_gradient(system).tangent(lax.stop_gradient(x)))
+        # where the supports of this increment are, as the residual is
+        tangent = lax.stop_gradient(system).tangent(lax.stop_gradient(system.place(x)))
+        factor = linear.factorize(tangent)
         rhs = implicit.gate(factor.regular, residual)
         return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
     # secant from the geometry in which the phase began

@@ -65,7 +65,10 @@ def save_vtk(path, structure, solution, increments=False):
         for k in good:
             moved = np.asarray(phase.path.displacement[k])
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
-            told = jax.tree.map(lambda x, k=k: x[k], phase.path.told)
+            told = {  # one by one: a mapped dict would be sorted
+                name: jax.tree.map(lambda x, k=k: x[k], own)
+                for name, own in phase.path.told.items()
+            }
             scalars = {own.label: own.values for own in columns(structure.groups, told)}
             _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
     return done

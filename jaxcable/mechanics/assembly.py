@@ -21,7 +21,7 @@ class System(Elementwise):
     """One state of loading, ready to be brought to equilibrium.
 
     Attributes:
-        nodes: initial positions, [n_node, 3], m.
+        nodes: initial positions, [n_row, 3], m.
         groups: element groups, their links arrays.
         states: element states, one per group (prestress).
         load: dead load on every row, [n_row, n_freedom], N and N m.

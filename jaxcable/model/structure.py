@@ -9,13 +9,18 @@ from scipy import sparse
 from ..common import checks
 from ..common.rules import Rule, refuse
 from ..common.tree import Indices, copy, plain, pytree
-from ..elements.element import Element
+from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import space_of
 from ..spaces.freedoms import Rows
 from . import plausibility
 from .spins import free_spins
 from .spins import warn as warn_of_spins
 from .supports import Fixed, Supports
+
+_TAKEN = (  # what results of nodes and increments are called
+    *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
+    *("rest_length", "links", "status", "stable", "phase", "load_factor", "end_forces", "is_slack"),
+)
 
 
 def is_group(x):
@@ -105,11 +110,25 @@ class Structure:
                 plausibility.members(group, where, positions)
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
+        self._check_results()
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
             plausibility.places(positions, self.groups, fixed.array)
             warn_of_spins(self, fixed.spins)
+
+    def _check_results(self):
+        """Raise ValueError for names that mean something else, here or in another group."""
+        known = {own.name: own for own in (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)}
+        for where, group in self.named_groups():
+            for own in group.results:
+                if own.name in _TAKEN:
+                    text = "is the name of another result"
+                elif known.setdefault(own.name, own) != own:
+                    text = "has another unit, or is kept otherwise, elsewhere"
+                else:
+                    continue
+                raise ValueError(f"elements{where}.results: {own.name!r} {text}")
 
     def _check_rigid(self):
         """Raise ValueError for pairs of nodes that cannot be carrier and carried."""
