@@ -338,6 +338,7 @@ def test_gradient_of_a_loss_in_a_batch_of_optimizations():
         return design.largest_deflection(solutions, 0.02) * 1e3, solutions
 
     starts = jnp.stack([50.0 + jnp.arange(n), 80.0 - jnp.arange(n)])
+    # away from zero: the steps of the Taylor test, 1.5 N at most, must not make a cable push
     designs = jax.jit(jax.vmap(lambda p: jc.minimize(loss, p, (5.0, None), steps=2)))(starts)
     assert (designs.status == status.OUT_OF_STEPS).all() and (designs.failures == 0).all()
     value = jax.jit(loss)

@@ -291,7 +291,8 @@ def test_the_last_state_has_the_reactions_of_its_own_supports():
     last = jc.solve(STRUCTURE, [PRESTRESS, LOADING, bad]).last
     plain = jc.solve(STRUCTURE, [PRESTRESS, LOADING]).last
     assert int(last.phase) == 1 and float(last.load_factor) == 1.0
-    assert np.asarray(last.reactions) == pytest.approx(np.asarray(plain.reactions), abs=1e-9)
+    # two programs: in one of them a later phase frees what these hold; a rounding of 438 N, 6e-14
+    assert np.asarray(last.reactions) == pytest.approx(np.asarray(plain.reactions), abs=2e-13)
     assert float(last.reactions[0, 2]) > 1
 
 
