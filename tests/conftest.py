@@ -1,7 +1,6 @@
-"""Settings of the whole suite: double precision, strict shapes, one compile cache per run."""
+"""Settings of the whole suite: double precision, strict shapes, one compile cache for all runs."""
 
 import os
-import tempfile
 
 import jaxlib.version
 
@@ -20,15 +19,16 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # the suite compiles hundreds of small programs and runs each a few times
 jax.config.update("jax_disable_most_optimizations", True)
 
-_cache = tempfile.TemporaryDirectory(prefix="jaxcable-tests-")
-jax.config.update("jax_compilation_cache_dir", _cache.name)
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _close_cache():
-    yield
-    _cache.cleanup()
+def pytest_configure(config):
+    """Compiled programs outlive the run, and the workers share them: `.pytest_cache/d/programs`.
+
+    JAX keys an entry by program, jaxlib and flags. `pytest --cache-clear` empties it.
+    """
+    if hasattr(config, "cache"):  # not with `-p no:cacheprovider`
+        jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
 
 
 @pytest.fixture(scope="module", autouse=True)

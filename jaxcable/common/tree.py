@@ -8,6 +8,7 @@ of equal shape share one compilation and no index array becomes a constant of a 
 
 import dataclasses
 import hashlib
+import typing
 
 import jax
 import jax.numpy as jnp
@@ -61,6 +62,7 @@ class _Slot:
     number: int
 
 
+@typing.dataclass_transform(frozen_default=True, eq_default=False)
 def pytree(cls=None, *, static=(), indices=()):
     """Make `cls` a frozen dataclass and a pytree; `static` and `indices` fields are metadata.
 

@@ -1,6 +1,10 @@
 """Nodes, element groups and supports, checked on the host."""
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,8 +13,9 @@ from scipy import sparse
 from ..common import checks
 from ..common.rules import Rule, refuse
 from ..common.tree import Indices, copy, plain, pytree
+from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
-from ..spaces import space_of
+from ..spaces import Space, space_of
 from ..spaces.freedoms import Rows
 from . import plausibility
 from .spins import free_spins
@@ -23,7 +28,7 @@ _TAKEN = (  # what results of nodes and increments are called
 )
 
 
-def is_group(x):
+def is_group(x: object) -> bool:
     """Whether `x` is an element group, a leaf of the `elements` pytree."""
     return isinstance(x, Element)
 
@@ -73,10 +78,10 @@ class Structure:
         pinned nodes[1] = 3: the structure has nodes 0 to 2
     """
 
-    nodes: object
-    elements: object
-    supports: Supports = None
-    rigid: object = None
+    nodes: Float[ArrayLike, "n_node 3"]
+    elements: PyTree[Element]
+    supports: Supports = None  # type: ignore[assignment]  # the error says more than Python's
+    rigid: Int[ArrayLike, "n 2"] | None = None
 
     def __post_init__(self):
         nodes = checks.floats(self.nodes, "nodes")
@@ -154,31 +159,31 @@ class Structure:
             if text is not None:
                 raise ValueError(f"rigid[{k}] = {[carrier, node]}: {text}")
 
-    def named_groups(self):
+    def named_groups(self) -> list[tuple[str, Element]]:
         """Pairs of (key in `elements` as text, element group), in pytree order."""
         leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
         return [(jax.tree_util.keystr(path), group) for path, group in leaves]
 
     @property
-    def groups(self):
+    def groups(self) -> list[Element]:
         """The element groups, a list in pytree order."""
         return jax.tree.leaves(self.elements, is_leaf=is_group)
 
     @property
-    def n_node(self):
+    def n_node(self) -> int:
         """Number of nodes."""
         return self.nodes.shape[0]
 
-    def arrange(self, per_group):
+    def arrange(self, per_group: Sequence[Any]) -> PyTree[Any]:
         """Put a list with one item per group into the shape of `elements`."""
         return jax.tree.unflatten(jax.tree.structure(self.elements, is_leaf=is_group), per_group)
 
     @property
-    def space(self):
+    def space(self) -> type[Space]:
         """What its nodes' motion is made of, a class of `spaces`."""
         return space_of(self.groups)
 
-    def joined(self):
+    def joined(self) -> Bool[np.ndarray, " n_node"]:
         """Whether a beam is joined to a node rigidly, at least in part, [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
@@ -188,14 +193,14 @@ class Structure:
                 joined[group.links.array[rigid]] = True
         return joined
 
-    def rotating(self):
+    def rotating(self) -> Bool[np.ndarray, " n_node"]:
         """Whether a node has rotations, [n_node] bool: its own, or those of its carrier."""
         turns = self.joined()
         if self.rigid is not None:
             turns[self.rigid.array[:, 1]] = True
         return turns
 
-    def rows(self):
+    def rows(self) -> tuple[Rows | None, list[Element]]:
         """Rows of motion: one a node, then those of hinged ends and inner numbers of elements.
 
         Returns:
@@ -232,7 +237,7 @@ class Structure:
             idles[start : start + len(own)] = own
         return Rows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
-    def fixed(self, supports):
+    def fixed(self, supports: Supports) -> Fixed:
         """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
 
         Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Of inner rows
@@ -267,7 +272,7 @@ class Structure:
         plain = (axes == np.eye(3)).all() and (fixed[:, 3:].sum(axis=1) != 1).all()
         return Fixed(fixed, None if plain else axes, spins)
 
-    def held(self):
+    def held(self) -> Bool[np.ndarray, "n_node 3"]:
         """Fixed displacements along x, y, z, [n_node, 3] bool, of a structure without rotations.
 
         Raises:

@@ -1,9 +1,13 @@
 """Supports: which freedoms of which nodes are held, and in which directions."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..common import checks
 from ..common.tree import Indices, pytree
+from ..common.types import ArrayLike, Bool, Float, Int
+from .spins import Spins
 
 N_FREEDOM = 3
 """Freedoms of a node in a structure of bars and cables: three displacements."""
@@ -22,7 +26,12 @@ class Fixed(Indices):
 
     __slots__ = ("axes", "spins")
 
-    def __init__(self, array, axes=None, spins=None):
+    def __init__(
+        self,
+        array: Bool[ArrayLike, "n_row 3or6"],
+        axes: Float[ArrayLike, "n_row 3 3"] | Indices | None = None,
+        spins: Spins | None = None,
+    ):
         super().__init__(array)
         self.axes = axes if axes is None or isinstance(axes, Indices) else Indices(axes)
         self.spins = spins
@@ -36,7 +45,7 @@ class Fixed(Indices):
     def __eq__(self, other):
         return isinstance(other, Fixed) and self._whole() == other._whole()
 
-    def directed(self):
+    def directed(self) -> Fixed:
         """The same with directions, those of x, y, z if it had none."""
         if self.axes is not None:
             return self
@@ -71,12 +80,12 @@ class Supports:
         array([False,  True, False])
     """
 
-    mask: object = None
-    nodes: object = None
-    clamps: object = None
-    chosen: object = None
-    held: object = None
-    axes: object = None
+    mask: Bool[ArrayLike, "n_node 3or6"] | None = None
+    nodes: Int[ArrayLike, " n"] | None = None
+    clamps: Int[ArrayLike, " n"] | None = None
+    chosen: Int[ArrayLike, " n"] | None = None
+    held: Bool[ArrayLike, "n 6"] | None = None
+    axes: Float[ArrayLike, "n 3 3"] | None = None
 
     def __post_init__(self):
         given = (self.mask, self.nodes, self.clamps, self.chosen)
@@ -119,12 +128,12 @@ class Supports:
         return Supports(mask=masks[0] if masks else None, **joined)
 
     @property
-    def holds_rotations(self):
+    def holds_rotations(self) -> bool:
         """Whether rotations are named."""
         by_mask = self.mask is not None and self.mask.shape[1] != N_FREEDOM
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
 
-    def fixed(self, n_node):
+    def fixed(self, n_node: int) -> Bool[np.ndarray, "n_node 6"]:
         """True where a freedom is fixed, along `directions`, [n_node, 6], NumPy."""
         fixed = self._plain(n_node)
         if self.chosen is not None:
@@ -149,7 +158,7 @@ class Supports:
             checks.known(self.chosen.array, n_node, "restrained nodes")
         return fixed
 
-    def directions(self, n_node):
+    def directions(self, n_node: int) -> Float[np.ndarray, "n_node 3 3"]:
         """Directions of each node's displacements and rotations, rows of [n_node, 3, 3], NumPy."""
         axes = np.tile(np.eye(3), (n_node, 1, 1))
         if self.chosen is None:
@@ -175,7 +184,7 @@ class Supports:
         return axes
 
 
-def pinned(nodes):
+def pinned(nodes: Int[ArrayLike, " n"]) -> Supports:
     """Supports that hold the position of the given nodes, node numbers [n].
 
     Example:
@@ -185,7 +194,7 @@ def pinned(nodes):
     return Supports(nodes=nodes)
 
 
-def clamped(nodes):
+def clamped(nodes: Int[ArrayLike, " n"]) -> Supports:
     """Supports that hold position and rotation of the given nodes, node numbers [n].
 
     Example:
@@ -197,7 +206,12 @@ def clamped(nodes):
     return Supports(clamps=nodes)
 
 
-def restrained(nodes, along="", about="", axes=None):
+def restrained(
+    nodes: Int[ArrayLike, " n"],
+    along: str = "",
+    about: str = "",
+    axes: Float[ArrayLike, "... 3"] | None = None,
+) -> Supports:
     """Supports that hold some displacements and rotations of nodes, along any directions.
 
     Args:

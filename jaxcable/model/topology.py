@@ -1,10 +1,16 @@
 """What two structures have in common whose results can follow each other: all but numbers."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from ..common.tree import Indices
+from ..elements.element import Result
+from .supports import Fixed
 
 
 class Part(NamedTuple):
@@ -23,11 +29,11 @@ class Part(NamedTuple):
 
     name: str
     kind: str
-    links: object
-    outline: object
-    results: tuple
-    hinges: object
-    inner: object
+    links: Indices
+    outline: tuple[int, ...] | None
+    results: tuple[Result, ...]
+    hinges: Indices | None
+    inner: tuple[tuple[tuple[int, int], ...], int]
     remembered: str
 
 
@@ -41,9 +47,9 @@ class Topology(NamedTuple):
         n_node: number of nodes.
     """
 
-    parts: tuple
-    rigid: object
-    supports: object
+    parts: tuple[Part, ...]
+    rigid: Indices | None
+    supports: Fixed
     n_node: int
 
 
