@@ -167,12 +167,12 @@ def test_the_scheme_of_the_paper_moves_supports_as_its_derivative_says(kind):
     """One tangent an increment, at the place of the supports of that increment."""
     end = mover(kind)
     for corrections, increments in ((0, 1), (1, 2)):
-        slope = jax.grad(lambda m, a=(corrections, increments): end(m, *a))(1.0)
+        there = jax.jit(jax.value_and_grad(lambda m, a=(corrections, increments): end(m, *a)))
         h = 1e-5
-        between = end(1 + h, corrections, increments) - end(1 - h, corrections, increments)
+        (place, slope), between = there(1.0), there(1 + h)[0] - there(1 - h)[0]
         assert float(slope) == pytest.approx(float(between) / (2 * h), rel=1e-7, abs=1e-10)
-    if kind == "cables":  # one solve: displacements by the tangent with the support moved, in NumPy
-        assert float(end(1.0, 0, 1)) == pytest.approx(one_step(), rel=1e-9)
+        if kind == "cables" and corrections == 0:  # by the tangent with the support moved, in NumPy
+            assert float(place) == pytest.approx(one_step(), rel=1e-9)
 
 
 def one_step():
