@@ -9,6 +9,7 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from .element import ElementState, Prestressable
+from .stated import Stated  # noqa: F401
 
 
 @pytree
@@ -54,23 +55,6 @@ class AxialState(ElementState):
     def loaded(self):
         """`loaded_length`, or the unstressed length itself."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
-
-
-@pytree
-class Stated:
-    """One statement of prestress for a group.
-
-    Attributes:
-        values: [n_elem]; zero for an element that it does not concern.
-        chosen: the elements that it concerns, [n_elem] bool; None for all.
-    """
-
-    values: object
-    chosen: object = None
-
-    def over(self, new, old):
-        """`new` at the elements that it concerns, `old` elsewhere."""
-        return new if self.chosen is None else jnp.where(self.chosen, new, old)
 
 
 class Prestressed(Prestressable):
