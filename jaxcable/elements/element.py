@@ -12,7 +12,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -115,8 +115,8 @@ class Element(abc.ABC):
     """
 
     links: Int[ArrayLike, "n_elem n_end"]
-    per_element: tuple[str, ...] = ()
-    results: tuple[Result, ...] = ()
+    per_element: ClassVar[tuple[str, ...]] = ()
+    results: ClassVar[tuple[Result, ...]] = ()
     outline: tuple[int, ...] | None = None
     rotates: bool = False
     n_freedom: int = 3
@@ -303,7 +303,7 @@ class Prestressable(Element):
         statements: names of what can be stated for it.
     """
 
-    statements: tuple[str, ...] = ()
+    statements: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
     def restate(
@@ -314,7 +314,7 @@ class Prestressable(Element):
     ) -> ElementState:
         """State of the group after statements, names to `Stated`; ends [n_elem, ...]."""
 
-    def between(self, start: OwnState, end: OwnState, factor: Scalar) -> ElementState:
+    def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
         """State of the group in a phase that takes it from one to another.
 
         What does not change keeps every digit, and the end is met.
