@@ -11,7 +11,7 @@ so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import jax
 import jax.numpy as jnp
@@ -169,7 +169,7 @@ class Straight(Axial, Prestressed):
         """Whether its force is known not to fall with strain."""
         return all(law.rising for law in self._laws)
 
-    def softened(self, compliance: Scalar) -> Straight:
+    def softened(self, compliance: Scalar) -> Self:
         """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
         own = 0.0 if self.compliance is None else self.compliance
         return copy(self, compliance=own + jnp.broadcast_to(compliance, len(self.links)))
@@ -184,7 +184,7 @@ class Straight(Axial, Prestressed):
         count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
-    def continued(self) -> Straight:
+    def continued(self) -> Self:
         """The group for an iteration: its law goes on beyond its ends."""
         if self.section is not None:
             return copy(self, section=changed(lambda own: own.reduced(), self.section))
@@ -289,7 +289,7 @@ class Straight(Axial, Prestressed):
 
     def locked(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
         """State that holds its force at a length which is `change` more than the initial one, m."""
-        strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # it has
+        strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # is held
         rest_length = length / (1 + strain)
         own = jnp.stack([rest_length, rest_length * strain - change])
         own = jacked_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))

@@ -13,6 +13,8 @@ then its rotation against the node is among the element's inner numbers (`member
 
 from __future__ import annotations
 
+from typing import Self
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -270,7 +272,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
         return jax.vmap(one)(self.up, ends)
 
-    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Beams:
+    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """The group with its axes kept as they are at initial positions [n_node, 3]."""
         return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
 
@@ -290,7 +292,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             return None
         return kind(self.section).virgin((len(self.links), self.points))
 
-    def continued(self) -> Beams:
+    def continued(self) -> Self:
         """The group for an iteration: its laws go on beyond their ends."""
         return copy(self, section=changed(lambda own: own.reduced(), self.section))
 

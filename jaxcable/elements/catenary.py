@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from ..common.tree import pytree
-from ..common.types import Array, Bool, Float
+from ..common.types import Array, ArrayLike, Bool, Float
 from . import hanging
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Ends, Motion, Sagging, Scalar
@@ -145,8 +145,8 @@ class Catenaries(TensionOnly, Sagging):
     def depth(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """How far the middle of the cable hangs below that of its chord, along the load, m."""
         force, tau, theta, _ = self._hang(state, ends, motion)
-        load, rest_length = state.line_load, state.rest_length
-        return hanging.depth(force, tau, theta, load, rest_length, self._stiffness)  # type: ignore
+        load: Float[ArrayLike, " 3"] = state.line_load  # it has one, or would not hang
+        return hanging.depth(force, tau, theta, load, state.rest_length, self._stiffness)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -185,7 +185,7 @@ class Element(abc.ABC):
         """Weight of every element, [n_elem], N; None if the group has none."""
         return None
 
-    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Element:
+    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """The group with its axes kept as they are at initial positions [n_node, 3]."""
         return self
 
@@ -201,11 +201,11 @@ class Element(abc.ABC):
         """Memory of unused elements, or None."""
         return None
 
-    def continued(self) -> Element:
+    def continued(self) -> Self:
         """The group for an iteration, whose laws have no ends."""
         return self
 
-    def softened(self, compliance: Scalar) -> Element:
+    def softened(self, compliance: Scalar) -> Self:
         """The group with a spring in series with every element, strain per force, 1/N."""
         return self
 
