@@ -239,7 +239,7 @@ def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
-def joined(arrays: Sequence[ArrayLike]) -> Array | np.ndarray:
+def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:
     """Arrays one after the other: by NumPy unless they are traced, or on another device."""
     if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
@@ -253,7 +253,7 @@ def _at_hand(x):
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
-def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> Array | np.ndarray:
+def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
     """``function(numpy, x)`` of a known array on the host, else ``function(jax.numpy, x)``.
 
     What NumPy finds is put back where `x` was: by jax every small step would be a program to

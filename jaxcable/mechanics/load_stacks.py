@@ -57,7 +57,8 @@ class LoadStack:
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
         """Nodes whose forces depend on each other, list of [n, k], on groups of bundles."""
-        return self.load.touched(bundles).touches(groups)
+        load: Any = self.load.touched(bundles)  # only what follows is asked
+        return load.touches(groups)
 
     def idle(self, begun: Float[Array, "n_row 3"], dtype: Any) -> Amounts:
         """The `Amounts` before the first phase; `begun` are the nodes then, [n_row, 3]."""
