@@ -8,7 +8,7 @@ strains. Shear flexibility and warping are not modelled.
 
 An end joins its node rigidly, by a hinge that lets all rotations go (its rotation is a row of
 motion of its own, see `Structure.rows`), or by a joint that lets some go or holds them by springs:
-then its rotation against the node is among the element's inner numbers (`member`).
+then its rotation against the node is among the element's inner numbers (`inner`).
 """
 
 from __future__ import annotations

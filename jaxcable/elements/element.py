@@ -98,7 +98,7 @@ class Element(abc.ABC):
         rotates: whether it gives its nodes rotations.
         n_freedom, n_motion: columns of its end forces, and of the motion that it sees.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
-            take after those of the ends (`member`).
+            take after those of the ends (`inner`).
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
             A weight may be per area; it is there where `weights` has any.
         hinges, springs: as of `Beams`; None if it has none.

@@ -1,7 +1,7 @@
 """Numbering of the unknowns: rows of motion, and which of their freedoms are free.
 
 Every node is a row of motion. Further rows belong to elements: a hinged end of a beam has the
-displacement of its node and a rotation of its own; inner numbers of beams (`elements.member`) stand
+displacement of its node and a rotation of its own; inner numbers of beams (`elements.inner`) stand
 in the displacements of rows that nothing else shares. A node that another one carries rigidly has
 no freedom of its own: it moves by those of its carrier.
 """
