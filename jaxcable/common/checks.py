@@ -1,12 +1,18 @@
 """Argument checks shared by the constructors: types and shapes; of values see `_rules`."""
 
+from __future__ import annotations
+
 import sys
 import warnings
 from pathlib import Path
+from types import FrameType
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .types import ArrayLike, Bool, Float, Int
 
 _PACKAGE = str(Path(__file__).parent.parent)
 
@@ -48,23 +54,24 @@ class UnstableWarning(UserWarning):
     """
 
 
-def suspect(text, kind=InputWarning):
+def suspect(text: str, kind: type[Warning] = InputWarning) -> None:
     """Issue a warning that points at the line outside of this package."""
-    frame, level = sys._getframe(1), 2
+    frame: FrameType | None = sys._getframe(1)
+    level = 2
     while frame is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, kind, stacklevel=level)
 
 
-def concrete(x):
+def concrete(x: ArrayLike) -> np.ndarray | None:
     """Return `x` as a NumPy array, or None while it is being traced."""
     return None if isinstance(x, jax.core.Tracer) else np.asarray(x)
 
 
-def floats(value, name):
+def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ..."]:
     """Return `value` as an array of floats; integers become the default float type."""
     if isinstance(value, jax.Array):
-        array = value
+        array: ArrayLike = value
     elif any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(value)):
         array = jnp.asarray(value)  # a list or tuple that may hold tracers
     else:
@@ -84,7 +91,9 @@ def floats(value, name):
     return array
 
 
-def per_element(value, n_elem, name):
+def per_element(
+    value: Float[ArrayLike, " n_elem"] | None, n_elem: int, name: str
+) -> Float[ArrayLike, " n_elem"] | None:
     """Return `value` (scalar or [n_elem]) as floats [n_elem]; None stays None."""
     if value is None:
         return None
@@ -99,7 +108,7 @@ def per_element(value, n_elem, name):
     return array
 
 
-def mask(value):
+def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
     """Return `value` as a NumPy array of booleans if it is one, or a list of nothing else."""
     try:
         array = np.asarray(value)
@@ -108,7 +117,9 @@ def mask(value):
     return array if array.dtype == bool else None
 
 
-def integers(value, name, width=None, things="node"):
+def integers(
+    value: Int[ArrayLike, " ..."], name: str, width: int | None = None, things: str = "node"
+) -> Int[np.ndarray, " ..."]:
     """Return `value` as a NumPy array of int32, [n] or [n, width], numbers of `things`."""
     if isinstance(value, jax.core.Tracer):
         raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
@@ -138,14 +149,14 @@ def integers(value, name, width=None, things="node"):
     return array.astype(np.int32)
 
 
-def holds_boolean(value):
+def holds_boolean(value: Any) -> bool:
     """Whether a list, or one in it, holds a boolean, which NumPy would count as 0 or 1."""
     if isinstance(value, list | tuple):
         return any(holds_boolean(v) for v in value)
     return isinstance(value, bool | np.bool_)
 
 
-def known(numbers, n_node, name):
+def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
     """Raise ValueError naming the first of `numbers`, [n] or [n, n_end], that is no node."""
     unknown = (numbers >= n_node).reshape(len(numbers), -1 if numbers.size else 0).any(axis=1)
     if unknown.any():
@@ -158,7 +169,7 @@ def known(numbers, n_node, name):
         )
 
 
-def kind(thing, example):
+def kind(thing: object, example: str) -> str:
     """What `thing` is, in words for "expected this, got that"; a class is told to be called."""
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"

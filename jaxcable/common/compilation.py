@@ -1,5 +1,7 @@
 """How programs are compiled: those of small analyses in half the time."""
 
+from __future__ import annotations
+
 import functools
 
 import jax

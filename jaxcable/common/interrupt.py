@@ -3,20 +3,23 @@
 `python -m jaxcable` imports the package, and with it jax, before its `__main__` can act.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import signal
 import sys
+from typing import Any, NoReturn
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as shells have it."""
 
 
-AT_EXIT = []
+AT_EXIT: list[str] = []
 """Names of files that are being written, and must not be left as halves."""
 
 
-def leave(*_):
+def leave(*_: Any) -> NoReturn:
     """End the process with one line; nothing that is half done is left."""
     for name in AT_EXIT:
         with contextlib.suppress(OSError):
@@ -25,7 +28,7 @@ def leave(*_):
     os._exit(INTERRUPTED)
 
 
-def is_command_line():
+def is_command_line() -> bool:
     """Whether this process is ``python -m jaxcable`` or the script ``jaxcable``."""
     words = sys.orig_argv
     return words[1:3] == ["-m", "jaxcable"] or any(

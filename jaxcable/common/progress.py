@@ -4,14 +4,18 @@ The compiled programs call back only where they are asked to; without a listener
 it in them.
 """
 
+from __future__ import annotations
+
 import sys
 import time
-from typing import NamedTuple
+from collections.abc import Callable, Mapping
+from typing import IO, Any, NamedTuple
 
 import jax
 import numpy as np
 
 from . import status
+from .types import Array, Float
 
 __all__ = ["Increment", "Printer", "Step"]
 
@@ -43,14 +47,14 @@ class Increment(NamedTuple):
     phase: int
     phases: int
     number: int
-    count: int
+    count: int  # type: ignore[assignment]  # of tuples: a method
     load_factor: float
     iterations: int
     residual: float
     relative_residual: float
     status: int
 
-    def __str__(self):
+    def __str__(self) -> str:
         return (
             f"phase {self.phase} of {self.phases}, increment {self.number} of {self.count}: "
             f"{self.iterations} iterations, residual {self.residual:.1e} N "
@@ -58,7 +62,7 @@ class Increment(NamedTuple):
         )
 
     @property
-    def first(self):
+    def first(self) -> bool:
         """Whether the work has just begun."""
         return self.phase == 1 and self.number == 1
 
@@ -80,12 +84,12 @@ class Step(NamedTuple):
     """
 
     number: int
-    count: int
+    count: int  # type: ignore[assignment]  # of tuples: a method
     loss: float
     gradient_norm: float
     failures: int
 
-    def __str__(self):
+    def __str__(self) -> str:
         failed = f", {self.failures} trials failed" if self.failures else ""
         return (
             f"step {self.number} of {self.count}: loss {self.loss:.6g}, "
@@ -93,12 +97,12 @@ class Step(NamedTuple):
         )
 
     @property
-    def first(self):
+    def first(self) -> bool:
         """Whether the work has just begun."""
         return self.number == 0
 
 
-def _failed(code):
+def _failed(code: int) -> str:
     return f", {status.describe(code)}" if code != status.OK else ""
 
 
@@ -118,10 +122,11 @@ class Printer:
         step 3 of 100: loss 2.5, gradient 1.0e-03
     """
 
-    def __init__(self, pause=_PAUSE, stream=None):
-        self.pause, self.stream, self.last = pause, stream, None
+    def __init__(self, pause: float = _PAUSE, stream: IO[str] | None = None):
+        self.pause, self.stream = pause, stream
+        self.last: float | None = None
 
-    def __call__(self, news):
+    def __call__(self, news: Increment | Step) -> None:
         """Print `news`, an `Increment` or a `Step`, if there was none lately."""
         now = time.monotonic()
         if news.first or self.last is None:
@@ -135,7 +140,7 @@ SHOW = Printer()
 """What ``progress=True`` stands for: one object, so that it does not compile anew."""
 
 
-def listener(progress):
+def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any], object] | None:
     """The function to call, or None; `progress` is None, a bool or such a function.
 
     Raises:
@@ -152,7 +157,12 @@ def listener(progress):
     return progress
 
 
-def tell(listen, kind, known, traced):
+def tell(
+    listen: Callable[[Any], object],
+    kind: type[Increment] | type[Step],
+    known: Mapping[str, Any],
+    traced: Mapping[str, Float[Array, ""]],
+) -> None:
     """Call `listen` with `kind` (`Increment` or `Step`) from inside of a compiled program.
 
     Args:

@@ -6,8 +6,11 @@ an analysis, to which all numbers are traced, makes a status of what breaks them
 that only compute numbers, outside of any analysis, give NaN (`or_nan`).
 """
 
+from __future__ import annotations
+
 import dataclasses
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +18,7 @@ import numpy as np
 
 from .checks import concrete
 from .tree import Each
+from .types import Array, ArrayLike, Bool, Float, PyTree
 
 
 class Rule(NamedTuple):
@@ -30,28 +34,34 @@ class Rule(NamedTuple):
     """
 
     name: str
-    values: object
-    broken: object
-    text: object
+    values: Float[ArrayLike, " ..."] | tuple[ArrayLike, ...] | None
+    broken: Callable[..., Bool[ArrayLike, " ..."]]
+    text: str | Callable[..., str]
 
 
-def positive(name, values, text="must be positive"):
+def positive(
+    name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must be positive"
+) -> Rule:
     """The rule that numbers are above zero."""
     return Rule(name, values, lambda v: v <= 0, text)
 
 
-def not_negative(name, values, text="must not be negative"):
+def not_negative(
+    name: str, values: Float[ArrayLike, " ..."] | None, text: str = "must not be negative"
+) -> Rule:
     """The rule that numbers are zero or above."""
     return Rule(name, values, lambda v: v < 0, text)
 
 
-def refuse(rules):
+def refuse(rules: Sequence[Rule]) -> None:
     """Raise ValueError for the first rule that known numbers break, naming the argument and index.
 
     Numbers that are being traced pass, and so does NaN.
     """
     for rule in rules:
-        values = [None] if rule.values is None else [concrete(v) for v in _all(rule.values)]
+        values: list[Any] = (
+            [None] if rule.values is None else [concrete(v) for v in _all(rule.values)]
+        )
         if any(value is None for value in values):
             continue
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
@@ -66,7 +76,7 @@ def refuse(rules):
         raise ValueError(f"{rule.name}{where}{shown}: {rule.text}")
 
 
-def kept(rules, among=None):
+def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) -> Bool[Array, ""]:
     """Whether numbers keep the rules, scalar bool, traced.
 
     Args:
@@ -82,7 +92,7 @@ def kept(rules, among=None):
     return whole
 
 
-def or_nan(rule):
+def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:
     """The values of a rule: refused if they are known to break it, NaN where traced ones do."""
     refuse([rule])
     values = _all(rule.values)
@@ -91,13 +101,13 @@ def or_nan(rule):
     return jnp.where(rule.broken(*values), jnp.nan, values[0])
 
 
-def rules_of(tree):
+def rules_of(tree: PyTree[Any]) -> list[Rule]:
     """The rules of all objects in a tree of pytree objects, lists, tuples and dicts: a list."""
     if isinstance(tree, Each):
         return [_of_each(tree)]
     own = tree.rules() if hasattr(tree, "rules") else []
     if dataclasses.is_dataclass(tree):
-        inner = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
+        inner: Iterable[Any] = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
     elif isinstance(tree, list | tuple):
         inner = tree
     elif isinstance(tree, dict):

@@ -1,11 +1,14 @@
 """Some elements of a group, and values for them, so that statements are mixed cable by cable."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from . import checks
 from .tree import Indices, pytree
+from .types import Array, ArrayLike, Bool, Float, Int
 
 
 @pytree(static=("count",), indices=("elements",))
@@ -20,13 +23,13 @@ class Selection:
         ValueError: `elements` traced, no integers or booleans, or one of them twice.
     """
 
-    elements: object
-    count: object = None
+    elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
+    count: int | None = None
 
     def __post_init__(self):
         _number(self)
 
-    def chosen(self, n_elem, name):
+    def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
         """Which elements are meant, [n_elem] bool, NumPy; ValueError if there is no such one."""
         return _chosen(self, n_elem, name)
 
@@ -44,9 +47,9 @@ class Only:
         ValueError: those of `Selection`, or as many values as do not fit.
     """
 
-    elements: object
-    values: object
-    count: object = None
+    elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
+    values: Float[ArrayLike, " n"]
+    count: int | None = None
 
     def __post_init__(self):
         _number(self)
@@ -54,17 +57,20 @@ class Only:
             self, "values", checks.per_element(self.values, len(self.elements), "values")
         )
 
-    def chosen(self, n_elem, name):
+    def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
         """Which elements are meant, [n_elem] bool, NumPy; ValueError if there is no such one."""
         return _chosen(self, n_elem, name)
 
-    def spread(self, others):
+    def spread(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
         """The values at their elements and `others`, [n_elem], elsewhere."""
         values = jnp.asarray(self.values)
         return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 
 
-def only(elements, values=None):
+def only(
+    elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"],
+    values: Float[ArrayLike, " n"] | None = None,
+) -> Selection | Only:
     """Some elements of a group, and values for them: ``Phase(pretension=only([0, 3], 200.0))``.
 
     Args:

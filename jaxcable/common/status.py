@@ -1,8 +1,14 @@
 """Outcome codes of an analysis, their texts, and the rule that the first failure wins."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .types import Array, ArrayLike, Int
 
 OK = 0
 NOT_CONVERGED = 1
@@ -105,7 +111,7 @@ class AnalysisError(RuntimeError):
     """
 
 
-def describe(code):
+def describe(code: Int[ArrayLike, ""]) -> str:
     """The text for a status code: what happened and what to do next.
 
     Args:
@@ -134,7 +140,7 @@ def describe(code):
     return _TEXTS[code]
 
 
-def first_failure(earlier, later):
+def first_failure(earlier: Int[ArrayLike, ""], later: Int[ArrayLike, ""]) -> Int[Array, ""]:
     """Latch: `earlier` if that is a failure, else `later`.
 
     Example:
@@ -144,7 +150,7 @@ def first_failure(earlier, later):
     return jnp.where(earlier != OK, earlier, later)
 
 
-def raise_if_failed(solution):
+def raise_if_failed(solution: Any) -> None:
     """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
 
     Args:

@@ -6,13 +6,21 @@ takes the index arrays out of the metadata and hands them over as arguments, so 
 of equal shape share one compilation and no index array becomes a constant of a program.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import hashlib
 import typing
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .types import Array, ArrayLike, Bool, Float, Int, PyTree
+
+_T = TypeVar("_T")
 
 
 class Indices:
@@ -23,35 +31,35 @@ class Indices:
 
     __slots__ = ("_digest", "array")
 
-    def __init__(self, array):
+    def __init__(self, array: Int[ArrayLike, " ..."] | Bool[ArrayLike, " ..."]):
         array = np.array(array)
         array.setflags(write=False)
-        self.array = array
+        self.array: np.ndarray = array
         self._digest = hashlib.blake2b(
             repr((array.shape, array.dtype.str)).encode() + array.tobytes(), digest_size=16
         ).digest()
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, ...]:
         """Shape of the array."""
         return self.array.shape
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.array)
 
-    def __getitem__(self, key):
+    def __getitem__(self, key: Any) -> Any:
         return self.array[key]
 
-    def __array__(self, dtype=None, copy=None):
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.array(self.array, dtype=dtype)
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash(self._digest)
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return isinstance(other, Indices) and self._digest == other._digest
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Indices{self.array.shape}"
 
 
@@ -63,7 +71,7 @@ class _Slot:
 
 
 @typing.dataclass_transform(frozen_default=True, eq_default=False)
-def pytree(cls=None, *, static=(), indices=()):
+def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str] = ()) -> Any:
     """Make `cls` a frozen dataclass and a pytree; `static` and `indices` fields are metadata.
 
     Unlike `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`:
@@ -94,10 +102,10 @@ def pytree(cls=None, *, static=(), indices=()):
     return cls
 
 
-def copy(obj, **changes):
+def copy(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
     new = object.__new__(type(obj))
-    for field in dataclasses.fields(obj):
+    for field in dataclasses.fields(obj):  # type: ignore[arg-type]  # whatever `pytree` has made
         object.__setattr__(new, field.name, changes.get(field.name, getattr(obj, field.name)))
     return new
 
@@ -112,20 +120,20 @@ class Each:
         every: all of these objects as one.
     """
 
-    every: object
+    every: PyTree[Float[Array, "n_elem ..."]]
 
 
-def kind(obj):
+def kind(obj: Any) -> Any:
     """What has the static members of an object that elements share, or have one each (`Each`)."""
     return obj.every if isinstance(obj, Each) else obj
 
 
-def changed(function, obj):
+def changed(function: Callable[[Any], Any], obj: Any) -> Any:
     """``function(obj)``; of `Each`, that of every one."""
     return Each(jax.vmap(function)(obj.every)) if isinstance(obj, Each) else function(obj)
 
 
-def replace(obj, **changes):
+def replace(obj: _T, **changes: Any) -> _T:
     """A copy of a structure, group, phase or load with some fields changed; its checks run again.
 
     Args:
@@ -146,22 +154,23 @@ def replace(obj, **changes):
         >>> jc.replace(phases[1], increments=4).increments
         4
     """
-    unknown = set(changes) - {f.name for f in dataclasses.fields(obj) if f.init}
+    fields = dataclasses.fields(obj)  # type: ignore[arg-type]  # as in `copy`
+    unknown = set(changes) - {f.name for f in fields if f.init}
     if unknown:
         raise ValueError(f"replace: {type(obj).__name__} has no field {sorted(unknown)[0]!r}")
-    return dataclasses.replace(obj, **changes)
+    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]
 
 
 def _holds_indices(obj):
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
-def plain(indices):
+def plain(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
     """The array of `Indices`, or of what has taken their place (`thaw`)."""
     return indices.array if isinstance(indices, Indices) else indices
 
 
-def places(array):
+def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
     """An index array as places in another one: unsigned, so that no program asks for negative ones.
 
     Only integers that are none are changed; what is not an integer stays as it is.
@@ -172,7 +181,7 @@ def places(array):
     return array.astype(np.uint32)
 
 
-def thaw(tree):
+def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
     """Split `tree` into (the same tree with slots for its indices, list of index arrays).
 
     These may be there in the place of `Indices` already, by `fill`.
@@ -193,7 +202,7 @@ def thaw(tree):
     return jax.tree.map(visit, tree, is_leaf=_holds_indices), arrays
 
 
-def cast(tree, dtype):
+def cast(tree: _T, dtype: Any) -> _T:
     """A tree of arrays whose floats have this dtype, as exact as the nodes of a structure."""
 
     def one(x):
@@ -203,7 +212,7 @@ def cast(tree, dtype):
     return jax.tree.map(one, tree)
 
 
-def fill(tree, arrays):
+def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
     """Undo `thaw`, putting (possibly traced) arrays where the slots are."""
 
     def visit(obj):
@@ -215,7 +224,7 @@ def fill(tree, arrays):
     return jax.tree.map(visit, tree, is_leaf=_holds_indices)
 
 
-def stacked(trees):
+def stacked(trees: Sequence[_T]) -> _T:
     """One tree of equal ones, their leaves stacked: by NumPy unless they are being traced."""
 
     def one(*leaves):
@@ -225,12 +234,12 @@ def stacked(trees):
     return jax.tree.map(one, *trees)
 
 
-def where(condition, new, old):
+def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     """`new` where the condition holds, else `old`; pytrees."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
-def joined(arrays):
+def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:
     """Arrays one after the other: by NumPy unless they are traced, or on another device."""
     if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
@@ -244,7 +253,7 @@ def _at_hand(x):
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
-def computed(function, x):
+def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
     """``function(numpy, x)`` of a known array on the host, else ``function(jax.numpy, x)``.
 
     What NumPy finds is put back where `x` was: by jax every small step would be a program to

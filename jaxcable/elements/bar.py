@@ -9,7 +9,9 @@ Lengths are never subtracted: with the initial chord ``d`` of length ``l_s``, it
 so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would lose eight).
 """
 
-import abc
+from __future__ import annotations
+
+from typing import ClassVar, Self
 
 import jax
 import jax.numpy as jnp
@@ -17,66 +19,45 @@ import jax.numpy as jnp
 from ..common import checks
 from ..common.rules import Rule, not_negative, positive, refuse
 from ..common.tree import changed, copy, kind, pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
-from ..materials.law import uniaxial
+from ..materials.law import Law, uniaxial
 from ..sections import Section
-from .element import SECTION_STRAIN, TENSION, Element, Jacked, Rounding, Secant
-from .prestress import Prestressed, checked_links, jacked_or, stretch
+from .axial import Axial
+from .element import (
+    SECTION_STRAIN,
+    TENSION,
+    Ends,
+    Forces,
+    Jacked,
+    Motion,
+    Result,
+    Rounding,
+    Scalar,
+    Secant,
+)
+from .prestress import AxialState, Prestressed, checked_links, jacked_or, stretch
 
 # of the mass, at an end and between both; the mean of both kinds is of order 4 in the length
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
-
-
-class Axial(Element):
-    """Elements of two nodes with a force along the line through them."""
-
-    results = (TENSION,)
-
-    @abc.abstractmethod
-    def tension(self, state, ends, motion):
-        """Axial force, N."""
-
-    def end_forces(self, state, ends, motion):
-        """Internal force at both ends, [2, 3], N."""
-        pull = self._pull(state, ends, motion)
-        return jnp.stack([-pull, pull])
-
-    def _pull(self, state, ends, motion):
-        """Axial force as a vector from the first end to the second, [3], N."""
-        vector, length, _, _ = stretch(ends, motion)
-        return self.tension(state, ends, motion) * vector / length
-
-    def tangent(self, state, ends, motion):
-        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
-
-        They depend on the relative displacement of the ends alone, so that a third of the
-        derivatives gives them all.
-        """
-
-        def pull(second):
-            return self._pull(state, ends, jnp.stack([motion[0], second]))
-
-        # a value of its own, which the four places that it goes to do not compute again
-        block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))
-        return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
 
 @pytree(indices=("links",))
 class Straight(Axial, Prestressed):
     """Straight two-node elements, whatever force answers their strain; fields as of `Bars`."""
 
-    links: object
-    axial_stiffness: object = None
-    area: object = None
-    law: object = None
-    rest_length: object = None
-    weight: object = None
-    expansion: object = None
-    strength: object = None
-    compliance: object = None
-    section: object = None
+    links: Int[ArrayLike, "n_elem 2"]
+    axial_stiffness: Float[ArrayLike, " n_elem"] | None = None
+    area: Float[ArrayLike, " n_elem"] | None = None
+    law: Law | None = None
+    rest_length: Float[ArrayLike, " n_elem"] | None = None
+    weight: Float[ArrayLike, " n_elem"] | None = None
+    expansion: Float[ArrayLike, " n_elem"] | None = None
+    strength: Float[ArrayLike, " n_elem"] | None = None
+    compliance: Float[ArrayLike, " n_elem"] | None = None
+    section: Section | None = None
 
-    results = (TENSION, SECTION_STRAIN)
+    results: ClassVar[tuple[Result, ...]] = (TENSION, SECTION_STRAIN)
     per_element = (
         "axial_stiffness",
         "area",
@@ -111,7 +92,7 @@ class Straight(Axial, Prestressed):
             self._check_compliance()
         refuse(self.rules())
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`."""
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
@@ -137,17 +118,19 @@ class Straight(Axial, Prestressed):
 
     # --- the cross-section: force from strain, energy from strain, strain from force
 
-    def force(self, strain, memory=None):
+    def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Axial force, N, at `strain`."""
         stiffness, law, area = self._section()
         return stiffness * strain if law is None else area * law.stress_at(strain, memory)
 
-    def energy_per_length(self, strain, memory=None):
+    def energy_per_length(
+        self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
+    ) -> Scalar:
         """Stored energy per unstressed length, J/m."""
         stiffness, law, area = self._section()
         return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
-    def strain_at(self, force, memory=None):
+    def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Strain at an axial force, N; NaN above the law's peak."""
         stiffness, law, area = self._section()
         return force / stiffness if law is None else law.strain_at(force / area, memory)
@@ -172,28 +155,28 @@ class Straight(Axial, Prestressed):
         return () if self.law is None else (kind(self.law),)
 
     @property
-    def remembers(self):
+    def remembers(self) -> bool:  # type: ignore[override]  # read only
         """Whether its law remembers anything."""
         return any(law.n_memory for law in self._laws)
 
     @property
-    def breaks(self):
+    def breaks(self) -> bool:  # type: ignore[override]  # read only
         """Whether an element can be strained beyond its curve."""
         return any(law.breaks for law in self._laws)
 
     @property
-    def rising(self):
+    def rising(self) -> bool:  # type: ignore[override]  # read only
         """Whether its force is known not to fall with strain."""
         return all(law.rising for law in self._laws)
 
-    def softened(self, compliance):
+    def softened(self, compliance: Scalar) -> Self:
         """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
         own = 0.0 if self.compliance is None else self.compliance
         return copy(self, compliance=own + jnp.broadcast_to(compliance, len(self.links)))
 
     # --- the group
 
-    def virgin(self):
+    def virgin(self) -> Float[Array, "n_elem n_memory"] | None:
         """What unused elements remember, [n_elem, n_memory], or None."""
         if not self.remembers:
             return None
@@ -201,7 +184,7 @@ class Straight(Axial, Prestressed):
         count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
-    def continued(self):
+    def continued(self) -> Self:
         """The group for an iteration: its law goes on beyond its ends."""
         if self.section is not None:
             return copy(self, section=changed(lambda own: own.reduced(), self.section))
@@ -209,14 +192,14 @@ class Straight(Axial, Prestressed):
             return self
         return copy(self, law=changed(lambda own: own.continued(), self.law))
 
-    def stiffness_along(self):
+    def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
         """Axial stiffness EA where its law is a line, [n_elem], N; None if it is not."""
         if self.axial_stiffness is not None:
             return self.axial_stiffness
         linear = self.law is not None and isinstance(self.law, Elastic)
         return self.area * self.law.E if linear else None
 
-    def capacity(self):
+    def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Smallest and largest axial force, N, scalars or [n_elem]."""
         if not self.breaks:
             return -jnp.inf, jnp.inf
@@ -226,7 +209,14 @@ class Straight(Axial, Prestressed):
 
     # --- one element
 
-    def mass_matrix(self, state, ends, motion, mass, distribution=None):
+    def mass_matrix(
+        self,
+        state: AxialState,
+        ends: Ends,
+        motion: Motion,
+        mass: Scalar,
+        distribution: str | None = None,
+    ) -> Float[Array, "6 6"]:
         """Of an element of so much `mass`, the same in every direction; see `Element`."""
         if len(ends) != 2:
             return super().mass_matrix(state, ends, motion, mass, distribution)
@@ -234,18 +224,18 @@ class Straight(Axial, Prestressed):
         shares = mass * jnp.array([[own, other], [other, own]], mass.dtype)
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
-    def has_result(self, name, state):
+    def has_result(self, name: str, state: AxialState) -> bool:
         """Strains, where it has fibres, or a law that ends or remembers."""
         if name == "section_strain":
             return self.section is not None or self.breaks or self.remembers
         return super().has_result(name, state)
 
-    def strain(self, state, ends, motion):
+    def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Engineering strain on the unstressed length."""
         _, _, change, _ = stretch(ends, motion)
         return (state.elongation + change) / state.rest_length
 
-    def tension(self, state, ends, motion):
+    def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Axial force, N, tension positive."""
         return jacked_or(
             state,
@@ -253,7 +243,7 @@ class Straight(Axial, Prestressed):
             lambda: self.force(self.strain(state, ends, motion), state.memory),
         )
 
-    def energy(self, state, ends, motion):
+    def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy, J; of a held force its work on the change of length."""
 
         def stored():
@@ -263,21 +253,25 @@ class Straight(Axial, Prestressed):
         work = None if state.jack_force is None else state.jack_force * stretch(ends, motion)[2]
         return jacked_or(state, work, stored)
 
-    def section_strain(self, state, ends, motion):
+    def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
         own = None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
         return jacked_or(state, own, lambda: self.strain(state, ends, motion))
 
-    def size(self, state, ends, motion):
+    def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
         _, law, area = self._section()
         return area * law.size_at(self.section_strain(state, ends, motion), state.memory)
 
-    def settle(self, strain, memory, duration=0.0):
+    def settle(
+        self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
+    ) -> Float[Array, " n_memory"]:
         """What it remembers after an increment of a duration, s, that ended at `strain`."""
         return self._section()[1].settle(strain, memory, duration)
 
-    def fibre_stress(self, strain, memory=None):
+    def fibre_stress(
+        self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
+    ) -> Float[Array, " n_fibre"] | Scalar:
         """Stress of every fibre, [n_fibre], all of one law the same; without section scalar, Pa."""
         law = self._section()[1]
         if self.section is None:
@@ -287,15 +281,15 @@ class Straight(Axial, Prestressed):
         counts = self.section.counts
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
-    def beyond(self, strain):
+    def beyond(self, strain: Scalar) -> Bool[Array, ""]:
         """Whether `strain` is beyond its curve."""
         return self._section()[1].beyond(strain)
 
     # --- prestress
 
-    def locked(self, state, length, change):
+    def locked(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
         """State that holds its force at a length which is `change` more than the initial one, m."""
-        strain = self.strain_at(state.jack_force, state.memory)
+        strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # is held
         rest_length = length / (1 + strain)
         own = jnp.stack([rest_length, rest_length * strain - change])
         own = jacked_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
@@ -305,12 +299,14 @@ class Straight(Axial, Prestressed):
 class Plain(Straight, Jacked, Secant):
     """Straight elements whose force follows from their own strain alone."""
 
-    def lock(self, state, ends, motion):
+    def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State of an anchored jack: the unstressed length that gives the held force here."""
         _, length, change, _ = stretch(ends, motion)
         return self.locked(state, length, change)
 
-    def secant(self, state, ends, before, motion):
+    def secant(
+        self, state: AxialState, ends: Ends, before: Motion, motion: Motion
+    ) -> Float[Array, "2 3 2 3"]:
         """Symmetric secant stiffness, [2, 3, 2, 3]: K (u - u0) = f(u) - f(u0) exactly.
 
         Between the chord ``d`` at u0 (length l_0, force density q_0) and ``d + w`` at u (l, q),
@@ -384,7 +380,7 @@ class Bars(Plain, Rounding):
         0 [-500. -500.]
     """
 
-    def rounding(self, state, ends, motion):
+    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """What the rounding of its displacements leaves of its end forces, [2, 3], N."""
         vector, length, _, _ = stretch(ends, motion)
         strain = self.strain(state, ends, motion)

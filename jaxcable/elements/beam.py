@@ -8,8 +8,12 @@ strains. Shear flexibility and warping are not modelled.
 
 An end joins its node rigidly, by a hinge that lets all rotations go (its rotation is a row of
 motion of its own, see `Structure.rows`), or by a joint that lets some go or holds them by springs:
-then its rotation against the node is among the element's inner numbers (`member`).
+then its rotation against the node is among the element's inner numbers (`inner`).
 """
+
+from __future__ import annotations
+
+from typing import Self
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +22,21 @@ import numpy as np
 from ..common import checks
 from ..common.rules import Rule, not_negative, or_nan, positive, refuse
 from ..common.tree import Indices, changed, copy, kind, plain, pytree, replace
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..sections import Section
-from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Bending, Rounding
+from .element import (
+    PEAK_TENSION,
+    SECTION_FORCES,
+    SECTION_STRAIN,
+    TENSION,
+    Bending,
+    Ends,
+    Rounding,
+    Scalar,
+)
 from .member import Member
-from .prestress import Prestressed, checked_links, of_each
+from .prestress import AxialState, Prestressed, checked_links, of_each
 
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
 _MOST_POINTS = 1000  # along an element; each has a section of fibres to evaluate
@@ -74,17 +88,17 @@ class Beams(Member, Prestressed, Bending, Rounding):
         -200.0 N m
     """
 
-    links: object
-    section: Section = None
-    up: object = None
-    torsional_stiffness: object = None
-    rest_length: object = None
-    weight: object = None
-    expansion: object = None
-    strength: object = None
-    hinges: object = None
-    points: int = None
-    springs: object = None
+    links: Int[ArrayLike, "n_elem 2"]
+    section: Section = None  # type: ignore[assignment]  # the error says more than Python's
+    up: Float[ArrayLike, "n_elem 3"] | None = None
+    torsional_stiffness: Float[ArrayLike, " n_elem"] | None = None
+    rest_length: Float[ArrayLike, " n_elem"] | None = None
+    weight: Float[ArrayLike, " n_elem"] | None = None
+    expansion: Float[ArrayLike, " n_elem"] | None = None
+    strength: Float[ArrayLike, " n_elem"] | None = None
+    hinges: Bool[ArrayLike, "n_elem 2 3"] | None = None
+    points: int = None  # type: ignore[assignment]  # the constructor puts it in
+    springs: Float[ArrayLike, "n_elem 2 3"] | None = None
 
     shaped_by_load = True
     results = (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)
@@ -126,13 +140,13 @@ class Beams(Member, Prestressed, Bending, Rounding):
         self._check_hinges()
         refuse(self.rules())
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
 
-    def rules_at(self, nodes):
+    def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
         """What its numbers keep beside the positions of the nodes, [n_node, 3]."""
         if self.up is None:
             return []
@@ -183,7 +197,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         if not partly:
             refuse([_twisted(springs, hinges)])
 
-    def check(self, nodes):
+    def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
         """Raise ValueError if the axes of an element are not known, for [n_node, 3] positions."""
         chord = nodes[self.links.array[:, 1]] - nodes[self.links.array[:, 0]]
         length = np.linalg.norm(chord, axis=1)
@@ -198,7 +212,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
                     "its z axis points, such as up=(1.0, 0.0, 0.0)"
                 )
 
-    def start(self, ends):
+    def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
         """As `Prestressed.start`; NaN where nobody can say which way the section stands."""
         state = super().start(ends)
         if self.up is not None:
@@ -208,14 +222,16 @@ class Beams(Member, Prestressed, Bending, Rounding):
         unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~of_each("bends_alike", self)
         return copy(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
 
-    def at_ends(self, amount, ends):
+    def at_ends(
+        self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
+    ) -> Float[Array, "n_elem n_end"]:
         """`amount` [n_elem] in halves to the ends, [n_elem, n_end], nothing to inner rows."""
         halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
         return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
 
     # --- the group
 
-    def balls(self):
+    def balls(self) -> Bool[np.ndarray, "n_elem 2"] | None:
         """Ends that turn freely in all directions, with a row of their own, [n_elem, 2], or None.
 
         Ends that springs hold, or that are free in some directions only, are joints with inner
@@ -225,7 +241,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             return None
         return self.hinges.array.all(axis=2)
 
-    def idle(self):
+    def idle(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
         """Columns of its inner rows that an element does not use, [n_elem, n_inner_row, 3]."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
@@ -238,7 +254,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             idle[:, -2:] = ~self.hinges.array
         return idle
 
-    def axes_of(self, nodes):
+    def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
         """Axes of the elements at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
 
         Example:
@@ -256,37 +272,39 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
         return jax.vmap(one)(self.up, ends)
 
-    def oriented(self, nodes):
+    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """The group with its axes kept as they are at initial positions [n_node, 3]."""
         return self if self.up is not None else replace(self, up=self.axes_of(nodes)[:, 2])
 
     @property
-    def remembers(self):
+    def remembers(self) -> bool:  # type: ignore[override]  # read only
         """Whether its fibres remember anything."""
         return kind(self.section).remembers
 
     @property
-    def breaks(self):
+    def breaks(self) -> bool:  # type: ignore[override]  # read only
         """Whether a fibre can be strained beyond its curve."""
         return kind(self.section).breaks
 
-    def virgin(self):
+    def virgin(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """What unused elements remember, per law, or None."""
         if not self.remembers:
             return None
         return kind(self.section).virgin((len(self.links), self.points))
 
-    def continued(self):
+    def continued(self) -> Self:
         """The group for an iteration: its laws go on beyond their ends."""
         return copy(self, section=changed(lambda own: own.reduced(), self.section))
 
-    def capacity(self):
+    def capacity(self) -> tuple[float | Scalar, float | Scalar]:
         """Smallest and largest axial force without bending, N."""
         area, law = self.section.axial()
         low, high = law.capacity
         return low * area, high * area
 
-    def strain_at(self, force, memory=None):
+    def strain_at(
+        self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
+    ) -> Scalar:
         """Strain at an axial force without bending, N."""
         if memory is not None:
             raise ValueError("pretension: state that of an elastic-plastic beam as prestrain")
@@ -295,17 +313,19 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     # --- one element
 
-    def bends_alike(self):
+    def bends_alike(self) -> Bool[Array, ""]:
         """Whether it bends alike in all directions, so that its axes do not matter."""
         return _alike(self.section)
 
-    def axes(self, ends):
+    def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Initial axes of the element as rows: along, section's y, section's z, [3, 3]."""
         chord = ends[1] - ends[0]
         along = chord / jnp.sqrt(chord @ chord)
         if self.up is None:
             upright = along[0] ** 2 + along[1] ** 2 < _UPRIGHT**2
-            up = jnp.where(upright, *jnp.eye(3, dtype=along.dtype)[jnp.array([0, 2])])
+            up: Float[ArrayLike, " 3"] = jnp.where(
+                upright, *jnp.eye(3, dtype=along.dtype)[jnp.array([0, 2])]
+            )
         else:
             up = self.up
         z = up - (up @ along) * along

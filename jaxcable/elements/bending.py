@@ -22,11 +22,15 @@ about y and one about z) belong to the element alone:
   says that the section's forces balance the load in the mean weighed by these shapes.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float
 from ..numerics.rotations import cross
+from .element import Scalar
 
 
 @pytree
@@ -42,14 +46,21 @@ class Field:
             None.
     """
 
-    strain: object
-    shortening: object
-    sag: object
-    twist: object
-    yielding: object = None
+    strain: Float[Array, "3 3"]
+    shortening: Float[Array, "3 2"]
+    sag: Float[Array, " 2"]
+    twist: Scalar
+    yielding: Float[Array, "2 2"] | None = None
 
 
-def field(rotations, stretch, length, load, stiffness=None, inner=None):
+def field(
+    rotations: Float[Array, "2 3"],
+    stretch: Scalar,
+    length: Scalar,
+    load: Float[Array, " 3"] | None,
+    stiffness: Float[Array, "3 3"] | None = None,
+    inner: Float[Array, "2 2"] | None = None,
+) -> Field:
     """`Field` of an element.
 
     Args:
@@ -66,7 +77,7 @@ def field(rotations, stretch, length, load, stiffness=None, inner=None):
     slopes = jnp.stack([4 * first - second, 4 * second - first, jnp.zeros_like(first)]) / 30
     yielding = None
     if stiffness is None:
-        (a_1, a_2), sag = inner
+        (a_1, a_2), sag = inner  # type: ignore[misc]  # one of both is given
     else:
         # curvature about the neutral axis first: far from the axis nothing cancels
         coupling = stiffness[0, 1:] / stiffness[0, 0]
@@ -99,24 +110,32 @@ def _inverse(matrix):
     return jnp.where(regular, inverse, jnp.diag(jnp.stack(own)))
 
 
-def across(load):
+def across(load: Float[Array, " 3"]) -> Float[Array, " 2"]:
     """What a load [3] bends with about y and z, [2]: moments per length and lever."""
     return jnp.stack([-load[2], load[1]])
 
 
-def basis(places):
+def basis(places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
     """1, P1 and P2 at places [n], [n, 3]."""
     place = jnp.asarray(places)
     return jnp.stack([jnp.ones_like(place), 2 * place - 1, 6 * place * (place - 1) + 1], axis=1)
 
 
-def displaced(field, rotations, length):
+def displaced(field: Field, rotations: Float[Array, "2 3"], length: Scalar) -> Float[Array, " 3"]:
     """Mean displacement of the axis against its chord, along the turned axes, [3], m."""
     bow = length / 12 * (rotations[0, 1:] - rotations[1, 1:]) + length**2 / 60 * field.sag
     return jnp.stack([-field.strain[1, 0] * length / 6, bow[1], -bow[0]])
 
 
-def generalized(field, rotations, length, sums, torsion, load, following=None):
+def generalized(
+    field: Field,
+    rotations: Float[Array, "2 3"],
+    length: Scalar,
+    sums: Float[Array, "3 3"],
+    torsion: Scalar,
+    load: Float[Array, " 3"] | None,
+    following: tuple[Float[Array, " 3"], Float[Array, "3 3"]] | None = None,
+) -> tuple[Scalar, Float[Array, "2 3"], Float[Array, " 3"], Float[Array, "2 2"]]:
     """Forces of an element from the sums of its section's forces over the axis.
 
     Args:
@@ -156,12 +175,18 @@ def generalized(field, rotations, length, sums, torsion, load, following=None):
     return force, moments, torque, jnp.stack([by_axial, by_sag])
 
 
-def linear_sums(stiffness, strain):
+def linear_sums(stiffness: Float[Array, "3 3"], strain: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """`generalized`'s sums in a linear section: each order by itself, [3, 3]."""
     return strain @ stiffness * jnp.array([1, 1 / 3, 1 / 5], strain.dtype)[:, None]
 
 
-def curve(field, rotations, length, chord, places):
+def curve(
+    field: Field,
+    rotations: Float[Array, "2 3"],
+    length: Scalar,
+    chord: Scalar,
+    places: Float[ArrayLike, " n"],
+) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n 3"]]:
     """The deflected axis along the turned axes of the element.
 
     Args:
@@ -191,7 +216,7 @@ def curve(field, rotations, length, chord, places):
     return vectors(along, way), vectors(along_area, area), jnp.concatenate([twist, turn], axis=1)
 
 
-def lobatto(n):
+def lobatto(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Gauss-Lobatto points from 0 to 1 and weights, [n] each (exact to degree 2 n - 3)."""
     legendre = np.polynomial.legendre.Legendre.basis(n - 1)
     points = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])

@@ -5,12 +5,16 @@ needs its axial stiffness. Hence ``where(e < 0, 0, ...)``, which also lets a NaN
 calling it slack.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from ..common.tree import pytree
+from ..common.types import Array, Bool, Float
 from ..materials import Parallel
 from .bar import Plain, Straight
-from .prestress import jacked_or
+from .element import Ends, Motion, Scalar
+from .prestress import AxialState, jacked_or
 
 
 class TensionOnly(Straight):
@@ -18,11 +22,13 @@ class TensionOnly(Straight):
 
     tension_only = True
 
-    def force(self, strain, memory=None):
+    def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
         """Axial force, N: zero in a slack cable."""
         return self._cut(super().force(strain, memory), strain, memory)
 
-    def energy_per_length(self, strain, memory=None):
+    def energy_per_length(
+        self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
+    ) -> Scalar:
         """Stored energy per unstressed length, J/m: none in a slack cable.
 
         But for that of yielded parts of its law, which pull and push each other when it is slack.
@@ -30,7 +36,9 @@ class TensionOnly(Straight):
         energy = super().energy_per_length(strain, memory)
         return energy if memory is not None else self._cut(energy, strain, memory)
 
-    def fibre_stress(self, strain, memory=None):
+    def fibre_stress(
+        self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
+    ) -> Float[Array, " n_fibre"] | Scalar:
         """Stress of every fibre, Pa; their sum over the area is zero in a slack cable.
 
         So is each of them, but for those of several laws of which some have yielded: what they had
@@ -38,7 +46,7 @@ class TensionOnly(Straight):
         """
         return self._cut(super().fibre_stress(strain, memory), strain, memory)
 
-    def is_slack(self, state, ends, motion):
+    def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Shorter than its unstressed length, hence without force."""
         return jacked_or(
             state,
@@ -46,7 +54,7 @@ class TensionOnly(Straight):
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
-    def at_kink(self, state, ends, motion):
+    def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether it is exactly unstressed, to rounding: between taut and slack."""
 
         def unstressed():

@@ -6,14 +6,19 @@ load that acts along it at that moment (self-weight, line loads); without any it
 cable.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float
 from . import hanging
 from .cable import TensionOnly
-from .element import PEAK_TENSION, Sagging
-from .prestress import stretch
+from .element import PEAK_TENSION, Ends, Motion, Sagging, Scalar
+from .prestress import AxialState, stretch
 
 
 @pytree(indices=("links",))
@@ -74,24 +79,24 @@ class Catenaries(TensionOnly, Sagging):
     def _stiffness(self):
         return self._section()[0]
 
-    def has_result(self, name, state):
+    def has_result(self, name: str, state: AxialState) -> bool:
         """The largest tension along it, where there is a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
 
-    def tension(self, state, ends, motion):
+    def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Mean of the tensions at both ends, N."""
         if state.line_load is None:
             return super().tension(state, ends, motion)
         return self._hang(state, ends, motion)[1]
 
-    def _pull(self, state, ends, motion):
+    def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
         if state.line_load is None:
             return super()._pull(state, ends, motion)
         return self._hang(state, ends, motion)[0]
 
-    def energy(self, state, ends, motion):
+    def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy and the potential of the load along it, less what acts at the ends, J."""
         if state.line_load is None:
             return super().energy(state, ends, motion)
@@ -100,29 +105,31 @@ class Catenaries(TensionOnly, Sagging):
             force, tau, theta, chord, state.line_load, state.rest_length, self._stiffness
         )
 
-    def is_slack(self, state, ends, motion):
+    def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Longer than its chord and without load."""
         slack = self.strain(state, ends, motion) < 0
         if state.line_load is None:
             return slack
         return slack & jnp.all(state.line_load == 0)
 
-    def at_kink(self, state, ends, motion):
+    def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Unstressed and without load; a load along it makes its force smooth."""
         kink = super().at_kink(state, ends, motion)
         return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
 
-    def end_tensions(self, state, ends, motion):
+    def end_tensions(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
         """Tensions at the first and the second end, [2], N."""
         if state.line_load is None:
             return jnp.repeat(super().tension(state, ends, motion), 2)
         return _end_tensions(self._hang(state, ends, motion)[0], state)
 
-    def peak_tension(self, state, ends, motion):
+    def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """The larger of the tensions at both ends, N; between them it is smaller."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
-    def reading(self, state, ends, motion, names):
+    def reading(
+        self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
+    ) -> dict[str, Array]:
         """Results by name: the shape, which takes an iteration, is found once for all of them."""
         if state.line_load is None:
             return super().reading(state, ends, motion, names)
@@ -135,13 +142,15 @@ class Catenaries(TensionOnly, Sagging):
         others = super().reading(state, ends, motion, [name for name in names if name not in known])
         return others | {name: known[name] for name in names if name in known}
 
-    def depth(self, state, ends, motion):
+    def depth(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """How far the middle of the cable hangs below that of its chord, along the load, m."""
         force, tau, theta, _ = self._hang(state, ends, motion)
-        load, rest_length = state.line_load, state.rest_length
-        return hanging.depth(force, tau, theta, load, rest_length, self._stiffness)
+        load: Float[ArrayLike, " 3"] = state.line_load  # it has one, or would not hang
+        return hanging.depth(force, tau, theta, load, state.rest_length, self._stiffness)
 
-    def curve(self, state, ends, motion, parts):
+    def curve(
+        self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
+    ) -> Float[Array, "n 3"]:
         """Places along the element, [n, 3], m, at parts [n] of its unstressed length."""
         first = ends[0] + motion[0]
         if state.line_load is None:
@@ -150,7 +159,12 @@ class Catenaries(TensionOnly, Sagging):
         load, rest_length = state.line_load, state.rest_length
         return first[None] + hanging.places(parts, force, tau, load, rest_length, self._stiffness)
 
-    def strain_at_sag(self, ends, sag, warmth=1.0):
+    def strain_at_sag(
+        self,
+        ends: Float[Array, "n_elem 2 3"],
+        sag: Float[Array, " n_elem"],
+        warmth: float | Float[Array, " n_elem"] = 1.0,
+    ) -> Float[Array, " n_elem"]:
         """Strains of the chords with which the middles hang by `sag` [n_elem], m, below theirs.
 
         Under the whole weight of the group along -z, between the initial ends [n_elem, 2, 3];
@@ -172,7 +186,7 @@ def _end_tensions(force, state):
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 
 
-def excess(state, ends, motion):
+def excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:
     """``|chord|^2 - L0^2`` without their difference, m2."""
     start, w = ends[1] - ends[0], motion[1] - motion[0]
     length = stretch(ends, jnp.zeros_like(ends))[3]

@@ -20,10 +20,13 @@ The mean is halfway: with ``(c, h)`` the quaternion of half the rotation between
 ``w_m = (w_1 + w_2)/2 + (w_2 - w_1) x h / 2c``.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import pytree
+from ..common.types import Array, Float
 from ..numerics.rotations import (
     cross,
     from_stereographic,
@@ -35,6 +38,7 @@ from ..numerics.rotations import (
     shortest,
     stereographic,
 )
+from .element import Pressures, Scalar
 from .prestress import stretch
 
 
@@ -53,17 +57,22 @@ class Pose:
         rotations: the same as rotation vectors, [2, 3], rad.
     """
 
-    length: object
-    change: object
-    mean: object
-    chord: object
-    axes: object
-    half: object
-    turns: object
-    rotations: object
+    length: Scalar
+    change: Scalar
+    mean: Float[Array, " 3"]
+    chord: Float[Array, " 3"]
+    axes: Float[Array, "3 3"]
+    half: Float[Array, " 4"]
+    turns: Float[Array, "2 3"]
+    rotations: Float[Array, "2 3"]
 
 
-def pose(axes, ends, displacements, quaternions):
+def pose(
+    axes: Float[Array, "3 3"],
+    ends: Float[Array, "2 3"],
+    displacements: Float[Array, "2 3"],
+    quaternions: Float[Array, "2 4"],
+) -> Pose:
     """`Pose` from initial axes (rows, [3, 3]), initial ends [2, 3] and their motion."""
     vector, length, change, _ = stretch(ends, displacements)
     halfway = middle(*quaternions)
@@ -82,7 +91,9 @@ def pose(axes, ends, displacements, quaternions):
     return Pose(length, change, mean, chord, turned, half, turns, rotations)
 
 
-def pressed(pose, pressures, rest_length):
+def pressed(
+    pose: Pose, pressures: Pressures, rest_length: Scalar
+) -> tuple[Float[Array, " 3"], Float[Array, " 3"], Float[Array, "3 3"]]:
     """Load of pressures on the chord per unstressed length, along the turned axes, [3], N/m.
 
     Args:
@@ -112,7 +123,9 @@ def pressed(pose, pressures, rest_length):
     return load, longer, torque
 
 
-def end_forces(pose, force, moments, torque):
+def end_forces(
+    pose: Pose, force: Scalar, moments: Float[Array, "2 3"], torque: Float[Array, " 3"]
+) -> tuple[Float[Array, " 3"], Float[Array, "2 3"]]:
     """Pull on the second end [3], N, and moments on both ends [2, 3], N m, in space.
 
     Args:

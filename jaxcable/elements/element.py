@@ -7,14 +7,33 @@ those of its ends: ``ends`` the initial positions [n_end, 3], m; ``motion`` thei
 change.
 """
 
+from __future__ import annotations
+
 import abc
 import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common.rules import Rule
 from ..common.tree import Each
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..sections import Section
+from .stated import Stated
+
+Scalar: TypeAlias = 'Float[Array, ""]'
+Ends: TypeAlias = 'Float[Array, "n_end 3"]'
+"""Initial positions of the ends of one element, m."""
+Motion: TypeAlias = 'Float[Array, "n_end n_motion"]'
+"""What one element sees of the motion."""
+Forces: TypeAlias = 'Float[Array, "n_end n_freedom"]'
+"""Forces at the ends of one element, and steps of these."""
+OwnState: TypeAlias = Any
+"""An `ElementState` of the element's own class. To a type checker it is anything: a class that
+asks for its own state stands where any element may, as one that takes all states would."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,7 +51,7 @@ class Result:
 
     name: str
     unit: str
-    components: tuple = ()
+    components: tuple[str, ...] = ()
     ends: bool = True
     increments: bool = True
 
@@ -49,13 +68,23 @@ SECTION_FORCES = Result(
 """Forces at places along an element, [n, 6]."""
 
 
+Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Array, "n_elem 3"]]]]'
+"""What presses on beams: by the name of the length that it is per, pressures and unit axes."""
+
+
 class ElementState:
     """What phases change in a group: a pytree, its arrays with an axis [n_elem].
 
     What a kind of element has not is None; see `prestress.AxialState` for what these are.
     """
 
-    rest_length = jack_force = jacked = warmth = memory = line_load = pressed = None
+    rest_length: Float[Array, " n_elem"] | None = None
+    jack_force: Float[Array, " n_elem"] | None = None
+    jacked: Bool[Array, " n_elem"] | None = None
+    warmth: Float[Array, " n_elem"] | None = None
+    memory: PyTree[Float[Array, "n_elem ..."]] | None = None
+    line_load: Float[Array, "n_elem 3"] | None = None
+    pressed: Pressures | None = None
 
 
 class Element(abc.ABC):
@@ -69,7 +98,7 @@ class Element(abc.ABC):
         rotates: whether it gives its nodes rotations.
         n_freedom, n_motion: columns of its end forces, and of the motion that it sees.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
-            take after those of the ends (`member`).
+            take after those of the ends (`inner`).
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
             A weight may be per area; it is there where `weights` has any.
         hinges, springs: as of `Beams`; None if it has none.
@@ -85,44 +114,58 @@ class Element(abc.ABC):
             from node to node with it (then `slid` says how much does).
     """
 
-    per_element = ()
-    results = ()
-    outline = None
-    hinges = springs = None
-    rotates = False
-    n_freedom = n_motion = 3
-    inner = ()
-    n_inner_row = 0
-    weight = expansion = strength = area = section = rest_length = None
-    tension_only = rising = remembers = breaks = shaped_by_load = slides = False
-    has_length = False
+    links: Int[ArrayLike, "n_elem n_end"]
+    per_element: ClassVar[tuple[str, ...]] = ()
+    results: ClassVar[tuple[Result, ...]] = ()
+    outline: tuple[int, ...] | None = None
+    rotates: bool = False
+    n_freedom: int = 3
+    n_motion: int = 3
+    inner: tuple[tuple[int, int], ...] = ()
+    n_inner_row: int = 0
+    weight: Float[ArrayLike, " n_elem"] | None = None
+    expansion: Float[ArrayLike, " n_elem"] | None = None
+    strength: Float[ArrayLike, " n_elem"] | None = None
+    area: Float[ArrayLike, " n_elem"] | None = None
+    section: Section | None = None
+    rest_length: Float[ArrayLike, " n_elem"] | None = None
+    hinges: Bool[ArrayLike, "n_elem 2 3"] | None = None
+    springs: Float[ArrayLike, "n_elem 2 3"] | None = None
+    has_length: bool = False
+    tension_only: bool = False
+    rising: bool = False
+    remembers: bool = False
+    breaks: bool = False
+    shaped_by_load: bool = False
+    slides: bool = False
 
     # --- the group
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`."""
         return []
 
-    def rules_at(self, nodes):
+    def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
         """What they and the initial positions [n_node, 3] keep together."""
         return []
 
-    def check(self, nodes):
+    def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
         """Raise ValueError where known positions [n_node, 3] leave something open."""
         return None
 
-    def properties(self):
+    def properties(self) -> dict[str, PyTree[Float[ArrayLike, "n_elem ..."]]]:
         """What has one value for every element, by name."""
         values = {name: getattr(self, name) for name in self.per_element}
         values = {name: value for name, value in values.items() if value is not None}
-        others = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields = dataclasses.fields(self)  # type: ignore[arg-type]  # a group is a `pytree`
+        others = {field.name: getattr(self, field.name) for field in fields}
         return values | {name: x.every for name, x in others.items() if isinstance(x, Each)}
 
     @abc.abstractmethod
-    def start(self, ends):
+    def start(self, ends: Float[Array, "n_elem n_end 3"]) -> ElementState:
         """`ElementState` before the first phase, from initial positions [n_elem, n_end, 3]."""
 
-    def chord(self, ends):
+    def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
         """Length between the first two ends [n_elem, n_end, 3], [n_elem], m.
 
         A size to measure steps by; none, [0], of elements with one end.
@@ -131,57 +174,59 @@ class Element(abc.ABC):
             return jnp.zeros(0, ends.dtype)
         return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
 
-    def at_ends(self, amount, ends):
+    def at_ends(
+        self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
+    ) -> Float[Array, "n_elem n_end"]:
         """Shares of the ends [n_elem, n_end, 3] in `amount` [n_elem] along it, [n_elem, n_end]."""
         n_end = ends.shape[1]
         return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
 
-    def weights(self, state):
+    def weights(self, state: OwnState) -> Float[Array, " n_elem"] | None:
         """Weight of every element, [n_elem], N; None if the group has none."""
         return None
 
-    def oriented(self, nodes):
+    def oriented(self, nodes: Float[ArrayLike, "n_node 3"]) -> Self:
         """The group with its axes kept as they are at initial positions [n_node, 3]."""
         return self
 
-    def balls(self):
+    def balls(self) -> Bool[np.ndarray, "n_elem 2"] | None:
         """Ends with a rotation of their own, [n_elem, 2] bool, or None."""
         return None
 
-    def idle(self):
+    def idle(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
         """Columns of its inner rows that no number stands in, [n_elem, n_inner_row, 3] bool."""
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
-    def virgin(self):
+    def virgin(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
         """Memory of unused elements, or None."""
         return None
 
-    def continued(self):
+    def continued(self) -> Self:
         """The group for an iteration, whose laws have no ends."""
         return self
 
-    def softened(self, compliance):
+    def softened(self, compliance: Scalar) -> Self:
         """The group with a spring in series with every element, strain per force, 1/N."""
         return self
 
-    def capacity(self):
+    def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Smallest and largest axial force, N."""
         return -jnp.inf, jnp.inf
 
-    def stiffness_along(self):
+    def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
         """Axial stiffness EA where its law is a line, [n_elem], N; None if it is not."""
         return None
 
     # --- one element
 
     @abc.abstractmethod
-    def end_forces(self, state, ends, motion):
+    def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """Internal force at each end, [n_end, 3], N, or with moments [n_end, 6].
 
         Of inner numbers in the rows after them.
         """
 
-    def end_forces_about(self, state, ends, motion, step):
+    def end_forces_about(self, state: OwnState, ends: Ends, motion: Motion, step: Forces) -> Forces:
         """End forces conjugate to a step from a motion, both [n_end, n_freedom].
 
         Where there are rotations a step has spins, which are not added.
@@ -189,25 +234,36 @@ class Element(abc.ABC):
         return self.end_forces(state, ends, motion + step)
 
     @abc.abstractmethod
-    def energy(self, state, ends, motion):
+    def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy, J, written apart from the forces: they must be its gradient."""
 
-    def tangent(self, state, ends, motion):
+    def tangent(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]:
         """Tangent stiffness [n_end, 3, n_end, 3], N/m: autodiff of the end forces."""
         return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
 
-    def finds_both(self, state):
+    def finds_both(self, state: OwnState) -> bool:
         """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.
 
         That compiles in less time, and computes tangents of points that may be rejected.
         """
         return False
 
-    def linearized(self, state, ends, motion):
+    def linearized(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> tuple[Forces, Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]]:
         """End forces and tangent."""
         return self.end_forces(state, ends, motion), self.tangent(state, ends, motion)
 
-    def mass_matrix(self, state, ends, motion, mass, distribution=None):
+    def mass_matrix(
+        self,
+        state: OwnState,
+        ends: Ends,
+        motion: Motion,
+        mass: Scalar,
+        distribution: str | None = None,
+    ) -> Float[Array, "n n"]:
         """Of an element of so much `mass`, kg, a matrix as its `tangent`, kg.
 
         Args:
@@ -221,19 +277,21 @@ class Element(abc.ABC):
         shares = self.at_ends(mass[None], places[None])[0]
         return jnp.diag(jnp.repeat(shares, 3))
 
-    def is_slack(self, state, ends, motion):
+    def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether it has gone slack and holds nothing."""
         return jnp.zeros((), bool)
 
-    def at_kink(self, state, ends, motion):
+    def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether it is between taut and slack, where its force has no derivative."""
         return jnp.zeros((), bool)
 
-    def reading(self, state, ends, motion, names):
+    def reading(
+        self, state: OwnState, ends: Ends, motion: Motion, names: Sequence[str]
+    ) -> dict[str, Array]:
         """Results by the names of its methods, a dict; what they share may be found once."""
         return {name: getattr(self, name)(state, ends, motion) for name in names}
 
-    def has_result(self, name, state):
+    def has_result(self, name: str, state: OwnState) -> bool:
         """Whether it has a result of a name, with a state of the group."""
         return name in ("end_forces", "is_slack", *(result.name for result in self.results))
 
@@ -245,13 +303,18 @@ class Prestressable(Element):
         statements: names of what can be stated for it.
     """
 
-    statements = ()
+    statements: ClassVar[tuple[str, ...]] = ()
 
     @abc.abstractmethod
-    def restate(self, state, ends, inputs):
-        """State of the group after statements, names to `prestress.Stated`; ends [n_elem, ...]."""
+    def restate(
+        self,
+        state: OwnState,
+        ends: Float[Array, "n_elem n_end 3"],
+        inputs: Mapping[str, Stated],
+    ) -> ElementState:
+        """State of the group after statements, names to `Stated`; ends [n_elem, ...]."""
 
-    def between(self, start, end, factor):
+    def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
         """State of the group in a phase that takes it from one to another.
 
         What does not change keeps every digit, and the end is met.
@@ -266,7 +329,7 @@ class Jacked(Prestressable):
     """
 
     @abc.abstractmethod
-    def lock(self, state, ends, motion):
+    def lock(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
         """State of one anchored jack: what gives the held force here."""
 
 
@@ -274,19 +337,26 @@ class Sagging(Prestressable):
     """It hangs under its weight, by the statement "sag"."""
 
     @abc.abstractmethod
-    def strain_at_sag(self, ends, sag, warmth=1.0):
+    def strain_at_sag(
+        self,
+        ends: Float[Array, "n_elem n_end 3"],
+        sag: Float[Array, " n_elem"],
+        warmth: float | Float[Array, " n_elem"] = 1.0,
+    ) -> Float[Array, " n_elem"]:
         """Strains of the initial chords with which a group hangs by `sag`, [n_elem], m."""
 
     @abc.abstractmethod
-    def depth(self, state, ends, motion):
+    def depth(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
         """How far its middle hangs below that of its chord, m."""
 
     @abc.abstractmethod
-    def end_tensions(self, state, ends, motion):
+    def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
         """Tensions at the first and the second end, [2], N."""
 
     @abc.abstractmethod
-    def curve(self, state, ends, motion, parts):
+    def curve(
+        self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
+    ) -> Float[Array, "n 3"]:
         """Places along it, [n, 3], m, at parts [n] of its unstressed length."""
 
 
@@ -294,7 +364,9 @@ class Secant(Element):
     """It has a stiffness between two states, which the secant scheme takes."""
 
     @abc.abstractmethod
-    def secant(self, state, ends, before, motion):
+    def secant(
+        self, state: OwnState, ends: Ends, before: Motion, motion: Motion
+    ) -> Float[Array, "n_end 3 n_end 3"]:
         """Symmetric matrix, as `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
 
 
@@ -302,7 +374,7 @@ class Rounding(Element):
     """It may be without force and yet have the rounding of its stiffness."""
 
     @abc.abstractmethod
-    def rounding(self, state, ends, motion):
+    def rounding(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
         """What the rounding of displacements leaves of the end forces, as these."""
 
 
@@ -313,5 +385,11 @@ class Bending(Element):
     n_freedom, n_motion = 6, 7
 
     @abc.abstractmethod
-    def section_forces(self, state, ends, motion, places=None):
+    def section_forces(
+        self,
+        state: OwnState,
+        ends: Ends,
+        motion: Motion,
+        places: Float[ArrayLike, " n"] | None = None,
+    ) -> Float[Array, "n 6"]:
         """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, [n, 6], N and N m."""

@@ -21,14 +21,24 @@ elongation. (The closed forms are those of Irvine, Cable Structures, 1981; this 
 equations to one is ours.)
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
+from ..common.types import Array, Float
 from ..numerics.roots import rising_root
+from .element import Scalar
 
 
 @jax.jit  # traced once, not at each of its many places in a program
-def hang(chord, excess, load, rest_length, stiffness):
+def hang(
+    chord: Float[Array, " 3"],
+    excess: Scalar,
+    load: Float[Array, " 3"],
+    rest_length: Scalar,
+    stiffness: Scalar,
+) -> tuple[Float[Array, " 3"], Scalar, Scalar]:
     """Tension vector in the middle of a hanging cable, and what it is made of.
 
     Args:
@@ -156,7 +166,15 @@ def _grown(t):
     return jnp.where(t < 1, small, t / jnp.tanh(jnp.where(t < 1, 1.0, t)) - 1)
 
 
-def stored_energy(force, tau, theta, chord, load, rest_length, stiffness):
+def stored_energy(
+    force: Float[Array, " 3"],
+    tau: Scalar,
+    theta: Scalar,
+    chord: Float[Array, " 3"],
+    load: Float[Array, " 3"],
+    rest_length: Scalar,
+    stiffness: Scalar,
+) -> Scalar:
     """Energy of the chord, J: ``F.d`` minus the complementary energy of ``F``.
 
     Its gradient by the chord is ``F``: stored energy and the potential of the load along the
@@ -174,7 +192,14 @@ def stored_energy(force, tau, theta, chord, load, rest_length, stiffness):
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
 
-def depth(force, tau, theta, load, rest_length, stiffness):
+def depth(
+    force: Float[Array, " 3"],
+    tau: Scalar,
+    theta: Scalar,
+    load: Float[Array, " 3"],
+    rest_length: Scalar,
+    stiffness: Scalar,
+) -> Scalar:
     """How far the middle of the cable hangs from the middle of its chord, along the load, m.
 
     ``q L0^2/8EA + (tau - |F|)/q``, the second term from
@@ -189,7 +214,14 @@ def depth(force, tau, theta, load, rest_length, stiffness):
     return weight * rest_length**2 * (level / (4 * (some + _norm(force))) + 1 / (8 * stiffness))
 
 
-def places(part, force, tau, load, rest_length, stiffness):
+def places(
+    part: Float[Array, " n"],
+    force: Float[Array, " 3"],
+    tau: Scalar,
+    load: Float[Array, " 3"],
+    rest_length: Scalar,
+    stiffness: Scalar,
+) -> Float[Array, "n 3"]:
     """Positions from the first end, [n, 3], m, at parts [n] of the unstressed length, 0 to 1.
 
     Every piece of a catenary is one: between 0 and s the same equations hold.
@@ -219,7 +251,9 @@ def _rows(vectors):
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1, keepdims=True))
 
 
-def strain_at_depth(chord, load, stiffness, sag):
+def strain_at_depth(
+    chord: Float[Array, " 3"], load: Float[Array, " 3"], stiffness: Scalar, sag: Scalar
+) -> Scalar:
     """Chord over unstressed length, less 1, where the middle hangs `sag` below that of the chord.
 
     The sag grows with the length, so that there is one; from the parabola

@@ -6,13 +6,17 @@ against their nodes, has inner numbers beside the motion of its ends: unknowns o
 rows of motion of its own, after those of the ends (`Structure.rows`).
 """
 
+from __future__ import annotations
+
+import abc
+from collections.abc import Sequence
 from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import kind
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..numerics.rotations import (
     angles,
     conjugate,
@@ -24,47 +28,25 @@ from ..numerics.rotations import (
     turning,
 )
 from . import bending, corotation
-from .prestress import stretch
+from .element import Ends, Forces, Motion, Scalar
+from .inner import Inner
+from .prestress import AxialState, stretch
 
-# places of a_1, a_2 and of b about y, z among the inner rows, by the number of these rows
-_FIELD = (), ((0, 0),), ((0, 0), (0, 1), (1, 0), (1, 1))
 _FINITE = turning, conjugate
 _NEAR = partial(turning, order=1), partial(conjugate, order=1)
 
 
-class Member:
+class Member(Inner):
     """Members of a group of beams (see `elements`) that concern one element.
 
     The group has `section`, `springs`, `torsional_stiffness`, `points` and `axes(ends)`.
     """
 
-    @property
-    def inner(self):
-        """Inner numbers as (row after the ends, column), a tuple.
+    torsional_stiffness: Float[ArrayLike, " n_elem"] | None
 
-        Of a section that is not linear ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
-        middle that the cubic does not have; of joints the rotation of each end, times a length.
-        """
-        rows = self._n_field_row
-        joints = () if self.springs is None else np.ndindex(2, 3)
-        return (*self.field_places, *((rows + end, axis) for end, axis in joints))
-
-    @property
-    def field_places(self):
-        """Those of its inner numbers that belong to the field of its section."""
-        return _FIELD[self._n_field_row]
-
-    @property
-    def n_inner_row(self):
-        """Rows of motion that an element has for its inner numbers."""
-        return self._n_field_row + (0 if self.springs is None else 2)
-
-    @property
-    def _n_field_row(self):
-        """Those of its field: three points cannot tell P2 from its size, and leave it out."""
-        if kind(self.section).is_elastic:
-            return 0
-        return 1 if self.points < 4 else 2
+    @abc.abstractmethod
+    def axes(self, ends: Ends) -> Float[Array, "3 3"]:
+        """Initial axes of the element as rows: along, section's y, section's z, [3, 3]."""
 
     def _pose(self, state, ends, motion):
         """Initial axes, and `corotation.Pose` of the element."""
@@ -76,10 +58,6 @@ class Member:
                 for turn, joint in zip(turns, self._joints(state, motion), strict=True)
             ]
         return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns))
-
-    def _joints(self, state, motion):
-        """Rotations of the ends against their nodes, ``tan(angle / 4) axis``, [2, 3]."""
-        return motion[-2:, :3] / (4 * state.rest_length)
 
     def _field(self, state, axes, pose, motion):
         """`bending.Field` of the element, and its line load along the turned axes, or None."""
@@ -123,7 +101,7 @@ class Member:
             return bending.linear_sums(self.section.stiffness(), field.strain)
         strain = self._strains(field)
         if forces is None:
-            force = jnp.stack(self.section.forces(*strain.T, state.memory), axis=-1)
+            force = jnp.stack(self.section.forces(*_columns(strain), state.memory), axis=-1)
         else:
             force = forces(strain)
         places, weight = (jnp.asarray(v, force.dtype) for v in bending.lobatto(self.points))
@@ -177,38 +155,25 @@ class Member:
         moments = jax.vmap(conjugate)(spins, moments)
         return jnp.concatenate([pull, moments.ravel(), inner])
 
-    @property
-    def _places(self):
-        """Rows and columns of its inner numbers among the rows after its two ends."""
-        return tuple(np.array(self.inner).T)
-
-    def end_forces_about(self, state, ends, motion, step):
+    def end_forces_about(
+        self, state: AxialState, ends: Ends, motion: Motion, step: Forces
+    ) -> Forces:
         """Forces and moments conjugate to `step` (translation and spin), both [n_end, 6]."""
         inner = step[2:][self._places] if self.inner else jnp.zeros(0, step.dtype)
         own = jnp.concatenate([step[1, :3] - step[0, :3], step[:2, 3:].ravel(), inner])
         return self._spread(self._step(state, ends, motion, own))
 
-    def _spread(self, force):
-        """Forces of a step [9 + k] at all ends and inner rows, [n_end, 6]."""
-        pull, first, second, inner = jnp.split(force, [3, 6, 9])
-        at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
-        if not self.inner:
-            return at
-        rows = jnp.zeros((self.n_inner_row, 6), force.dtype).at[self._places].set(inner)
-        return jnp.concatenate([at, rows])
-
-    def end_forces(self, state, ends, motion):
+    def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Internal forces and spatial moments at both ends, N and N m; forces of inner numbers.
 
         [n_end, 6]: the two ends, then the rows of its inner numbers.
         """
         return self._joined(*self._resistance(state, ends, motion))
 
-    def _joined(self, pull, moments, inner):
-        return self._spread(jnp.concatenate([pull, moments.ravel(), inner]))
-
     @jax.jit  # as above
-    def linearized(self, state, ends, motion):
+    def linearized(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[Forces, Float[Array, "12+k 12+k"]]:
         """End forces as `end_forces`, and tangent stiffness, [12 + k, 12 + k].
 
         The tangent is symmetric, being a Hessian in the steps.
@@ -222,7 +187,7 @@ class Member:
         forces = None
         if not self.section.is_elastic:
             at = self.section_strain(state, ends, motion)
-            force, stiffness = self.section.linearized(*at.T, state.memory)
+            force, stiffness = self.section.linearized(*_columns(at), state.memory)
 
             def forces(strain):
                 return force + jnp.einsum("pij,pj->pi", stiffness, strain - at)
@@ -238,15 +203,22 @@ class Member:
             slope = jnp.concatenate([-pull, first, pull, second, inner], axis)
         return self._spread(force), slope
 
-    def tangent(self, state, ends, motion):
+    def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "12+k 12+k"]:
         """Tangent stiffness, see `linearized`."""
         return self.linearized(state, ends, motion)[1]
 
-    def finds_both(self, state):
+    def finds_both(self, state: AxialState) -> bool:
         """It does: pose and strains take more than half of the time to compile."""
         return True
 
-    def mass_matrix(self, state, ends, motion, mass, distribution=None):
+    def mass_matrix(
+        self,
+        state: AxialState,
+        ends: Ends,
+        motion: Motion,
+        mass: Scalar,
+        distribution: str | None = None,
+    ) -> Float[Array, "12+k 12+k"]:
         """Of `mass`, kg, spread evenly along the axis; sections do not turn, [12 + k, 12 + k], kg.
 
         Consistent with the deflections of `bending`, cubic but for loads, hence of order 4 in the
@@ -258,8 +230,8 @@ class Member:
         lumped = mass * jnp.diag(jnp.asarray(halves, ends.dtype))
         if distribution == "lumped":
             return lumped
-        at, weight = np.polynomial.legendre.leggauss(4)  # cubics squared
-        places, weight = (jnp.asarray(v, ends.dtype) for v in (0.5 + 0.5 * at, 0.5 * weight))
+        at, by = np.polynomial.legendre.leggauss(4)  # cubics squared
+        places, weight = (jnp.asarray(v, ends.dtype) for v in (0.5 + 0.5 * at, 0.5 * by))
 
         def moved(step):
             own = step[:12].reshape(2, 6)
@@ -277,7 +249,7 @@ class Member:
             return matrix + mass / 12 * jnp.outer(along, along)
         return matrix if distribution == "consistent" else 0.5 * (lumped + matrix)
 
-    def energy(self, state, ends, motion):
+    def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy less the line load's work on the bent axis, J."""
         _, pose, field, load = self._bent(state, ends, motion)
         length = state.rest_length
@@ -285,7 +257,7 @@ class Member:
         count = max(4, self.points) if self.section.is_elastic else self.points
         places, weight = (jnp.asarray(v, field.strain.dtype) for v in bending.lobatto(count))
         strain = bending.basis(places) @ field.strain
-        total = length * weight @ self.section.energy(*strain.T, state.memory)
+        total = length * weight @ self.section.energy(*_columns(strain), state.memory)
         total = total + 0.5 * self._twisting() * field.twist**2 / length
         if load is not None:
             total = total - length * load @ bending.displaced(field, pose.rotations, length)
@@ -294,13 +266,15 @@ class Member:
             total = total + 0.5 * jnp.sum(self.springs * turned**2)
         return total
 
-    def has_result(self, name, state):
+    def has_result(self, name: str, state: AxialState) -> bool:
         """The largest axial force by itself, where there is a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
 
-    def reading(self, state, ends, motion, names):
+    def reading(
+        self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
+    ) -> dict[str, Array]:
         """Results by name: pose and strains are found once for all of them."""
         if len(names) < 2:
             return super().reading(state, ends, motion, names)
@@ -316,14 +290,14 @@ class Member:
         others = super().reading(state, ends, motion, [name for name in names if name not in known])
         return others | {name: known[name]() for name in names if name in known}
 
-    def tension(self, state, ends, motion):
+    def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Axial force, mean over the element, N."""
         return self._tension(state, self._bent(state, ends, motion)[2])
 
     def _tension(self, state, field):
         return self._sums(state, field)[0, 0]
 
-    def peak_tension(self, state, ends, motion):
+    def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Axial force of largest size along the element, N: at an end, where a load acts along."""
         return self._peak(state, ends, motion, self.tension(state, ends, motion))
 
@@ -332,11 +306,19 @@ class Member:
         half = 0.5 * state.rest_length * jnp.abs(state.line_load @ vector / length)
         return force + jnp.where(force < 0, -half, half)
 
-    def section_strain(self, state, ends, motion):
+    def section_strain(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> Float[Array, "n_point 3"]:
         """Strain and curvatures ``e0, ky, kz`` at the integration points, [n_point, 3]."""
         return self._strains(self._bent(state, ends, motion)[2])
 
-    def section_forces(self, state, ends, motion, places=None):
+    def section_forces(
+        self,
+        state: AxialState,
+        ends: Ends,
+        motion: Motion,
+        places: Float[ArrayLike, " n"] | None = None,
+    ) -> Float[Array, "n 6"]:
         """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, default the integration points, [n, 6].
 
         From equilibrium of the part before the section: exact for the end forces and the load,
@@ -363,12 +345,12 @@ class Member:
         change = _cross(spin, both)
         return (both - change + 0.5 * _cross(spin, change)).reshape(-1, 6)
 
-    def size(self, state, ends, motion):
+    def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Sum of the absolute forces of all fibres, mean over the element, N."""
-        size = self.section.size(*self.section_strain(state, ends, motion).T, state.memory)
+        size = self.section.size(*_columns(self.section_strain(state, ends, motion)), state.memory)
         return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
 
-    def rounding(self, state, ends, motion):
+    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """What the rounding of its displacements leaves of `end_forces`, as these."""
         vector, length, _, _ = stretch(ends, motion[:2, :3])
         stiffness = jnp.diagonal(self.section.stiffness())
@@ -381,17 +363,32 @@ class Member:
         each = jnp.concatenate([jnp.stack([both, both]), rows])
         return 8 * jnp.finfo(force.dtype).eps * moved * each
 
-    def settle(self, strain, memory, duration=0.0):
+    def settle(
+        self,
+        strain: Float[Array, "n_point 3"],
+        memory: PyTree[Float[Array, "n_point n_fibre n_memory"]],
+        duration: float = 0.0,
+    ) -> PyTree[Float[Array, "n_point n_fibre n_memory"]]:
         """What it remembers after an increment that ended at section strains [n_point, 3]."""
-        return self.section.settle(*strain.T, memory, duration)
+        return self.section.settle(*_columns(strain), memory, duration)
 
-    def fibre_stress(self, strain, memory=None):
+    def fibre_stress(
+        self,
+        strain: Float[Array, "n_point 3"],
+        memory: PyTree[Float[Array, "n_point n_fibre n_memory"]] | None = None,
+    ) -> Float[Array, "n_point n_fibre"]:
         """Stress of every fibre at section strains [n_point, 3], [n_point, n_fibre], Pa."""
-        return self.section.fibre_stress(*strain.T, memory)
+        return self.section.fibre_stress(*_columns(strain), memory)
 
-    def beyond(self, strain):
+    def beyond(self, strain: Float[Array, "n_point 3"]) -> Bool[Array, ""]:
         """Whether section strains [n_point, 3] take a fibre beyond its curve."""
-        return jnp.any(self.section.beyond(*strain.T))
+        return jnp.any(self.section.beyond(*_columns(strain)))
+
+
+def _columns(strain: Float[Array, "n_point 3"]) -> tuple[Array, Array, Array]:
+    """Strain and both curvatures of section strains."""
+    strain, about_y, about_z = strain.T
+    return strain, about_y, about_z
 
 
 def _cross(a, b):

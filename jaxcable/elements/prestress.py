@@ -1,6 +1,10 @@
 """What every element with an axis shares: its prestress, its weight, and how phases change them."""
 
+from __future__ import annotations
+
 import abc
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,7 +12,9 @@ import numpy as np
 
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
-from .element import ElementState, Prestressable
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from .element import ElementState, Ends, Motion, Pressures, Prestressable, Scalar
+from .stated import Stated
 
 
 @pytree
@@ -40,37 +46,20 @@ class AxialState(ElementState):
         [4.98] [0.02]
     """
 
-    rest_length: object = None
-    elongation: object = None
-    jack_force: object = None
-    jacked: object = None
-    loaded_length: object = None
-    warmth: object = None
-    memory: object = None
-    line_load: object = None
-    pressed: object = None
+    rest_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # it always has one
+    elongation: Float[Array, " n_elem"] = None  # type: ignore[assignment]
+    jack_force: Float[Array, " n_elem"] | None = None
+    jacked: Bool[Array, " n_elem"] | None = None
+    loaded_length: Float[Array, " n_elem"] | None = None
+    warmth: Float[Array, " n_elem"] | None = None
+    memory: PyTree[Float[Array, "n_elem ..."]] | None = None
+    line_load: Float[Array, "n_elem 3"] | None = None
+    pressed: Pressures | None = None
 
     @property
-    def loaded(self):
+    def loaded(self) -> Float[Array, " n_elem"]:
         """`loaded_length`, or the unstressed length itself."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
-
-
-@pytree
-class Stated:
-    """One statement of prestress for a group.
-
-    Attributes:
-        values: [n_elem]; zero for an element that it does not concern.
-        chosen: the elements that it concerns, [n_elem] bool; None for all.
-    """
-
-    values: object
-    chosen: object = None
-
-    def over(self, new, old):
-        """`new` at the elements that it concerns, `old` elsewhere."""
-        return new if self.chosen is None else jnp.where(self.chosen, new, old)
 
 
 class Prestressed(Prestressable):
@@ -85,21 +74,23 @@ class Prestressed(Prestressable):
         *("shortening", "temperature", "sag", "jacking"),
     )
 
-    def weights(self, state):
+    def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
         """Weight of every element, [n_elem], N; None if the group has none."""
         return None if self.weight is None else self.weight * state.loaded
 
     @abc.abstractmethod
-    def strain_at(self, force, memory=None):
+    def strain_at(
+        self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
+    ) -> Scalar:
         """Strain of one element at an axial force, N; NaN where its law has none."""
 
-    def between(self, start, end, factor):
+    def between(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
         """As of `Prestressable`; NaN where all of an element is taken in: there is no such one."""
         mixed = super().between(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
         return copy(mixed, rest_length=length)
 
-    def start(self, ends):
+    def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
         """State before the first phase: the group's unstressed length, or the chord itself."""
         chord = self.chord(ends)
         if self.rest_length is None:
@@ -111,7 +102,9 @@ class Prestressed(Prestressable):
             rest_length, elongation, loaded_length=rest_length, warmth=warmth, memory=self.virgin()
         )
 
-    def restate(self, state, ends, inputs):
+    def restate(
+        self, state: AxialState, ends: Float[Array, "n_elem n_end 3"], inputs: Mapping[str, Stated]
+    ) -> AxialState:
         """State after the prestress statements of a phase, for a whole group.
 
         `ends` are the initial ends [n_elem, n_end, 3]; `inputs` maps names of `Phase` to `Stated`.
@@ -122,7 +115,7 @@ class Prestressed(Prestressable):
         """
         chord = self.chord(ends)
         rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
-        warmth = 1.0 if state.warmth is None else state.warmth
+        warmth: float | Float[Array, " n_elem"] = 1.0 if state.warmth is None else state.warmth
         for name, stated in inputs.items():
             if name in ("shortening", "temperature"):
                 continue
@@ -143,17 +136,22 @@ class Prestressed(Prestressable):
             change = rest_length * strain
             rest_length, elongation = rest_length + change, elongation - change
             warmth = warmth * (1 + strain)
-        if state.warmth is None:
-            warmth = None
         return copy(
             state,
             rest_length=rest_length,
             elongation=elongation,
             loaded_length=loaded,
-            warmth=warmth,
+            warmth=None if state.warmth is None else warmth,
         )
 
-    def stated_strain(self, name, stated, state, ends, chord):
+    def stated_strain(
+        self,
+        name: str,
+        stated: Stated,
+        state: AxialState,
+        ends: Float[Array, "n_elem n_end 3"],
+        chord: Float[Array, " n_elem"],
+    ) -> Float[Array, " n_elem"]:
         """Strain of the initial chord, [n_elem], that an absolute statement means."""
         if name == "pretension":
             return of_each("strain_at", self, stated.values, state.memory)
@@ -161,11 +159,12 @@ class Prestressed(Prestressable):
             return of_each("strain_at", self, stated.values * chord, state.memory)
         if name == "sag":
             sag = stated.over(stated.values, 0.1 * chord)
-            return self.strain_at_sag(ends, sag, 1.0 if state.warmth is None else state.warmth)
+            hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
+            return hung(ends, sag, 1.0 if state.warmth is None else state.warmth)
         return stated.values
 
 
-def stretch(ends, motion):
+def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Scalar, Scalar]:
     """Current vector, current length, change of length (without subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
@@ -173,19 +172,21 @@ def stretch(ends, motion):
     return vector, length, (2 * chord + w) @ w / (length + start), start
 
 
-def jacked_or(state, force, free):
+def jacked_or(
+    state: AxialState, force: Float[ArrayLike, " ..."], free: Callable[[], Array]
+) -> Array:
     """`force` in an element whose force a jack holds, else ``free()``."""
     if state.jack_force is None:
         return free()
     return force if state.jacked is None else jnp.where(state.jacked, force, free())
 
 
-def element(group, properties):
+def element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
     """The group reduced to one element, inside vmap over `properties`."""
     return copy(group, links=None, **properties)
 
 
-def of_each(method, group, *arguments, **shared):
+def of_each(method: str, group: Any, *arguments: PyTree[Array], **shared: Any) -> PyTree[Array]:
     """``method(*arguments, **shared)`` of every element of a group, arguments [n_elem, ...]."""
 
     def one(properties, *own):
@@ -194,7 +195,7 @@ def of_each(method, group, *arguments, **shared):
     return jax.vmap(one, axis_size=len(group.links))(group.properties(), *arguments)
 
 
-def checked_links(links):
+def checked_links(links: Int[ArrayLike, "n_elem 2"]) -> Indices:
     """Links [n_elem, 2] as `Indices`; ValueError for equal ends and repeated links."""
     if isinstance(links, Indices):
         return links

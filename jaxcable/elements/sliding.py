@@ -5,6 +5,8 @@ pocket of a membrane, a closed loop. (Aufaure 1993, Zhou, Accorsi and Leonard 20
 Its energy is a function of a sum of lengths, hence as convex in the nodes as that of a cable.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,9 +14,10 @@ import numpy as np
 from ..common import checks
 from ..common.rules import Rule
 from ..common.tree import Indices, plain, pytree
+from ..common.types import Array, ArrayLike, Float
 from .cable import TensionOnly
-from .element import Element, Jacked
-from .prestress import jacked_or
+from .element import Element, Ends, Forces, Jacked, Motion, Scalar
+from .prestress import AxialState, jacked_or
 
 
 @pytree(indices=("links",))
@@ -66,7 +69,7 @@ class SlidingCables(TensionOnly, Jacked):
             object.__setattr__(self, "links", _checked_chains(self.links))
         super().__post_init__()
 
-    def rules_at(self, nodes):
+    def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
         """No two successive nodes of a cable have the same place, of nodes [n_node, 3]."""
         links = plain(self.links)
 
@@ -80,21 +83,23 @@ class SlidingCables(TensionOnly, Jacked):
 
         return [Rule("nodes", (nodes[links], links), same, text)]
 
-    def chord(self, ends):
+    def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
         """Length over all nodes [n_elem, n_end, 3], [n_elem], m."""
         return jnp.sum(_pieces(ends)[1], axis=-1)
 
-    def at_ends(self, amount, ends):
+    def at_ends(
+        self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
+    ) -> Float[Array, "n_elem n_end"]:
         """`amount` [n_elem] divided among the nodes by half of their pieces, [n_elem, n_end]."""
         length = _pieces(ends)[1]
         share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
         return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
 
-    def strain(self, state, ends, motion):
+    def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Engineering strain on the unstressed length of the whole cable."""
         return (state.elongation + _change(ends, motion)) / state.rest_length
 
-    def end_forces(self, state, ends, motion):
+    def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """Internal force at every node, [n_end, 3], N: the tension along the pieces that meet."""
         piece, length = _moved(ends, motion)
         unit = piece / jnp.where(length > 0, length, 1.0)[:, None]
@@ -102,7 +107,7 @@ class SlidingCables(TensionOnly, Jacked):
         force = jnp.pad(pull, ((1, 0), (0, 0))) - jnp.pad(pull, ((0, 1), (0, 0)))
         return force if state.line_load is None else force - self.slid(state, ends, motion)
 
-    def slid(self, state, ends, motion):
+    def slid(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
         """What the load along it does to the nodes beside its initial shares, [n_end, 3], N."""
         return -jax.grad(self._lost, argnums=2)(state, ends, motion)
 
@@ -117,7 +122,7 @@ class SlidingCables(TensionOnly, Jacked):
         share = self.at_ends(jnp.ones((1,), length.dtype), ends[None])[0]
         return state.rest_length * state.line_load @ (share @ motion - now)
 
-    def energy(self, state, ends, motion):
+    def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy and potential of what slides, J; of a held force its work."""
 
         def stored():
@@ -128,7 +133,7 @@ class SlidingCables(TensionOnly, Jacked):
         energy = jacked_or(state, work, stored)
         return energy if state.line_load is None else energy + self._lost(state, ends, motion)
 
-    def lock(self, state, ends, motion):
+    def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State of an anchored jack: the unstressed length that gives the held force here."""
         return self.locked(state, jnp.sum(_moved(ends, motion)[1]), _change(ends, motion))
 

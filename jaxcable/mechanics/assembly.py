@@ -5,15 +5,27 @@ loads, and the space in which nodes move (`spaces`). The point ``x`` of an itera
 of all rows, [n_row, n_motion], which begins with displacements, m; a step [n_free] moves it on.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeAlias
+
 import jax
 import jax.numpy as jnp
 
 from .. import linear
 from ..common.tree import copy, pytree
-from ..elements.element import Rounding
+from ..common.types import Array, Bool, Float
+from ..elements.element import Element, ElementState, Rounding
 from ..elements.prestress import element
-from ..spaces.freedoms import carriers
-from .elementwise import Elementwise, each, motion_of
+from ..spaces import Space
+from ..spaces.freedoms import Freedoms, carriers
+from ..spaces.space import Forces, Matrix, Motion, Part, Step
+from .elementwise import Elementwise, PerGroup, each, motion_of
+from .load_stacks import Following
+
+EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
+"""End forces of every group."""
 
 
 @pytree
@@ -30,51 +42,53 @@ class System(Elementwise):
             members of `load_stacks.Following`, or None.
     """
 
-    nodes: object
-    groups: object
-    states: object
-    load: object
-    space: object
-    followers: object = None
+    nodes: Float[Array, "n_row 3"]
+    groups: list[Element]
+    states: list[ElementState]
+    load: Float[Array, "n_row n_freedom"]
+    space: Space
+    followers: list[Following] | None = None
 
     @property
-    def freedoms(self):
+    def freedoms(self) -> Freedoms:
         """The numbering of the unknowns, `Freedoms`."""
         return self.space.freedoms
 
     # --- points and steps
 
-    def place(self, x):
+    def place(self, x: Motion) -> Motion:
         """`x` with what supports hold where they prescribe it."""
         return self.space.place(x)
 
-    def carried(self, x):
+    def carried(self, x: Motion) -> Motion:
         """`x`, a constant, as a function of what supports do to free nodes."""
         return self.space.carried(x)
 
-    def move(self, x, step):
+    def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
         return self.space.move(x, step)
 
-    def reach(self, x):
+    def reach(self, x: Motion) -> Float[Array, ""]:
         """Largest displacement along an axis, m: what is said of rotations is no length."""
         return jnp.max(jnp.abs(x[:, :3]), initial=0.0)
 
-    def chart(self, x):
+    def chart(self, x: Motion) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
         """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
         x = self.place(x)
         # zero whatever x is, with the axes that x has in a batch: a root is sought from there
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
         zero = jnp.full(self.freedoms.free.shape[0], zero, x.dtype)
 
-        def residual(step):
+        def residual(step: Step) -> Step:
             return self.space.held_still(self._residual_about(x, step), step)
 
         return residual, zero, lambda step: self.move(x, step)
 
     # --- forces
 
-    def internal_force(self, x, end_forces=None):
+    def internal_force(
+        self, x: Motion, end_forces: EndForces | None = None
+    ) -> tuple[Forces, Float[Array, " n_row"]]:
         """Sum of the end forces at every row, [n_row, n_freedom], and of their sizes, [n_row], N.
 
         `end_forces` are those of every group, if they are at hand.
@@ -104,7 +118,9 @@ class System(Elementwise):
             found.append(about(group.properties(), state, self.nodes[group.links], *own))
         return found
 
-    def part_sizes(self, group, state, motion):
+    def part_sizes(
+        self, group: Element, state: ElementState, motion: Motion
+    ) -> Float[Array, "n_elem n_end"]:
         """Forces inside elements that can balance each other there, at both ends, [n_elem, 2], N.
 
         An unloaded elastic-plastic element is in equilibrium to the rounding of these.
@@ -112,26 +128,27 @@ class System(Elementwise):
         sizes = each("size", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
 
-    def all_load(self, x):
+    def all_load(self, x: Motion) -> Forces:
         """Dead and following loads on every row, as `load`."""
         if self.followers is None:
             return self.load
         return self.load + self.space.padded(self.following(self.nodes + x[:, :3]))
 
-    def following(self, moved):
+    def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         """Following loads on every row at the positions `moved`, both [n_row, 3], N."""
         arguments = self.groups, self.states, self.nodes, moved
-        return sum(own.following_forces(*arguments) for own in self.followers)
+        forces: list[Any] = [own.following_forces(*arguments) for own in self.followers]
+        return sum(forces)
 
-    def unbalanced(self, x, end_forces=None):
+    def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
         """Internal force minus load at every row, as `load`."""
         return self.internal_force(x, end_forces)[0] - self.all_load(x)
 
-    def residual(self, x):
+    def residual(self, x: Motion) -> Step:
         """Unbalanced force at every free freedom, [n_free], N (moments over a length)."""
         return self.space.collected(self.unbalanced(x), x)
 
-    def _residual_about(self, x, step):
+    def _residual_about(self, x: Motion, step: Step) -> Step:
         """Unbalanced force conjugate to a step [n_free] from `x`, [n_free], N."""
         spread = self.space.spread(x, step)
         load = self.space.conjugate(self.load, spread)
@@ -141,12 +158,14 @@ class System(Elementwise):
         internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
         return self.space.collected(internal - load, x, spread)
 
-    def evaluated(self, x):
+    def evaluated(self, x: Motion) -> tuple[Step, Float[Array, ""], PerGroup]:
         """`residual_and_scale`, and tangents of elements that are found with it, for `tangent`."""
         end_forces, tangents = self.linearized(x)
         return *self.residual_and_scale(x, end_forces), tangents
 
-    def residual_and_scale(self, x, end_forces=None):
+    def residual_and_scale(
+        self, x: Motion, end_forces: EndForces | None = None
+    ) -> tuple[Step, Float[Array, ""]]:
         """Residual [n_free], and the force it is judged by, N.
 
         The scale is the largest, over rows, of the sum of absolute end forces plus the load.
@@ -156,11 +175,11 @@ class System(Elementwise):
         return self.space.collected(force - load, x), scale
 
     @property
-    def rounds(self):
+    def rounds(self) -> bool:
         """Whether any element may be without force and yet have the rounding of its stiffness."""
         return any(isinstance(group, Rounding) for group in self.groups)
 
-    def rounding(self, x):
+    def rounding(self, x: Motion) -> Step:
         """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
         left = jnp.zeros_like(self.load)
         for group, state in zip(self.groups, self.states, strict=True):
@@ -169,17 +188,17 @@ class System(Elementwise):
                 left = left.at[group.links, : ends.shape[-1]].add(ends)
         return self.space.collected(left, x)
 
-    def load_norm(self, x):
+    def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
         return jnp.linalg.norm(self.space.collected(self.all_load(x), x))
 
-    def unsymmetric(self):
+    def unsymmetric(self) -> Bool[Array, ""]:
         """Whether the tangent is not symmetric, scalar bool: nodal moments act, or loads follow."""
         moments = self.space.moments(self.load)
         return self.followed if moments is None else jnp.any(moments != 0) | self.followed
 
     @property
-    def followed(self):
+    def followed(self) -> Bool[Array, ""]:
         """Whether a load follows the nodes, scalar bool: of a later phase it does not act yet."""
         if self.followers is None:
             return jnp.zeros((), bool)
@@ -187,7 +206,7 @@ class System(Elementwise):
 
     # --- matrices
 
-    def tangent(self, x, known=None):
+    def tangent(self, x: Motion, known: PerGroup | None = None) -> Matrix:
         """Tangent stiffness, a matrix of `linear`, N/m: derivative of the residual by a step.
 
         By autodiff of the element forces. Dense [n_free, n_free], or sparse if the freedoms have a
@@ -197,19 +216,23 @@ class System(Elementwise):
         own = self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
         return self.space.regular(self._assemble(parts + own), x)
 
-    def parts(self, matrices, x):
+    def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
         """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
         return self._parts(zip(matrices, self.groups, strict=True), x)
 
-    def _parts(self, pairs, x):
+    def _parts(
+        self, pairs: Iterable[tuple[Float[Array, "n_elem ..."], Element]], x: Motion
+    ) -> list[Part]:
         part = self.space.part
         return [part(own, group.links, group.n_freedom, group.inner, x) for own, group in pairs]
 
-    def assembled(self, pairs, x):
+    def assembled(
+        self, pairs: Iterable[tuple[Float[Array, "n_elem ..."], Element]], x: Motion
+    ) -> Matrix:
         """A matrix as `tangent` from those of elements, list of ([n_elem, d, d], their group)."""
         return self._assemble(self._parts(pairs, x))
 
-    def _following_blocks(self, x):
+    def _following_blocks(self, x: Motion) -> list[Part]:
         """What following loads take from the tangent, as `parts`."""
         if self.followers is None:
             return []
@@ -220,11 +243,11 @@ class System(Elementwise):
             for blocks, links in own.following_blocks(*arguments)
         ]
 
-    def secant(self, before, x):
+    def secant(self, before: Motion, x: Motion) -> Matrix:
         """Secant stiffness between two points, as `tangent`, N/m."""
         return self._assemble(self.parts(self.secants(before, x), x))
 
-    def displaced_by(self, x):
+    def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
         """Displacements of all rows by the unknowns, [n_row, 3, n_free], about a point."""
         freedoms, n_row = self.freedoms, len(x)
         number, slopes = freedoms.number, self.space.slopes(x)
@@ -237,25 +260,27 @@ class System(Elementwise):
         at = jnp.arange(n_row)[:, None, None], jnp.arange(3)[None, :, None], number[:, None, :]
         return moved.at[at].add(slopes[:, :3])[..., :-1]
 
-    def _assemble(self, parts):
+    def _assemble(self, parts: list[Part]) -> Matrix:
         matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
         bound = self.freedoms.bound
         return matrix if bound is None else linear.held_at(matrix, bound)
 
     # --- results
 
-    def potential(self, x):
+    def potential(self, x: Motion) -> Float[Array, ""]:
         """Stored energy minus the work of the dead nodal forces, J; the residual is its gradient.
 
         Following loads and nodal moments are left out: they need not have a potential.
         """
         return self.stored_energy(x) - jnp.sum(self.load[:, :3] * x[:, :3])
 
-    def reactions(self, x, end_forces=None):
+    def reactions(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
         """Forces of the supports on the structure, as `load`; zero where free."""
         return self.space.reactions(self.unbalanced(x, end_forces), x)
 
-    def loose_nodes(self, motion, slack=None):
+    def loose_nodes(
+        self, motion: Motion, slack: list[Bool[Array, " n_elem"]] | None = None
+    ) -> Bool[Array, " n_row"]:
         """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
         pairs = zip(self.groups, slack, strict=True)
@@ -265,7 +290,7 @@ class System(Elementwise):
             held_up = held_up.at[self.freedoms.rows].max(held_up)
         return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
 
-    def kinked(self, motion):
+    def kinked(self, motion: Motion) -> Bool[Array, ""]:
         """Whether a cable that moves with free nodes is exactly unstressed.
 
         Equilibrium then has no derivative. (Laws with a memory slacken elsewhere.)
@@ -279,17 +304,17 @@ class System(Elementwise):
         return found
 
     @property
-    def may_be_convex(self):
+    def may_be_convex(self) -> bool:
         """Whether the energy is convex while loads are dead: tension-only groups of rising laws."""
         return all(group.tension_only and group.rising for group in self.groups)
 
     @property
-    def always_convex(self):
+    def always_convex(self) -> bool:
         """Whether it is convex, and no load follows or slides, in this phase or a later one."""
         return self.may_be_convex and self.followers is None and not self._sliding
 
     @property
-    def convex(self):
+    def convex(self) -> Bool[Array, ""]:
         """Whether the energy is convex, scalar bool."""
         if self.always_convex or not self.may_be_convex:
             return jnp.asarray(self.always_convex)
@@ -297,12 +322,12 @@ class System(Elementwise):
         return jnp.all(jnp.stack([~self.followed, *still]))
 
     @property
-    def _sliding(self):
+    def _sliding(self) -> list[Float[Array, "n_elem 3"]]:
         """Loads that slide along elements, a list of [n_elem, 3], N/m."""
         pairs = zip(self.groups, self.states, strict=True)
         loads = [state.line_load for group, state in pairs if group.slides]
         return [load for load in loads if load is not None]
 
-    def softened(self, compliance):
+    def softened(self, compliance: Float[Array, ""]) -> System:
         """The same system with a spring in series with every element, strain per force, 1/N."""
         return copy(self, groups=[group.softened(compliance) for group in self.groups])

@@ -5,16 +5,21 @@ whose laws or sections are of one kind, are joined before the compiled core, in 
 they are named, and what it finds comes apart again into theirs at its end.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import functools
-from typing import NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import Each, Indices, copy, joined
-from ..elements.prestress import Stated
+from ..common.types import Array, ArrayLike, Float, PyTree
+from ..elements.element import Element
+from ..elements.stated import Stated
 from ..sections import Section, padding
 
 _NONE = {"weight": 0.0, "expansion": 0.0}
@@ -29,11 +34,11 @@ class Bundles(NamedTuple):
         sizes: number of elements of every group.
     """
 
-    members: tuple
-    sizes: tuple
+    members: tuple[tuple[int, ...], ...]
+    sizes: tuple[int, ...]
 
     @classmethod
-    def of(cls, groups):
+    def of(cls, groups: Sequence[Element]) -> Bundles:
         """The bundles of element groups, whose links name rows of motion."""
         found = {}
         for number, group in enumerate(groups):
@@ -42,15 +47,15 @@ class Bundles(NamedTuple):
         return cls(members, tuple(len(group.links) for group in groups))
 
     @property
-    def plain(self):
+    def plain(self) -> bool:
         """Whether every group is one by itself, in its place."""
         return len(self.members) == len(self.sizes)
 
-    def groups(self, groups):
+    def groups(self, groups: list[Element]) -> list[Element]:
         """The groups of the bundles."""
         return groups if self.plain else [_joined([groups[k] for k in own]) for own in self.members]
 
-    def together(self, per_group):
+    def together(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
         """Pytrees of arrays [n_elem, ...], one for each group or None, for each bundle."""
         if self.plain:
             return per_group
@@ -60,7 +65,7 @@ class Bundles(NamedTuple):
 
         return [jax.tree.map(one, *(per_group[k] for k in own)) for own in self.members]
 
-    def apart(self, per_bundle, axis=0):
+    def apart(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
         """Pytrees with the elements of a bundle on an axis, for every group; undoes `together`."""
         if self.plain:
             return per_bundle
@@ -73,11 +78,16 @@ class Bundles(NamedTuple):
                 start += self.sizes[k]
         return found
 
-    def numbers(self, on):
+    def numbers(self, on: Collection[int]) -> tuple[int, ...]:
         """Numbers of the bundles that have some of the groups `on`, in ascending order."""
         return tuple(b for b, own in enumerate(self.members) if set(own) & set(on))
 
-    def spread(self, on, values, fill=0.0):
+    def spread(
+        self,
+        on: Collection[int],
+        values: Mapping[int, Float[ArrayLike, " n_elem"]],
+        fill: float = 0.0,
+    ) -> dict[int, Float[ArrayLike, " n_elem"]]:
         """Arrays [n_elem] or scalars of groups, as such of the bundles that have some of them.
 
         Args:
@@ -98,7 +108,7 @@ class Bundles(NamedTuple):
             found[b] = jnp.concatenate(parts)
         return found
 
-    def inputs(self, per_group):
+    def inputs(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
         """Prestress statements of a phase, for every bundle a dict from name to `Stated`."""
         if self.plain:
             return per_group

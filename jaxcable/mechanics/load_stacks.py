@@ -4,12 +4,20 @@ A load acts from the phase that adds it on; before, its factor is zero. So the p
 analysis has every kind once, however many phases there are.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import copy, pytree, stacked
+from ..common.tree import Indices, copy, pytree, stacked
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..elements.element import Element, ElementState, Pressures
 from ..loads import load as kinds
+from .bundles import Bundles
 
 
 @pytree(static=("late",))
@@ -22,16 +30,16 @@ class LoadStack:
         late: whether the first phase does not know all of them.
     """
 
-    load: object
-    phase: object
+    load: kinds.Acting
+    phase: Int[ArrayLike, " m"]
     late: bool = False
 
     @property
-    def follows(self):
+    def follows(self) -> bool:
         """Whether they depend on where the nodes are."""
         return isinstance(self.load, kinds.Following)
 
-    def until(self, phase):
+    def until(self, phase: Int[ArrayLike, ""]) -> LoadStack:
         """Only those that a phase knows: numbers of later ones are zero, even if they are NaN."""
         if not self.late:
             return self
@@ -41,30 +49,35 @@ class LoadStack:
 
         return copy(self, load=jax.tree.map(known, self.load))
 
-    def bundled(self, bundles):
+    def bundled(self, bundles: Bundles) -> LoadStack:
         """The same on bundles of groups."""
         if bundles.plain:
             return self
         return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
-    def touches(self, groups, bundles):
+    def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
         """Nodes whose forces depend on each other, list of [n, k], on groups of bundles."""
-        return self.load.touched(bundles).touches(groups)
+        load: Any = self.load.touched(bundles)  # only what follows is asked
+        return load.touches(groups)
 
-    def idle(self, begun, dtype):
+    def idle(self, begun: Float[Array, "n_row 3"], dtype: Any) -> Amounts:
         """The `Amounts` before the first phase; `begun` are the nodes then, [n_row, 3]."""
         m = self.phase.shape[0]
-        begun = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
-        return Amounts(jnp.zeros(m, dtype), begun)
+        there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
+        return Amounts(jnp.zeros(m, dtype), there)
 
-    def weighted(self, amounts, function):
+    def weighted(self, amounts: Amounts, function: Callable[[Any], PyTree[Array]]) -> PyTree[Array]:
         """Sum over the loads of their factors times ``function(load)``, a tree, or None."""
         values = self.each(function, amounts.begun)
         if self.phase.shape[0] == 1:
             return jax.tree.map(lambda x: amounts.factors[0] * x[0], values)
         return jax.tree.map(lambda x: jnp.tensordot(amounts.factors, x, 1), values)
 
-    def each(self, function, begun=None):
+    def each(
+        self,
+        function: Callable[[Any], PyTree[Array]],
+        begun: Float[Array, "m n_row 3"] | None = None,
+    ) -> PyTree[Float[Array, "m ..."]]:
         """``function(load)`` of every load, a tree of arrays [m, ...]."""
         leaves, tree = jax.tree.flatten(self.load)
 
@@ -88,21 +101,21 @@ class Amounts:
             not ask for them.
     """
 
-    factors: object
-    begun: object = None
+    factors: Float[Array, " m"]
+    begun: Float[Array, "m n_row 3"] | None = None
 
-    def added(self, own, factor):
+    def added(self, own: Bool[Array, " m"], factor: Float[ArrayLike, ""]) -> Amounts:
         """With the loads `own`, [m] bool, at a load factor."""
         return copy(self, factors=jnp.where(own, factor, self.factors))
 
-    def at_start(self, own, moved):
+    def at_start(self, own: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
         """With the positions [n_row, 3] where the phase of the loads `own` begins."""
         if self.begun is None:
             return self
         return copy(self, begun=jnp.where(own[:, None, None], moved, self.begun))
 
 
-def stacks(acting):
+def stacks(acting: Sequence[Sequence[kinds.Acting]]) -> list[LoadStack]:
     """Stack element loads on the host.
 
     Args:
@@ -127,12 +140,14 @@ def stacks(acting):
     ]
 
 
-def continued(stack):
+def continued(stack: LoadStack) -> LoadStack:
     """A stack as an analysis that goes on has it: from its beginning."""
     return copy(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
 
 
-def dead_load(nodes, groups, carry):
+def dead_load(
+    nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Any
+) -> Float[Array, "n_row n_freedom"]:
     """All dead loads of a `Carry` on every node, [n_node, 3 or 6], N and N m."""
     load = carry.nodal_load
     arguments = groups, carry.states, nodes, load.shape, nodes.dtype
@@ -142,7 +157,9 @@ def dead_load(nodes, groups, carry):
     return load
 
 
-def line_load(number, group, state, nodes, carry):
+def line_load(
+    number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], carry: Any
+) -> Float[Array, "n_elem 3"] | None:
     """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
     total = None
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
@@ -153,7 +170,7 @@ def line_load(number, group, state, nodes, carry):
     return total
 
 
-def pressures(number, group, carry):
+def pressures(number: int, group: Element, carry: Any) -> Pressures | None:
     """What follows the elements of a group and bends them, `AxialState.pressed`, or None."""
     found = {}
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
@@ -174,15 +191,17 @@ class Following:
     amounts: Amounts
 
     @property
-    def acts(self):
+    def acts(self) -> Bool[Array, ""]:
         """Whether any of them acts, scalar bool."""
         return jnp.any(self.amounts.factors != 0)
 
-    def following_forces(self, *arguments):
+    def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
         """Their forces on every node, [n_node, 3], N."""
         return self.stack.weighted(self.amounts, lambda load: load.following_forces(*arguments))
 
-    def following_blocks(self, *arguments):
+    def following_blocks(
+        self, *arguments: Any
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
         """Their derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         links = []
 
@@ -194,7 +213,7 @@ class Following:
         return list(zip(self.stack.weighted(self.amounts, blocks), links, strict=True))
 
 
-def following(carry):
+def following(carry: Any) -> list[Following] | None:
     """Loads of a `Carry` that follow, a list of `Following`, or None."""
     pairs = zip(carry.loads, carry.amounts, strict=True)
     return [Following(*pair) for pair in pairs if pair[0].follows] or None

@@ -5,14 +5,22 @@ with index arrays in place of topology. `Ramp.build` turns the prestress stateme
 end states once; `Ramp.at` interpolates.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax.numpy as jnp
 
 from ..common.tree import copy, pytree, where
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..elements.element import Element, ElementState
+from ..elements.stated import Stated
 from ..spaces import space_of
-from ..spaces.freedoms import along, combined
+from ..spaces.freedoms import Freedoms, along, combined
+from ..spaces.space import Motion
 from . import load_stacks
 from .assembly import System
-from .elementwise import each
+from .elementwise import Memory, PerGroup, each
 
 
 @pytree
@@ -28,22 +36,22 @@ class Carry:
         bearing: `RigidNodes.bearing`: rotation in which the support of every row was set.
     """
 
-    motion: object
-    states: object
-    nodal_load: object
-    loads: object
-    amounts: object
-    bearing: object = None
+    motion: Float[Array, "n_row n_motion"]
+    states: list[ElementState]
+    nodal_load: Float[Array, "n_row n_freedom"]
+    loads: list[load_stacks.LoadStack]
+    amounts: list[load_stacks.Amounts]
+    bearing: Float[Array, "n_row 4"] | None = None
 
 
-def unloaded(nodes, groups):
+def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
     """The `Carry` of a structure that nothing has happened to."""
     states = [group.start(nodes[group.links]) for group in groups]
     space = space_of(groups)
     return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
 
 
-def knowing(carry, phase):
+def knowing(carry: Carry, phase: Int[ArrayLike, ""]) -> Carry:
     """A `Carry` whose loads are those that a phase knows: later ones may be NaN."""
     return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
 
@@ -61,12 +69,12 @@ class PhaseData:
         freedoms_before: what was held before, if the supports change in any phase, else None.
     """
 
-    number: object
-    inputs: object
-    added_load: object
-    moved: object
-    freedoms: object
-    freedoms_before: object
+    number: Int[ArrayLike, ""]
+    inputs: list[dict[str, Stated]]
+    added_load: Float[ArrayLike, "n_node n_freedom"] | None
+    moved: Float[ArrayLike, "n_node n_freedom"] | None
+    freedoms: Freedoms
+    freedoms_before: Freedoms | None
 
 
 @pytree
@@ -85,19 +93,21 @@ class Ramp:
         freedoms: numbering of the unknowns.
     """
 
-    nodes: object
-    groups: object
-    begin: object
-    end_states: object
-    jacks: object
-    added_load: object
-    own: object
-    moved: object
-    released: object
-    freedoms: object
+    nodes: Float[Array, "n_row 3"]
+    groups: list[Element]
+    begin: Carry
+    end_states: list[ElementState | None]
+    jacks: list[tuple[Float[Array, " n_elem"], Stated] | None]
+    added_load: Float[ArrayLike, "n_node n_freedom"] | None
+    own: list[Bool[Array, " m"]]
+    moved: Float[Array, "n_node n_freedom"] | None
+    released: Float[Array, "n_row n_freedom"] | None
+    freedoms: Freedoms
 
     @classmethod
-    def build(cls, nodes, groups, carry, data):
+    def build(
+        cls, nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Carry, data: PhaseData
+    ) -> Ramp:
         """Work out start and end of the phase from the carry and the phase's data."""
         own = [stack.phase == data.number for stack in carry.loads]
         moved = nodes + carry.motion[:, :3]
@@ -115,26 +125,30 @@ class Ramp:
                 jack = (force, inputs["jacking"])
             statements = {name: stated for name, stated in inputs.items() if name != "jacking"}
             if statements:
-                end_state = group.restate(state, nodes[group.links], statements)
+                stateable: Any = group  # a `Prestressable`: statements of others are refused
+                end_state = stateable.restate(state, nodes[group.links], statements)
             end_states.append(end_state)
             jacks.append(jack)
-        moved = None if data.moved is None else _supported(data.moved, data.freedoms)
+        steps = None if data.moved is None else _supported(data.moved, data.freedoms)
         return cls(
-            *(nodes, groups, carry, end_states, jacks, data.added_load, own, moved, released),
+            *(nodes, groups, carry, end_states, jacks, data.added_load, own, steps, released),
             data.freedoms,
         )
 
     @property
-    def memory(self):
+    def memory(self) -> Memory | None:
         """Memory at the start of the phase, per group; None if no law has any."""
         if not any(group.remembers for group in self.groups):
             return None
         return [state.memory for state in self.begin.states]
 
-    def states(self, factor, memory=None):
+    def states(
+        self, factor: Float[ArrayLike, ""], memory: Memory | None = None
+    ) -> list[ElementState]:
         """Element states at a load factor; with a memory per group, if not the start's."""
         now = []
-        parts = self.groups, self.begin.states, self.end_states, self.jacks
+        groups: list[Any] = self.groups  # `Prestressable` where there is an end state
+        parts = groups, self.begin.states, self.end_states, self.jacks
         for group, start, end, jack in zip(*parts, strict=True):
             state = start if end is None else group.between(start, end, factor)
             if jack is not None:
@@ -146,7 +160,7 @@ class Ramp:
             now = [copy(state, memory=own) for state, own in zip(now, memory, strict=True)]
         return now
 
-    def nodal_load(self, factor):
+    def nodal_load(self, factor: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
         """Nodal loads and reactions being ramped out, at a load factor."""
         load = self.begin.nodal_load
         if self.added_load is not None:
@@ -155,34 +169,38 @@ class Ramp:
             load = load + (1 - factor) * self.released
         return load
 
-    def amounts(self, factor):
+    def amounts(self, factor: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
         """How much of the element loads acts at a load factor."""
         pairs = zip(self.begin.amounts, self.own, strict=True)
         return [amounts.added(mine, factor) for amounts, mine in pairs]
 
-    def prescribed_motion(self, factor):
+    def prescribed_motion(self, factor: Float[ArrayLike, ""]) -> Motion:
         """Motion of all nodes as the supports prescribe it at a load factor."""
         begin = self.begin.motion
         if self.moved is None:
             return begin
         return space_of(self.groups).advanced(begin, factor * self.moved)
 
-    def at(self, factor, memory=None):
+    def at(self, factor: Float[ArrayLike, ""], memory: Memory | None = None) -> System:
         """The system at a load factor."""
         now = self._loaded(self.begin.motion, self.states(factor, memory), factor)
         return make_system(
             self.nodes, self.groups, now, self.prescribed_motion(factor), self.freedoms
         )
 
-    def settle(self, system, strains, ok, memory):
+    def settle(
+        self, system: System, strains: PerGroup, ok: Bool[Array, ""], memory: Memory
+    ) -> Memory:
         """Memory after an increment that ended so; as it was unless `ok`."""
         return where(ok, system.settle(strains), memory)
 
-    def begun(self):
+    def begun(self) -> System:
         """The system that the phase begins with, of which supports are not asked."""
         return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
 
-    def leave(self, factor, motion, memory=None):
+    def leave(
+        self, factor: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
+    ) -> Carry:
         """What the phase leaves when it ends at `factor`; anchors the jacks."""
         states = []
         for group, state in zip(self.groups, self.states(factor, memory), strict=True):
@@ -191,7 +209,9 @@ class Ramp:
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
         return self._loaded(motion, states, factor)
 
-    def _loaded(self, motion, states, factor):
+    def _loaded(
+        self, motion: Motion, states: list[ElementState], factor: Float[ArrayLike, ""]
+    ) -> Carry:
         """A `Carry` with the loads of a load factor."""
         loads = self.nodal_load(factor), self.begin.loads, self.amounts(factor)
         return Carry(motion, states, *loads, self.begin.bearing)
@@ -245,7 +265,14 @@ def _change_supports(nodes, groups, carry, data):
     return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
 
 
-def make_system(nodes, groups, carry, prescribed, freedoms, load=None):
+def make_system(
+    nodes: Float[Array, "n_row 3"],
+    groups: list[Element],
+    carry: Carry,
+    prescribed: Motion | None,
+    freedoms: Freedoms,
+    load: Float[Array, "n_row n_freedom"] | None = None,
+) -> System:
     """The system of a state; shapes elements by their loads.
 
     `prescribed` is the motion of all rows as supports have it, None if it is not asked for; `load`

@@ -1,8 +1,14 @@
 """What is read off a point of equilibrium: every element evaluated once for all that is asked."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from ..common.tree import copy, pytree
+from ..common.types import Array, Int
+from ..spaces.space import Motion
+from .assembly import System
+from .elementwise import PerGroup
 
 
 @pytree(static=("of_ends", "of_increments"))
@@ -17,24 +23,24 @@ class Reading:
         of_ends, of_increments: names of what is kept at the ends of phases, and of increments.
     """
 
-    found: object
-    n_slack: object
-    n_loose: object
-    of_ends: tuple
-    of_increments: tuple
+    found: dict[str, PerGroup]
+    n_slack: Int[Array, ""]
+    n_loose: Int[Array, ""]
+    of_ends: tuple[str, ...]
+    of_increments: tuple[str, ...]
 
     @property
-    def strains(self):
+    def strains(self) -> PerGroup:
         """Strains of what has fibres or a law, a list with an item a group."""
         return self.found["section_strain"]
 
     @property
-    def of_path(self):
+    def of_path(self) -> Reading:
         """What is kept of every increment."""
         return copy(self, found={name: self.found[name] for name in self.of_increments})
 
 
-def read(system, motion):
+def read(system: System, motion: Motion) -> Reading:
     """The `Reading` of a system in a motion of all rows."""
     results = system.results()
     found = system.reading(motion, *results, "end_forces", "is_slack")

@@ -1,28 +1,35 @@
 """A structure and its results in parts: groups by name, values per group, straight pieces."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from ..elements.element import PEAK_TENSION, TENSION
-from .structure import is_group
+from ..common.types import Array, Float, Int, PyTree
+from ..elements.element import PEAK_TENSION, TENSION, Element
+from .structure import Structure, is_group
+from .topology import Part
 
 
-def groups_by_name(structure):
+def groups_by_name(structure: Structure) -> list[tuple[str, Element]]:
     """Pairs (name, group); the name is the key in the structure's elements, "" of a single one."""
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
     return [(".".join(_word(key) for key in path), group) for path, group in leaves]
 
 
-def _word(key):
+def _word(key: Any) -> str:
     return str(getattr(key, "key", getattr(key, "idx", getattr(key, "name", key))))
 
 
-def per_group(structure, values):
+def per_group(
+    structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
+) -> list[Float[np.ndarray, "n_elem ..."] | None]:
     """Values in the shape of the elements as a list of NumPy arrays or None, one per group."""
     numbers = structure.arrange(list(range(len(structure.groups))))
-    found = [None] * len(structure.groups)
+    found: list[np.ndarray | None] = [None] * len(structure.groups)
 
     def put(number, value):
         found[number] = None if value is None else np.asarray(value)
@@ -42,10 +49,12 @@ class Column(NamedTuple):
 
     label: str
     unit: str
-    values: list
+    values: list[Float[np.ndarray, " n_elem"] | None]
 
 
-def columns(groups, told):
+def columns(
+    groups: Sequence[Element | Part], told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]]
+) -> list[Column]:
     """What elements tell, each number by itself, a list of `Column`.
 
     What has numbers at several places of an element is left out.
@@ -70,7 +79,9 @@ def columns(groups, told):
     return found
 
 
-def pieces(groups):
+def pieces(
+    groups: Sequence[Element | Part],
+) -> tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"], Int[np.ndarray, " n_piece"]]:
     """Straight pieces of all elements, as pictures have them.
 
     Args:
@@ -96,12 +107,12 @@ def pieces(groups):
     return np.concatenate(ends), np.concatenate(element), np.concatenate(owner)
 
 
-def first_and_last(group):
+def first_and_last(group: Element | Part) -> Int[np.ndarray, "n_elem 2"]:
     """First and last node of every element of a group, [n_elem, 2]."""
     return group.links.array[:, [0, -1]]
 
 
-def one_case(solution):
+def one_case(solution: Any) -> None:
     """Raise ValueError if `solution` is none, a batch, or is being traced."""
     if not hasattr(solution, "status"):
         raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")

@@ -5,12 +5,19 @@ strain of 200 % of one of 0.2 %. All of this is NumPy on the host, for values th
 is being traced is not looked at. Each function says what it finds as an `InputWarning`.
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import jax
 import numpy as np
 
 from ..common import checks, status
+from ..common.types import ArrayLike, Bool, Float
+from ..elements.element import Element
+from ..elements.stated import Stated
 
 STRAIN = 0.15
 """Stated strain that a constant stiffness describes in no cable; steel breaks at 0.02 to 0.04."""
@@ -27,7 +34,7 @@ OFF_AXIS = 1e-6
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
 
-def _warns(judge):
+def _warns(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
     """Make a generator of texts a function that issues them as warnings."""
 
     @functools.wraps(judge)
@@ -40,7 +47,7 @@ def _warns(judge):
     return warn
 
 
-def stability(solution):
+def stability(solution: Any) -> None:
     """Warn of phases that have ended in an unstable equilibrium, unless they are being traced."""
     if isinstance(solution.stable, jax.core.Tracer):
         return
@@ -55,7 +62,7 @@ def stability(solution):
 
 
 @_warns
-def precision(nodes):
+def precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
     """Warn of double precision that is given and not switched on: it would be lost silently."""
     given = getattr(nodes, "dtype", None)
     if given == np.float64 and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
@@ -67,7 +74,11 @@ def precision(nodes):
 
 
 @_warns
-def places(nodes, groups, fixed):
+def places(
+    nodes: Float[np.ndarray, "n_node 3"],
+    groups: Sequence[Element],
+    fixed: Bool[np.ndarray, "n_row n_freedom"],
+) -> Iterator[str]:
     """Warn of two nodes at one place that nothing joins, unless both are held.
 
     Args:
@@ -81,7 +92,7 @@ def places(nodes, groups, fixed):
     same = (nodes[first] == nodes[second]).all(axis=1)
     if not same.any():
         return
-    free = ~fixed[: len(nodes), :3].all(axis=1)
+    free: Bool[ArrayLike, " n_node"] = ~fixed[: len(nodes), :3].all(axis=1)
     used = np.zeros(len(nodes), bool)
     for group in groups:
         used[group.links.array] = True
@@ -95,7 +106,7 @@ def places(nodes, groups, fixed):
 
 
 @_warns
-def members(group, where, nodes):
+def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) -> Iterator[str]:
     """Warn of unstressed lengths and cross-sections that do not go with the place of the nodes.
 
     Args:
@@ -122,7 +133,9 @@ def members(group, where, nodes):
 
 
 @_warns
-def prestress(name, stated, group, where, nodes):
+def prestress(
+    name: str, stated: Stated, group: Element, where: str, nodes: Float[ArrayLike, "n_node 3"]
+) -> Iterator[str]:
     """Warn of a statement of prestress that no cable bears.
 
     Args:
@@ -157,7 +170,13 @@ def prestress(name, stated, group, where, nodes):
 
 
 @_warns
-def loading(number, loads, fixed, groups, alone):
+def loading(
+    number: int,
+    loads: Sequence[Any],
+    fixed: Bool[np.ndarray, "n_row n_freedom"],
+    groups: Sequence[Element],
+    alone: bool,
+) -> Iterator[str]:
     """Warn of nodal loads that act on supports only, or that the elements there cannot bear.
 
     The elements at a free node balance its load, hence one of them at least is strained by the load
@@ -189,12 +208,12 @@ def loading(number, loads, fixed, groups, alone):
     if any(group.rotates for group in groups):  # beams bend
         return
     size = np.sqrt(np.sum(total**2, axis=1))
-    each = [axial_stiffness(group) for group in groups]
-    each = [np.array([np.inf]) if own is None else own for own in each]
-    if size.max() <= LOADED * min(own.min() for own in each):
+    given = [axial_stiffness(group) for group in groups]
+    known = [np.array([np.inf]) if own is None else own for own in given]
+    if size.max() <= LOADED * min(own.min() for own in known):
         return
     stiffness = np.zeros(len(fixed))
-    for group, own in zip(groups, each, strict=True):
+    for group, own in zip(groups, known, strict=True):
         ends = group.links.array
         passing = 1 if ends.shape[1] == 2 else 2  # two pieces of one cable meet at its node
         own = np.broadcast_to(passing * own[:, None], ends.shape)
@@ -210,7 +229,9 @@ def loading(number, loads, fixed, groups, alone):
 
 
 @_warns
-def nothing_free(number, fixed, groups):
+def nothing_free(
+    number: int, fixed: Bool[np.ndarray, "n_row n_freedom"], groups: Sequence[Element]
+) -> Iterator[str]:
     """Warn of supports that leave nothing to move, nor elements that change by themselves."""
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
@@ -219,7 +240,7 @@ def nothing_free(number, fixed, groups):
         )
 
 
-def axial_stiffness(group):
+def axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
     """EA of a group whose law is a line, [n_elem], N, NumPy; None if it is not known."""
     return _there(group.stiffness_along())
 

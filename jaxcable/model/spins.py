@@ -7,11 +7,16 @@ stiffness indeed (`spaces.RigidNodes.regular`). Equilibrium is not touched: unde
 the line there is none.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 from scipy import sparse
 
 from ..common import checks
 from ..common.tree import Indices
+from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements.element import Bending
 
 _STRAIGHT = 1e-9  # of the length of a piece, off its line
@@ -26,19 +31,26 @@ class Spins:
         ends: two nodes on the line of each piece, [n_piece, 2], NumPy.
     """
 
-    def __init__(self, rows, piece, ends):
+    def __init__(
+        self,
+        rows: Int[ArrayLike, " m"],
+        piece: Int[ArrayLike, " m"],
+        ends: Int[ArrayLike, "n_piece 2"],
+    ):
         self.rows, self.piece = np.array(rows, np.int32), np.array(piece, np.int32)
         self.ends = np.array(ends, np.int32).reshape(-1, 2)
         self._key = tuple(Indices(a) for a in (self.rows, self.piece, self.ends))
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash(self._key)
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return isinstance(other, Spins) and self._key == other._key
 
 
-def free_spins(structure, fixed, axes):
+def free_spins(
+    structure: Any, fixed: Bool[np.ndarray, "n_node 6"], axes: Float[np.ndarray, "n_node 3 3"]
+) -> Spins | None:
     """`Spins` under given supports, or None.
 
     Args:
@@ -129,11 +141,11 @@ def _held(structure, nodes, own, line, fixed, axes):
     return bool((np.abs(off) > _STRAIGHT * np.abs(nodes).max()).any())
 
 
-def warn(structure, spins):
+def warn(structure: Any, spins: Spins | None) -> None:
     """Issue an `InputWarning` that names each piece."""
     if spins is None:
         return
-    nodes = checks.concrete(structure.nodes)
+    nodes: Any = checks.concrete(structure.nodes)  # known, or no spin would be
     for number, (first, second) in enumerate(spins.ends.tolist()):
         own = spins.rows[spins.piece == number]
         own = own[own < structure.n_node]

@@ -1,18 +1,30 @@
 """Numbering of the unknowns: rows of motion, and which of their freedoms are free.
 
 Every node is a row of motion. Further rows belong to elements: a hinged end of a beam has the
-displacement of its node and a rotation of its own; inner numbers of beams (`elements.member`) stand
+displacement of its node and a rotation of its own; inner numbers of beams (`elements.inner`) stand
 in the displacements of rows that nothing else shares. A node that another one carries rigidly has
 no freedom of its own: it moves by those of its carrier.
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Sequence
+from typing import TypeAlias
 
 import jax.numpy as jnp
 import numpy as np
 
 from .. import linear
 from ..common.tree import Indices, places, pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+
+Carried: TypeAlias = 'tuple[Int[ArrayLike, " n"], Int[ArrayLike, " n"]]'
+"""Nodes that others carry, and their carriers."""
+FreeSpins: TypeAlias = (
+    'tuple[Int[ArrayLike, " m"], Int[ArrayLike, " m"], Int[ArrayLike, "n_piece 2"]]'
+)
+"""Rows that spin, the pieces that they belong to, and nodes on the lines of these."""
 
 
 class Rows:
@@ -24,18 +36,23 @@ class Rows:
         idle: columns of these that no element uses, [n_row, 3] bool, NumPy.
     """
 
-    def __init__(self, node, inner, idle):
+    def __init__(
+        self,
+        node: Int[ArrayLike, " n_row"],
+        inner: Bool[ArrayLike, " n_row"],
+        idle: Bool[ArrayLike, "n_row 3"],
+    ):
         self.node = np.array(node, np.int32)
         self.inner, self.idle = np.array(inner, bool), np.array(idle, bool).reshape(-1, 3)
         self._key = tuple(Indices(a) for a in (self.node, self.inner, self.idle))
 
-    def __hash__(self):
+    def __hash__(self) -> int:
         return hash(self._key)
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return isinstance(other, Rows) and self._key == other._key
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.node)
 
 
@@ -60,22 +77,22 @@ class Freedoms:
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
     """
 
-    free: object
-    number: object
-    fixed: object
-    axes: object = None
-    rows: object = None
-    inner: object = None
-    carried: object = None
-    pattern: object = None
-    spins: object = None
-    bound: object = None
+    free: Int[ArrayLike, " n_free"]
+    number: Int[ArrayLike, "n_row n_freedom"]
+    fixed: Bool[ArrayLike, "n_row n_freedom"]
+    axes: Float[ArrayLike, "n_row 3 3"] | None = None
+    rows: Int[ArrayLike, " n_row"] | None = None
+    inner: Bool[ArrayLike, " n_row"] | None = None
+    carried: Carried | None = None
+    pattern: linear.Pattern | None = None
+    spins: FreeSpins | None = None
+    bound: Bool[ArrayLike, " n_free"] | None = None
 
-    def released(self, vector):
+    def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
         """A vector [n_free] with zeros where this phase holds what another one leaves free."""
         return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
 
-    def moves(self):
+    def moves(self) -> Bool[Array, "n_row n_freedom"]:
         """Freedoms that are not held, or whose node's or carrier's are not, [n_row, n_freedom]."""
         n_free = self.free.shape[0]
         if self.bound is None:
@@ -83,17 +100,23 @@ class Freedoms:
         return ~jnp.append(self.bound, True)[self.number]
 
     @property
-    def row_of_unknown(self):
+    def row_of_unknown(self) -> Int[Array, " n_free"]:
         """The row that every unknown belongs to, [n_free]."""
         return self.free // self.number.shape[1]
 
     @property
-    def of_supports(self):
+    def of_supports(self) -> Freedoms:
         """What results need of it: all but the numbering."""
         return Freedoms(*(None, None, self.fixed, self.axes, self.rows, self.inner, self.carried))
 
 
-def numbers_of(number, links, width, inner=(), carried=None):
+def numbers_of(
+    number: Int[ArrayLike, "n_row n_freedom"],
+    links: Int[ArrayLike, "n_elem n_end"],
+    width: int,
+    inner: Sequence[tuple[int, int]] = (),
+    carried: Carried | None = None,
+) -> Int[ArrayLike, "n_elem d"]:
     """Numbers of the unknowns in the order of an element's matrix, [n_elem, d].
 
     Args:
@@ -117,7 +140,7 @@ def numbers_of(number, links, width, inner=(), carried=None):
     return (np if on_host else jnp).concatenate([numbers, own], axis=1)
 
 
-def carriers(n_row, carried):
+def carriers(n_row: int, carried: Carried) -> Int[ArrayLike, " n_row"]:
     """The row that every row moves with, itself but for carried nodes, [n_row]."""
     if isinstance(carried[0], np.ndarray):
         found = np.arange(n_row)
@@ -177,11 +200,13 @@ def number_freedoms(
     )
 
 
-def along(axes, vectors):
+def along(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
     """Components of vectors [n, 3] along directions, rows of [n, 3, 3]."""
     return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
 
 
-def combined(axes, components):
+def combined(
+    axes: Float[ArrayLike, "n 3 3"], components: Float[Array, "n 3"]
+) -> Float[Array, "n 3"]:
     """Vectors [n, 3] from their components along directions, rows of [n, 3, 3]."""
     return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)

@@ -12,14 +12,20 @@ unsymmetric (of the order of the moment). Plain Newton steps and derivatives of 
 of it, searched steps the symmetric part.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from .. import linear
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, Int
 from ..numerics.rotations import (
     IDENTITY,
     angles,
@@ -33,8 +39,8 @@ from ..numerics.rotations import (
     turn_by,
     turned,
 )
-from .freedoms import along, combined, numbers_of
-from .space import Space, by_numbers, square
+from .freedoms import Freedoms, along, combined, numbers_of
+from .space import Forces, Group, Matrix, Motion, Part, Space, Step, by_numbers, square
 
 _NO_STIFFNESS = 1e-9  # of that of one node's spin, which a free spin may have from rounding
 
@@ -50,37 +56,44 @@ class RigidNodes(Space):
             rotations in directions of their own; None if that is as `prescribed`.
     """
 
-    nodes: object
-    arm: object
-    bearing: object
+    nodes: Float[Array, "n_row 3"]
+    arm: Float[Array, ""]
+    bearing: Float[Array, "n_row 4"] | None
 
     n_motion, n_freedom = 7, 6
     rotates = True
     symmetric = False  # moments
 
     @classmethod
-    def of(cls, nodes, groups, freedoms, prescribed, bearing):
+    def of(
+        cls,
+        nodes: Float[Array, "n_row 3"],
+        groups: Sequence[Group],
+        freedoms: Freedoms,
+        prescribed: Motion | None,
+        bearing: Float[Array, "n_row 4"] | None,
+    ) -> Self:
         """The space of a system; its arm is the mean length of what gives nodes rotations."""
-        lengths = [group.chord(nodes[group.links]) for group in groups if group.rotates]
-        lengths = jnp.concatenate(lengths)
+        chords = [group.chord(nodes[group.links]) for group in groups if group.rotates]
+        lengths = jnp.concatenate(chords)
         arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
         return cls(freedoms, prescribed, nodes, arm, bearing)
 
     # --- motions
 
     @classmethod
-    def still(cls, nodes):
+    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
         """No displacement, no rotation."""
         turn = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
         return jnp.concatenate([jnp.zeros_like(nodes), turn], axis=1)
 
     @classmethod
-    def advanced(cls, motion, step):
+    def advanced(cls, motion: Motion, step: Forces) -> Motion:
         """Moved on and turned on."""
         return jax.vmap(turned)(motion, step)
 
     @classmethod
-    def between(cls, before, after):
+    def between(cls, before: Motion, after: Motion) -> Forces:
         """Displacement, and the rotation vector of the turn."""
 
         def turn(old, new):
@@ -90,30 +103,32 @@ class RigidNodes(Space):
         return jnp.concatenate([shift, jax.vmap(turn)(before[:, 3:], after[:, 3:])], axis=1)
 
     @classmethod
-    def rotations(cls, motion):
+    def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"]:
         """All but displacements."""
         return motion[:, 3:]
 
     @classmethod
-    def moments(cls, force):
+    def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"]:
         """All but forces."""
         return force[..., 3:]
 
     @classmethod
-    def kept(cls, motion):
+    def kept(
+        cls, motion: Float[Array, "n_inc n_row n_motion"]
+    ) -> Float[Array, "n_inc n_row n_motion"]:
         """All of it: displacements do not tell rotations."""
         return motion
 
     # --- points and steps
 
-    def place(self, x):
+    def place(self, x: Motion) -> Motion:
         """`x` with held translations and clamped nodes put where their supports are."""
         clamped = jnp.all(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
-        rotation = jnp.where(clamped, self.prescribed[:, 3:], x[:, 3:])
+        rotation = jnp.where(clamped, self._prescribed[:, 3:], x[:, 3:])
         moved = self._supported(x[:, :3])
         return self._carried_along(jnp.concatenate([moved, rotation], axis=1))
 
-    def carried(self, x):
+    def carried(self, x: Motion) -> Motion:
         """`x`, a constant, as a function of the rotation in which hinged supports were left."""
         hinged = jnp.any(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
         support = self._reference()
@@ -121,15 +136,15 @@ class RigidNodes(Space):
         rotation = jnp.where(hinged, jax.vmap(product)(relative, support), x[:, 3:])
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
-    def _reference(self):
+    def _reference(self) -> Float[Array, "n_row 4"]:
         """Rotation from which supports that hold some rotations reckon, [n_row, 4]."""
-        return self.prescribed[:, 3:] if self.bearing is None else self.bearing
+        return self._prescribed[:, 3:] if self.bearing is None else self.bearing
 
-    def move(self, x, step):
+    def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
         return self._carried_along(jax.vmap(turned)(x, self.spread(x, step)))
 
-    def _carried_along(self, x):
+    def _carried_along(self, x: Motion) -> Motion:
         """`x` with the nodes that others carry put where these take them."""
         if self.freedoms.carried is None:
             return x
@@ -138,12 +153,12 @@ class RigidNodes(Space):
         moved = x[by, :3] + jax.vmap(rotate)(turn, arm) - arm
         return x.at[nodes].set(jnp.concatenate([moved, turn], axis=1))
 
-    def _arms(self, x):
+    def _arms(self, x: Motion) -> Float[Array, "n 3"]:
         """From carriers to the nodes that they carry, as they are turned at `x`, [n, 3], m."""
-        nodes, by = self.freedoms.carried
+        nodes, by = self.freedoms.carried  # type: ignore[misc]  # some are
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
-    def spread(self, x, step):
+    def spread(self, x: Motion, step: Step) -> Forces:
         """Translation and spin of every row, [n_row, 6], from a step [n_free] from `x`.
 
         Carried nodes move with their carriers, by the turn of the arm itself.
@@ -160,7 +175,7 @@ class RigidNodes(Space):
             full = full.at[nodes].set(jnp.concatenate([full[by, :3] + swung, spin], axis=1))
         return full
 
-    def _spin_axes(self, x):
+    def _spin_axes(self, x: Motion) -> Float[Array, "n_row 3 3"]:
         """Directions of spins, rows of [n_row, 3, 3].
 
         Where one rotation is held the node swings, by the shortest way from `_reference`; the spins
@@ -179,12 +194,12 @@ class RigidNodes(Space):
 
     # --- forces
 
-    def size(self, force):
+    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Norms of forces, and of moments over the arm."""
         size = _norm(force[..., :3])
         return size + _norm(force[..., 3:]) / self.arm
 
-    def collected(self, force, x, spread=None):
+    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
         """Forces and moments at the unknowns; those on carried nodes at their carriers."""
         n = self.freedoms.free.shape[0]
         force = self._handed_on(force, x, spread)
@@ -197,7 +212,7 @@ class RigidNodes(Space):
         sums = jnp.zeros(n, force.dtype).at[self.freedoms.number].add(scaled, mode="drop")
         return self.freedoms.released(sums)
 
-    def _handed_on(self, force, x, spread=None):
+    def _handed_on(self, force: Forces, x: Motion, spread: Forces | None = None) -> Forces:
         """Forces and moments [n_row, 6] with those on carried nodes handed to their carriers."""
         if self.freedoms.carried is None:
             return force
@@ -212,12 +227,12 @@ class RigidNodes(Space):
         force = force.at[nodes].set(0.0).at[by, :3].add(own[:, :3])
         return force.at[by, 3:].add(own[:, 3:] + turning)
 
-    def conjugate(self, load, spread):
+    def conjugate(self, load: Forces, spread: Forces) -> Forces:
         """Moments by their work on changes of the spin, see `rotations.conjugate`."""
         moment = jax.vmap(conjugate)(spread[:, 3:], load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
-    def reactions(self, unbalanced, motion):
+    def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Forces and moments of the supports on the structure, [n_row, 6]; zero where free."""
         force, freedoms = self._handed_on(unbalanced, motion), self.freedoms
         fixed = freedoms.fixed
@@ -230,18 +245,18 @@ class RigidNodes(Space):
         turn = jnp.where(fixed[:, 3:], along(spins, force[:, 3:]), 0.0)
         return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, turn)], axis=1)
 
-    def directions(self, motion):
+    def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
         """Those of displacements, and of spins."""
         return [self.freedoms.axes, self._spin_axes(motion)]
 
     # --- matrices
 
     @classmethod
-    def coupled(cls, number):
+    def coupled(cls, number: Int[np.ndarray, "n_row 6"]) -> list[Int[np.ndarray, "n_row 3"]]:
         """Spins of a node: moments have entries of their own."""
         return [number[:, 3:]]
 
-    def slopes(self, motion):
+    def slopes(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
         """Change of a row's motion by its numbers, [n_row, 6, 6]; None if only spins are scaled."""
         freedoms = self.freedoms
         if freedoms.axes is None and freedoms.carried is None:
@@ -263,7 +278,14 @@ class RigidNodes(Space):
             slopes = slopes.at[nodes].set(own.at[:, :3].add(swung))
         return slopes
 
-    def part(self, blocks, links, width, inner, x):
+    def part(
+        self,
+        blocks: Float[Array, "n_elem ..."],
+        links: Int[ArrayLike, "n_elem n_end"],
+        width: int,
+        inner: Sequence[tuple[int, int]],
+        x: Motion,
+    ) -> Part:
         """Blocks by what their ends' numbers are, which are six at an end that is carried."""
         freedoms, blocks, slopes = self.freedoms, square(blocks), self.slopes(x)
         number = numbers_of(freedoms.number, links, width, inner, freedoms.carried)
@@ -279,7 +301,7 @@ class RigidNodes(Space):
             own = own[..., :width]
         return by_numbers(blocks, own, len(inner)), number
 
-    def own_parts(self, load, unbalanced, x):
+    def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
         """What nodal moments, and forces on arms, take from the tangent as nodes turn.
 
         See `rotations.conjugate`. For one node after the other, by its spins.
@@ -303,7 +325,7 @@ class RigidNodes(Space):
             change = jnp.einsum("nai,nij,nbj->nab", axes, change, axes)
         return [(change / self.arm**2, self.freedoms.number[:, 3:])]
 
-    def regular(self, matrix, x):
+    def regular(self, matrix: Matrix, x: Motion) -> Matrix:
         """The tangent with free spins held at a node each, as far as they are without stiffness.
 
         A spring on one unknown that a spin z moves, where K z is zero: solutions for loads without
@@ -331,5 +353,5 @@ class RigidNodes(Space):
         return matrix
 
 
-def _norm(vectors):
+def _norm(vectors: Float[Array, "... 3"]) -> Float[Array, " ..."]:
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1))

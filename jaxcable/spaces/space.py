@@ -7,13 +7,40 @@ it *spreads* to a step of every row, [n_row, n_freedom], and moves ``x`` on. For
 *collected* to the unknowns, by the work that they do on such a step.
 """
 
+from __future__ import annotations
+
 import abc
+from collections.abc import Callable, Sequence
+from typing import ClassVar, Protocol, Self, TypeAlias
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..common.tree import pytree
-from .freedoms import along, combined
+from ..common.types import Array, ArrayLike, Float, Int
+from ..linear.pattern import Sparse
+from .freedoms import Freedoms, along, combined
+
+Motion: TypeAlias = 'Float[Array, "n_row n_motion"]'
+"""The motion of all rows, the point of an iteration."""
+Forces: TypeAlias = 'Float[Array, "n_row n_freedom"]'
+"""Forces on all rows, and steps of them."""
+Step: TypeAlias = 'Float[Array, " n_free"]'
+"""A number for every unknown."""
+Part: TypeAlias = 'tuple[Float[Array, "n_elem d d"], Int[ArrayLike, "n_elem d"]]'
+"""Matrices of elements, and the unknowns that their rows and columns belong to."""
+Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | Sparse'
+
+
+class Group(Protocol):
+    """What a space asks of an element group, see `elements.element.Element`."""
+
+    links: Int[ArrayLike, "n_elem n_end"]
+    rotates: bool
+
+    def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
+        """Length between the first two ends, m."""
 
 
 @pytree
@@ -29,83 +56,98 @@ class Space(abc.ABC):
         symmetric: whether the tangent is symmetric whatever the dead loads are.
     """
 
-    freedoms: object
-    prescribed: object
+    freedoms: Freedoms
+    prescribed: Motion | None
 
-    n_motion = n_freedom = 3
-    rotates = False
-    symmetric = True
+    n_motion: ClassVar[int] = 3
+    n_freedom: ClassVar[int] = 3
+    rotates: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
 
     # --- motions
 
     @classmethod
     @abc.abstractmethod
-    def of(cls, nodes, groups, freedoms, prescribed, bearing):
+    def of(
+        cls,
+        nodes: Float[Array, "n_row 3"],
+        groups: Sequence[Group],
+        freedoms: Freedoms,
+        prescribed: Motion | None,
+        bearing: Float[Array, "n_row 4"] | None,
+    ) -> Self:
         """The space of a system; `bearing` as of `ramp.Carry`."""
 
     @classmethod
     @abc.abstractmethod
-    def still(cls, nodes):
+    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
         """Motion of rows [n_row, 3] that have not moved."""
 
     @classmethod
     @abc.abstractmethod
-    def advanced(cls, motion, step):
+    def advanced(cls, motion: Motion, step: Forces) -> Motion:
         """Motion after a step of any size, [n_row, n_freedom]."""
 
     @classmethod
     @abc.abstractmethod
-    def between(cls, before, after):
+    def between(cls, before: Motion, after: Motion) -> Forces:
         """Displacement, and rotation vector, from one motion to another, [n_row, n_freedom]."""
 
     @classmethod
-    def rotations(cls, motion):
+    def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"] | None:
         """Rotations of all rows, unit quaternions [n_row, 4]; None if there are none."""
         return None
 
     @classmethod
-    def moments(cls, force):
+    def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"] | None:
         """Moments in forces [..., n_freedom], [..., 3], N m; None if there are none."""
         return None
 
     @classmethod
-    def kept(cls, motion):
+    def kept(
+        cls, motion: Float[Array, "n_inc n_row n_motion"]
+    ) -> Float[Array, "n_inc n_row n_motion"] | None:
         """What a path has to keep of motions [n_inc, n_row, n_motion] beside displacements."""
         return None
 
     @classmethod
-    def padded(cls, force):
+    def padded(cls, force: Float[Array, "... n"]) -> Float[Array, "... n_freedom"]:
         """Forces [..., 3] or [..., n_freedom] with no moments where they have none."""
         missing = [(0, 0)] * (force.ndim - 1) + [(0, cls.n_freedom - force.shape[-1])]
         return jnp.pad(force, missing) if missing[-1][1] else force
 
     # --- points and steps
 
-    def place(self, x):
+    @property
+    def _prescribed(self) -> Motion:
+        """`prescribed`, where it is asked for."""
+        return self.prescribed  # type: ignore[return-value]
+
+    def place(self, x: Motion) -> Motion:
         """`x` with what supports hold where they prescribe it."""
         return self._supported(x[:, :3])
 
-    def _supported(self, displacement):
+    def _supported(self, displacement: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         fixed, axes = self.freedoms.fixed[:, :3], self.freedoms.axes
-        held = self.prescribed[:, :3]
+        held = self._prescribed[:, :3]
         if axes is None:
             return jnp.where(fixed, held, displacement)
         own = jnp.where(fixed, along(axes, held), along(axes, displacement))
         return combined(axes, own)
 
-    def carried(self, x):
+    def carried(self, x: Motion) -> Motion:
         """`x`, a constant, as a function of what supports do to free nodes: nothing."""
         return x
 
     @abc.abstractmethod
-    def spread(self, x, step):
+    def spread(self, x: Motion, step: Step) -> Forces:
         """Step of every row, [n_row, n_freedom], from a step [n_free] from `x`."""
 
     @abc.abstractmethod
-    def move(self, x, step):
+    def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
 
-    def held_still(self, residual, step):
+    def held_still(self, residual: Step, step: Step) -> Step:
         """Residual [n_free] at a step, with that of what is held in this phase only.
 
         What only other phases leave free stays where it is: it has some stiffness, and no force.
@@ -118,65 +160,78 @@ class Space(abc.ABC):
     # --- forces
 
     @abc.abstractmethod
-    def size(self, force):
+    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Sizes of forces [..., n_freedom], [...], N; moments over a length."""
 
     @abc.abstractmethod
-    def collected(self, force, x, spread=None):
+    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
         """Forces on all rows at the unknowns, [n_free], N.
 
         At `x`, or of forces conjugate to the steps `spread` of all rows from there.
         """
 
-    def conjugate(self, load, spread):
+    def conjugate(self, load: Forces, spread: Forces) -> Forces:
         """Dead loads, [n_row, n_freedom], as forces conjugate to steps from where they were."""
         return load
 
     @abc.abstractmethod
-    def reactions(self, unbalanced, motion):
+    def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Forces of the supports, [n_row, n_freedom], of unbalanced ones; zero where free."""
 
-    def directions(self, motion):
+    def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
         """Directions of displacements, and of spins, a list of [n_row, 3, 3]."""
         return [self.freedoms.axes]
 
     # --- matrices
 
     @classmethod
-    def coupled(cls, number):
+    def coupled(
+        cls, number: Int[np.ndarray, "n_row n_freedom"]
+    ) -> list[Int[np.ndarray, "n_row d"]]:
         """Numbers of unknowns that a row couples by itself, list of [n_row, d]."""
         return []
 
     @abc.abstractmethod
-    def slopes(self, x):
+    def slopes(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
         """Change of a row's motion by its numbers, [n_row, n_freedom, d]; None if the same."""
 
     @abc.abstractmethod
-    def part(self, blocks, links, width, inner, x):
+    def part(
+        self,
+        blocks: Float[Array, "n_elem ..."],
+        links: Int[ArrayLike, "n_elem n_end"],
+        width: int,
+        inner: Sequence[tuple[int, int]],
+        x: Motion,
+    ) -> Part:
         """Matrices [n_elem, d, d] of elements as `linear.assemble` takes them.
 
         By the unknowns of their ends, which have `width` freedoms each, and their inner numbers.
         """
 
-    def own_parts(self, load, unbalanced, x):
+    def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
         """What loads take from the tangent as nodes turn, a list as of `part`.
 
         `unbalanced` is a function without arguments that gives the forces [n_row, n_freedom].
         """
         return []
 
-    def regular(self, matrix, x):
+    def regular(self, matrix: Matrix, x: Motion) -> Matrix:
         """The tangent with what has no stiffness, and needs none, held."""
         return matrix
 
 
-def square(blocks):
+def square(blocks: Float[Array, "n_elem ..."]) -> Float[Array, "n_elem d d"]:
     """Matrices of elements in any shape as [n_elem, d, d]."""
     count = len(blocks)
     return blocks.reshape(count, -1, round((blocks.size // count) ** 0.5))
 
 
-def by_numbers(blocks, slopes, n_inner):
+def by_numbers(
+    blocks: Float[Array, "n_elem d d"],
+    slopes: Float[Array, "n_elem n_end width n_number"],
+    n_inner: int,
+) -> Float[Array, "n_elem k k"]:
     """Matrices [n_elem, d, d] of ends by those of the numbers behind them; inner numbers stay.
 
     `slopes`: change of each end by its numbers, [n_elem, n_end, width, n_number].

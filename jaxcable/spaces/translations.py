@@ -1,10 +1,16 @@
 """Nodes that have a displacement and nothing else: cable nets, trusses."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Self
+
 import jax.numpy as jnp
 
 from ..common.tree import pytree
-from .freedoms import along, combined, numbers_of
-from .space import Space, by_numbers, square
+from ..common.types import Array, ArrayLike, Float, Int
+from .freedoms import Freedoms, along, combined, numbers_of
+from .space import Forces, Group, Motion, Part, Space, Step, by_numbers, square
 
 
 @pytree
@@ -12,56 +18,70 @@ class Translations(Space):
     """A row's motion is its displacement, [3], m; see `Space`."""
 
     @classmethod
-    def of(cls, nodes, groups, freedoms, prescribed, bearing):
+    def of(
+        cls,
+        nodes: Float[Array, "n_row 3"],
+        groups: Sequence[Group],
+        freedoms: Freedoms,
+        prescribed: Motion | None,
+        bearing: Float[Array, "n_row 4"] | None,
+    ) -> Self:
         """The space of a system."""
         return cls(freedoms, prescribed)
 
     @classmethod
-    def still(cls, nodes):
+    def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
         """No displacement."""
         return jnp.zeros_like(nodes)
 
     @classmethod
-    def advanced(cls, motion, step):
+    def advanced(cls, motion: Motion, step: Forces) -> Motion:
         """Their sum."""
         return motion + step
 
     @classmethod
-    def between(cls, before, after):
+    def between(cls, before: Motion, after: Motion) -> Forces:
         """Their difference."""
         return after - before
 
-    def spread(self, x, step):
+    def spread(self, x: Motion, step: Step) -> Forces:
         """Displacement of every row."""
         own = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
         return own if self.freedoms.axes is None else combined(self.freedoms.axes, own)
 
-    def move(self, x, step):
+    def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
         return x + self.spread(x, step)
 
-    def size(self, force):
+    def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Their norms."""
         return jnp.sqrt(jnp.sum(force**2, axis=-1))
 
-    def collected(self, force, x, spread=None):
+    def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
         """Those along the free freedoms."""
         own = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
         return self.freedoms.released(own.reshape(-1)[self.freedoms.free])
 
-    def reactions(self, unbalanced, motion):
+    def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """What is not balanced along freedoms that are held."""
         fixed, axes = self.freedoms.fixed, self.freedoms.axes
         if axes is None:
             return jnp.where(fixed, unbalanced, 0.0)
         return combined(axes, jnp.where(fixed, along(axes, unbalanced), 0.0))
 
-    def slopes(self, x):
+    def slopes(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
         """The directions of its freedoms, if these are not x, y, z."""
         axes = self.freedoms.axes
         return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
 
-    def part(self, blocks, links, width, inner, x):
+    def part(
+        self,
+        blocks: Float[Array, "n_elem ..."],
+        links: Int[ArrayLike, "n_elem n_end"],
+        width: int,
+        inner: Sequence[tuple[int, int]],
+        x: Motion,
+    ) -> Part:
         """Blocks and numbers of the unknowns."""
         number = numbers_of(self.freedoms.number, links, width, inner)
         blocks, slopes = square(blocks), self.slopes(x)

@@ -1,0 +1,47 @@
+"""Elements with one force, along the line through their two nodes."""
+
+from __future__ import annotations
+
+import abc
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from ..common.types import Array, Float
+from .element import TENSION, Element, Ends, Forces, Motion, Result, Scalar
+from .prestress import AxialState, stretch
+
+
+class Axial(Element):
+    """Elements of two nodes with a force along the line through them."""
+
+    results: ClassVar[tuple[Result, ...]] = (TENSION,)
+
+    @abc.abstractmethod
+    def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
+        """Axial force, N."""
+
+    def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+        """Internal force at both ends, [2, 3], N."""
+        pull = self._pull(state, ends, motion)
+        return jnp.stack([-pull, pull])
+
+    def _pull(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, " 3"]:
+        """Axial force as a vector from the first end to the second, [3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        return self.tension(state, ends, motion) * vector / length
+
+    def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "2 3 2 3"]:
+        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
+
+        They depend on the relative displacement of the ends alone, so that a third of the
+        derivatives gives them all.
+        """
+
+        def pull(second):
+            return self._pull(state, ends, jnp.stack([motion[0], second]))
+
+        # a value of its own, which the four places that it goes to do not compute again
+        block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))
+        return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])

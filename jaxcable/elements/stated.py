@@ -1,0 +1,27 @@
+"""A statement of prestress, as the elements of a group get it."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float
+
+
+@pytree
+class Stated:
+    """One statement of prestress for a group.
+
+    Attributes:
+        values: [n_elem]; zero for an element that it does not concern.
+        chosen: the elements that it concerns, [n_elem] bool; None for all.
+    """
+
+    values: Float[ArrayLike, " n_elem"]
+    chosen: Bool[ArrayLike, " n_elem"] | None = None
+
+    def over(
+        self, new: Float[ArrayLike, " n_elem"], old: Float[ArrayLike, " n_elem"]
+    ) -> Float[Array, " n_elem"]:
+        """`new` at the elements that it concerns, `old` elsewhere."""
+        return new if self.chosen is None else jnp.where(self.chosen, new, old)
