@@ -1,6 +1,10 @@
 """Compiled programs of the functions that users optimize."""
 
+from __future__ import annotations
+
 import weakref
+from collections.abc import Callable, Hashable
+from typing import Any
 
 import jax
 
@@ -14,10 +18,10 @@ class Programs:
         make: function (reference, *options) to a program; it calls `reference()` for the function.
     """
 
-    def __init__(self, make):
+    def __init__(self, make: Callable[..., Callable[..., Any]]):
         self.make, self.kept = make, weakref.WeakKeyDictionary()
 
-    def __call__(self, function, *options):
+    def __call__(self, function: Callable[..., Any], *options: Hashable) -> Any:
         """The program of a function, made if there is none yet."""
         try:
             programs = self.kept.setdefault(function, {})
