@@ -184,7 +184,8 @@ class Descent:
         row = jnp.where(noted, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
         entries = Log(value, measure, s.failure, s.failures, s.tries)
         log = jax.tree.map(lambda h, e: h.at[row].set(e, mode="drop"), s.log, entries)
-        if self.listen is not None:
+        listen = self.listen
+        if listen is not None:
             news = {
                 "number": jnp.maximum(s.n, 0),
                 "loss": value,
@@ -192,7 +193,7 @@ class Descent:
                 "failures": s.failures,
             }
             known = {"count": self.steps}
-            lax.cond(noted, lambda: tell(self.listen, Step, known, news), lambda: None)
+            lax.cond(noted, lambda: tell(listen, Step, known, news), lambda: None)
 
         tries = jnp.where(good, 0, s.tries + 1)
         # an optimizer that leads nowhere begins anew; its memory is of other entries than now, too

@@ -53,15 +53,18 @@ def slack_distance(
         return implicit.nan_unless(solution.status == status.OK, found, found)
     rows, groups = structure.rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
-    found = []
-    for group, state in zip(groups, solution.carry.states, strict=True):
-        if not group.tension_only:
-            found.append(None)
-            continue
-        group = copy(group, links=group.links.array)
-        strain = each("section_strain", group, state, nodes, solution.carry.motion)
-        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.memory))
+    found = [
+        _above_slack(group, state, nodes, solution.carry.motion) if group.tension_only else None
+        for group, state in zip(groups, solution.carry.states, strict=True)
+    ]
     return structure.arrange(found)
+
+
+def _above_slack(group, state, nodes, motion):
+    """Strains of the cables of a group above those of zero force, [n_elem]."""
+    group = copy(group, links=group.links.array)
+    strain = each("section_strain", group, state, nodes, motion)
+    return strain - group.strain_at(jnp.zeros_like(strain), state.memory)
 
 
 def slack_margin(

@@ -105,10 +105,9 @@ def force_density(
     if others:
         coupled = (*((own, 3, ()) for own in links), *touched(structure, others))
         freedoms = number_freedoms(fixed, None, coupled, linear_solver, False)
-        thawed, arrays = thaw((structure.nodes, densities, loads, structure.groups, others))
-        return _loaded(thawed, arrays, net, freedoms, Newton(linear_solver=linear_solver))
-    thawed, arrays = thaw((structure.nodes, densities, loads))
-    return _positions(thawed, arrays, net)
+        task = thaw((structure.nodes, densities, loads, structure.groups, others))
+        return _loaded(*task, net, freedoms, Newton(linear_solver=linear_solver))
+    return _positions(*thaw((structure.nodes, densities, loads)), net)
 
 
 @pytree(static=("axes",))
