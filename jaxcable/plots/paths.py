@@ -75,9 +75,9 @@ def path(
         shown = unstable == kind
         shown[:-1] |= shown[1:]
         if (unstable == kind).any():
-            name = None if negative is None else label
+            told = None if negative is None else label
             line = _broken(moved, load, shown)
-            axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=name)
+            axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=told)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
         mark, colour = _MARKS[int(number)]

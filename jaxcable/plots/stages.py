@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.solution import Solution, State, Told
+from ..analysis.solution import Path, PhaseResult, Solution, State
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
 from ..model.structure import Structure
@@ -115,7 +115,9 @@ def _unstable(phase):
     return int(phase.status) == 0 and not bool(phase.stable)
 
 
-def forces_of(part: Told, solution: Solution, structure: Structure | None, colour: str) -> Forces:
+def forces_of(
+    part: State | PhaseResult | Path, solution: Solution, structure: Structure | None, colour: str
+) -> Forces:
     """`Forces` of a state, or of an increment as `Told`."""
     told = columns(solution.last.topology.parts, part.told)
     column = None
