@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -112,7 +113,8 @@ class Saddle:
 
     def motion(self, z: Float[Array, " n_all"]) -> Float[Array, "n_node 3"]:
         """Displacements of all nodes, [n_node, 3], m."""
-        return self.system.move(self.system.space.prescribed, self.split(z)[0])
+        held: Any = self.system.space.prescribed  # there always is one
+        return self.system.move(held, self.split(z)[0])
 
     def join(
         self, motion: Float[Array, "n_node 3"], forces: Sequence[Float[Array, " n_elem"]]
@@ -125,7 +127,8 @@ class Saddle:
 
     def forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
         """Axial forces, per group [n_elem], N."""
-        pairs = zip(self.system.states, self.numbering.elements, self.split(z)[1], strict=True)
+        states: Sequence[Any] = self.system.states  # of `strings.StringState`
+        pairs = zip(states, self.numbering.elements, self.split(z)[1], strict=True)
         return [
             state.force if chosen is None else state.force.at[chosen].set(own)
             for state, chosen, own in pairs
@@ -180,7 +183,8 @@ class Saddle:
 
         Weighted least squares: the saddle with a matrix of ones on the diagonal for the stiffness.
         """
-        none = [jnp.zeros_like(state.force) for state in self.system.states]
+        states: Sequence[Any] = self.system.states
+        none = [jnp.zeros_like(state.force) for state in states]
         z, n_free = self.join(motion, none), self.system.freedoms.free.shape[0]
         blocks = []
         for group in self.system.groups:
