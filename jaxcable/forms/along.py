@@ -9,6 +9,7 @@ they follow the nodes, with exact derivatives.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -30,8 +31,9 @@ def split(
     Raises:
         ValueError: a load of another kind; with `takes_more` false any but a nodal one.
     """
+    given: list[Any] = as_list(loads)  # of the kinds that are asked for below
     nodal, others = [], []
-    for k, load in enumerate(as_list(loads)):
+    for k, load in enumerate(given):
         more = takes_more and isinstance(load, SelfWeight | LineLoads | AreaLoads)
         if not more and not isinstance(load, NodalLoads):
             kinds = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -40,10 +40,11 @@ def verdict(
 
 
 def total(
-    loads: Sequence[NodalLoads], shape: tuple[int, ...], dtype: np.dtype
+    loads: Sequence[NodalLoads], shape: tuple[int, int], dtype: np.dtype
 ) -> Float[Array, "n_node 3"]:
     """Sum of nodal loads, `shape` [n_node, 3], N."""
-    return sum((load.nodal_forces(shape, dtype) for load in loads), start=jnp.zeros(shape, dtype))
+    forces: Iterable[Any] = (load.nodal_forces(shape, dtype) for load in loads)
+    return sum(forces, start=jnp.zeros(shape, dtype))
 
 
 def stated(
