@@ -8,6 +8,8 @@ from typing import Any
 
 import jax
 
+from ..common.types import PyTree
+
 
 class Programs:
     """Programs by function object, so that a second call does not compile again.
@@ -33,7 +35,7 @@ class Programs:
 
 
 @jax.custom_jvp
-def underivable(tree):
+def underivable(tree: PyTree[Any]) -> PyTree[Any]:
     """The identity; to differentiate it is an error, and not a silent NaN or zero."""
     return tree
 

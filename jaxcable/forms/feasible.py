@@ -45,7 +45,7 @@ class Prestress:
 
     tension: PyTree[Float[Array | np.ndarray, " n_elem"]]
     group_tension: Float[Array | np.ndarray, " n_group"]
-    unbalanced: Float[Array | np.ndarray, ""]
+    unbalanced: Float[Array, ""] | float
     modes: Float[np.ndarray, "n_mode n_group"] | None = None
 
     @property
