@@ -104,10 +104,12 @@ def make_form(
         if rests is None:
             cut.append(lengths[-1] / (1 + group.strain_at(tension, group.virgin())))
     densities = [force / length for force, length in zip(tensions, lengths, strict=True)]
-    values = positions, tensions, lengths, cut if rests is None else rests, densities
-    positions, tensions, lengths, cut, densities = implicit.nan_unless(ok, values, parameters)
+    rests = cut if rests is None else rests
+    values = positions, tensions, lengths, rests, densities
+    positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
     relative = residual / jnp.where(scale > 0, scale, 1.0)
-    return Form(positions, tensions, lengths, cut, densities, code, residual, relative, iterations)
+    own = positions, tensions, lengths, rests, densities
+    return Form(*own, code, residual, relative, iterations)
 
 
 def arranged(form: Form, structure: Structure) -> Form:
