@@ -1,5 +1,10 @@
 """Bounds on parameters: a box that is honoured exactly, and the gradient that is left inside it."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,20 +12,23 @@ import numpy as np
 from ..common import checks
 from ..common import rules as _rules
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 
 
 @pytree
 class Box:
     """Lower and upper bounds, each of the shape of the parameters; infinite where there is none."""
 
-    lower: object
-    upper: object
+    lower: PyTree[Float[Array, " ..."]]
+    upper: PyTree[Float[Array, " ..."]]
 
-    def project(self, params):
+    def project(self, params: PyTree[Float[Array, " ..."]]) -> PyTree[Float[Array, " ..."]]:
         """The nearest point in the box: entries beyond a bound become that bound exactly."""
         return jax.tree.map(jnp.clip, params, self.lower, self.upper)
 
-    def blocked(self, params, gradient):
+    def blocked(
+        self, params: PyTree[Float[Array, " ..."]], gradient: PyTree[Float[Array, " ..."]]
+    ) -> PyTree[Bool[Array, " ..."]]:
         """True for entries at a bound that the negative gradient would push out."""
         return jax.tree.map(
             lambda x, g, low, high: (
@@ -32,7 +40,7 @@ class Box:
             self.upper,
         )
 
-    def holds(self, params):
+    def holds(self, params: PyTree[Float[Array, " ..."]]) -> Bool[Array, ""]:
         """Whether the bounds leave room and the parameters are not beyond them; scalar bool."""
         inside = jax.tree.map(
             lambda x, low, high: jnp.all((low <= high) & ~((x < low) | (x > high))),
@@ -43,7 +51,9 @@ class Box:
         return jnp.all(jnp.stack(jax.tree.leaves(inside)))
 
 
-def numbers(params, name="params"):
+def numbers(
+    params: PyTree[Float[ArrayLike, " ..."]], name: str = "params"
+) -> PyTree[Float[Array, " ..."]]:
     """The parameters as a pytree of float arrays; ValueError for anything else."""
     if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
         raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
@@ -56,12 +66,18 @@ def numbers(params, name="params"):
     return jax.tree_util.tree_map_with_path(one, params)
 
 
-def default_tol(params):
+def default_tol(params: PyTree[Float[Array, " ..."]]) -> float:
     """Tolerance on gradients that the float type of the parameters can reach."""
     return 1e-6 if jnp.result_type(*jax.tree.leaves(params)) == jnp.float64 else 1e-3
 
 
-def spread(value, params, name, absent=None, positive=False):
+def spread(
+    value: PyTree[Float[ArrayLike, " ..."]] | None,
+    params: PyTree[Float[Array, " ..."]],
+    name: str,
+    absent: float | None = None,
+    positive: bool = False,
+) -> PyTree[Float[Array, " ..."]]:
     """A scalar, an array or a prefix pytree as a pytree of arrays of the shapes of `params`.
 
     `absent` takes the place of None; `positive` demands that of every entry.
@@ -91,7 +107,11 @@ def spread(value, params, name, absent=None, positive=False):
     return jax.tree_util.tree_map_with_path(fill, tree, params)
 
 
-def make_box(bounds, params):
+def make_box(
+    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
+    | None,
+    params: PyTree[Float[Array, " ..."]],
+) -> Box:
     """The `Box` that `bounds` state, checked against the start as far as values are concrete.
 
     Args:
@@ -141,7 +161,9 @@ def _refuse(bad, name, rule, *values):
     raise ValueError(f"{name}{where}{shown}")
 
 
-def checked_call(function, args, steps, name):
+def checked_call(
+    function: Callable[..., Any], args: tuple[Any, ...] | list[Any], steps: int, name: str
+) -> tuple[Any, ...]:
     """The arguments that `minimize` and `fit` share: ValueError, or args as a tuple."""
     if not callable(function):
         raise ValueError(f"{name}: expected a function, got {type(function).__name__}")

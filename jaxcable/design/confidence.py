@@ -1,11 +1,15 @@
 """How well data determine parameters: confidence intervals and what cannot be identified."""
 
+from __future__ import annotations
+
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
 from ..common import status
 from ..common.tree import pytree
+from ..common.types import Array, Float, PyTree
+from .fit import Fit
 
 
 @pytree
@@ -33,17 +37,19 @@ class Confidence:
         0 1 2 1.165 N
     """
 
-    half_width: object
-    standard_error: object
-    correlation: object
-    deviation: object
-    singular_values: object
-    directions: object
-    rank: object
-    degrees: object
+    half_width: PyTree[Float[Array, " ..."]]
+    standard_error: PyTree[Float[Array, " ..."]]
+    correlation: Float[np.ndarray, "n_param n_param"]
+    deviation: float
+    singular_values: Float[np.ndarray, " n_free"]
+    directions: Float[np.ndarray, "n_free n_param"]
+    rank: int
+    degrees: int
 
 
-def confidence(fit, level=0.95, deviation=None, *, rcond=1e-6):
+def confidence(
+    fit: Fit, level: float = 0.95, deviation: float | None = None, *, rcond: float = 1e-6
+) -> Confidence:
     """Confidence intervals from the Jacobian of a `Fit`; on the host, not to be traced.
 
     ``C = s^2 (J^T J)^-1`` over the parameters that no bound holds, ``s^2 = |r|^2 / (n - rank)``

@@ -1,11 +1,19 @@
 """Minimise a loss subject to inequalities: the method of multipliers around `minimize`."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.solution import Solution
 from ..common import status
+from ..common.progress import Step
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .box import checked_call, default_tol, numbers
 from .minimize import minimize
 from .outcome import split_loss
@@ -41,28 +49,35 @@ class ConstrainedDesign:
         250 mm2
     """
 
-    params: object
-    loss: object
-    constraints: object
-    multipliers: object
-    status: object
-    rounds: object
-    evaluations: object
-    failures: object
+    params: PyTree[Float[Array, " ..."]]
+    loss: Float[Array, ""]
+    constraints: Float[Array, " n"]
+    multipliers: Float[np.ndarray, " n"]
+    status: Int[Array, ""]
+    rounds: int
+    evaluations: int
+    failures: int
 
 
 def minimize_subject_to(
-    problem,
-    params,
-    bounds=None,
+    problem: Callable[
+        ...,
+        tuple[Float[ArrayLike, ""], Float[ArrayLike, " n"]]
+        | tuple[
+            Float[ArrayLike, ""], Float[ArrayLike, " n"], PyTree[Solution | Int[ArrayLike, " ..."]]
+        ],
+    ],
+    params: PyTree[Float[ArrayLike, " ..."]],
+    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
+    | None = None,
     *,
-    rounds=30,
-    steps=100,
-    tol=None,
-    args=(),
-    scale=None,
-    progress=None,
-):
+    rounds: int = 30,
+    steps: int = 100,
+    tol: float | None = None,
+    args: tuple[Any, ...] = (),
+    scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
+    progress: bool | Callable[[Step], Any] | None = None,
+) -> ConstrainedDesign:
     """Minimise a loss subject to ``constraints <= 0`` and bounds.
 
     The method of multipliers (Hestenes, Powell; with inequalities Rockafellar 1973): rounds of

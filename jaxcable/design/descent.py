@@ -6,7 +6,10 @@ state.
 Parameters are one flat vector here; only the optimizer sees them in their own shape.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +19,8 @@ from jax import lax
 from ..common import status
 from ..common.progress import Step, tell
 from ..common.tree import where
+from ..common.types import Array, Bool, Float, Int, PyTree
+from .box import Box
 
 _LBFGS = optax.lbfgs(linesearch=None)  # the loop searches
 _SHORTEST = 40  # halvings before a direction is given up
@@ -30,21 +35,21 @@ _NOISE = 1e-9  # changes of the loss, relative to it, that the tolerance of an a
 class Point(NamedTuple):
     """Parameters, loss, gradient, the gradient inside the bounds, and its measure."""
 
-    x: object
-    loss: object
-    gradient: object
-    inside: object
-    measure: object
+    x: Float[Array, " n"]
+    loss: Float[Array, ""]
+    gradient: Float[Array, " n"]
+    inside: Float[Array, " n"]
+    measure: Float[Array, ""]
 
 
 class Log(NamedTuple):
     """One row for every accepted point, see `minimize.History`."""
 
-    loss: object
-    measure: object
-    failure: object
-    failures: object
-    tries: object
+    loss: Float[Array, " steps+1"]
+    measure: Float[Array, " steps+1"]
+    failure: Int[Array, " steps+1"]
+    failures: Int[Array, " steps+1"]
+    tries: Int[Array, " steps+1"]
 
 
 class Search(NamedTuple):
@@ -69,25 +74,25 @@ class Search(NamedTuple):
         running: whether to go on.
     """
 
-    trial: object
-    step: object
-    length: object
+    trial: Float[Array, " n"]
+    step: Float[Array, " n"]
+    length: Float[Array, ""]
     at: Point
     best: Point
-    blocked: object
-    optimizer: object
-    fresh: object
-    unit: object
-    first: object
-    reach: object
-    n: object
-    evaluations: object
-    tries: object
-    failures: object
-    failure: object
+    blocked: Bool[Array, " n"]
+    optimizer: optax.OptState
+    fresh: Bool[Array, ""]
+    unit: Float[Array, ""]
+    first: Float[Array, ""]
+    reach: Float[Array, ""]
+    n: Int[Array, ""]
+    evaluations: Int[Array, ""]
+    tries: Int[Array, ""]
+    failures: Int[Array, ""]
+    failure: Int[Array, ""]
     log: Log
-    code: object
-    running: object
+    code: Int[Array, ""]
+    running: Bool[Array, ""]
 
 
 class Descent:
@@ -105,7 +110,18 @@ class Descent:
         listen: function of a `progress.Step`, called after each, or None.
     """
 
-    def __init__(self, loss, back, optimizer, steps, box, sizes, scale, tol, listen=None):
+    def __init__(
+        self,
+        loss: Callable[[PyTree[Float[Array, " ..."]]], tuple[Float[Array, ""], Int[Array, ""]]],
+        back: Callable[[Float[Array, " n"]], PyTree[Float[Array, " ..."]]],
+        optimizer: optax.GradientTransformation | None,
+        steps: int,
+        box: Box,
+        sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
+        scale: Float[Array, " n"],
+        tol: Float[Array, ""],
+        listen: Callable[[Step], Any] | None = None,
+    ):
         self.searched = optimizer is None
         self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
         self.loss, self.back, self.box = loss, back, box
@@ -113,7 +129,7 @@ class Descent:
         self.listen = listen
         self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
 
-    def run(self, x):
+    def run(self, x: Float[Array, " n"]) -> Search:
         """Search from `x`, [n]."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
@@ -142,7 +158,7 @@ class Descent:
         )
         return lax.while_loop(lambda s: s.running, self.iterate, search)
 
-    def iterate(self, s):
+    def iterate(self, s: Search) -> Search:
         """One evaluation, and what follows from it."""
         value, gradient, code = self.evaluate(s.trial)
         sound, begun = code == status.OK, s.n >= 0
@@ -168,7 +184,8 @@ class Descent:
         row = jnp.where(noted, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
         entries = Log(value, measure, s.failure, s.failures, s.tries)
         log = jax.tree.map(lambda h, e: h.at[row].set(e, mode="drop"), s.log, entries)
-        if self.listen is not None:
+        listen = self.listen
+        if listen is not None:
             news = {
                 "number": jnp.maximum(s.n, 0),
                 "loss": value,
@@ -176,7 +193,7 @@ class Descent:
                 "failures": s.failures,
             }
             known = {"count": self.steps}
-            lax.cond(noted, lambda: tell(self.listen, Step, known, news), lambda: None)
+            lax.cond(noted, lambda: tell(listen, Step, known, news), lambda: None)
 
         tries = jnp.where(good, 0, s.tries + 1)
         # an optimizer that leads nowhere begins anew; its memory is of other entries than now, too
@@ -205,7 +222,16 @@ class Descent:
         )
         return self.next(s, good, noted, lost, small, tries, factor)
 
-    def next(self, s, good, noted, lost, small, tries, factor):
+    def next(
+        self,
+        s: Search,
+        good: Bool[Array, ""],
+        noted: Bool[Array, ""],
+        lost: Bool[Array, ""],
+        small: Bool[Array, ""],
+        tries: Int[Array, ""],
+        factor: Float[Array, ""] | float,
+    ) -> Search:
         """The state with the next trial point: a new step, or less of this one."""
         new = good | lost
         step, state, fresh = lax.cond(
@@ -237,7 +263,7 @@ class Descent:
             failure=jnp.where(noted, 0, s.failure),
         )
 
-    def against(self, value, first):
+    def against(self, value: Float[Array, ""], first: Float[Array, ""]) -> Float[Array, ""]:
         """What changes of the loss are measured by: itself, but not less than a part of the first.
 
         The part is for losses that fall to zero, where nothing is small beside what is left. A loss
@@ -246,19 +272,28 @@ class Descent:
         least = _FIRST * jnp.abs(first)
         return jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
 
-    def value(self, x):
+    def value(self, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Int[Array, ""]]:
         """Loss and status; NONFINITE if it is not a number."""
         value, code = self.loss(self.back(x))
         value = value.astype(x.dtype)
         return value, jnp.where((code == status.OK) & ~jnp.isfinite(value), status.NONFINITE, code)
 
-    def evaluate(self, x):
+    def evaluate(
+        self, x: Float[Array, " n"]
+    ) -> tuple[Float[Array, ""], Float[Array, " n"], Int[Array, ""]]:
         """Loss, gradient and status."""
         (value, code), gradient = jax.value_and_grad(self.value, has_aux=True)(x)
         sound = jnp.all(jnp.isfinite(gradient))
         return value, gradient, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
 
-    def judge(self, s, value, gradient, sound, begun):
+    def judge(
+        self,
+        s: Search,
+        value: Float[Array, ""],
+        gradient: Float[Array, " n"],
+        sound: Bool[Array, ""],
+        begun: Bool[Array, ""],
+    ) -> tuple[Bool[Array, ""], Float[Array, ""] | float]:
         """Whether to accept the trial point, and by what to shorten the step if not.
 
         In a search the loss has to fall by a part of what the slope promises (Armijo). Where it has
@@ -276,11 +311,11 @@ class Descent:
         shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
         return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
-    def begin(self, x):
+    def begin(self, x: Float[Array, " n"]) -> optax.OptState:
         """State of an optimizer that begins at `x`."""
         return self.optimizer.init(self.back(x / self.scale))
 
-    def advance(self, s):
+    def advance(self, s: Search) -> tuple[Float[Array, " n"], optax.OptState, Bool[Array, ""]]:
         """A new step from `s.at`, the optimizer's state, and whether it began anew."""
         if not self.searched:
             return *self.propose(s, s.optimizer), s.fresh
@@ -290,7 +325,9 @@ class Descent:
         step, state = lax.cond(downward, lambda: (step, state), lambda: self.propose(s, anew))
         return step, state, s.fresh | ~downward
 
-    def propose(self, s, state):
+    def propose(
+        self, s: Search, state: optax.OptState
+    ) -> tuple[Float[Array, " n"], optax.OptState]:
         """The optimizer's step [n] and its state."""
 
         def value_of(scaled):  # for a line search of its own: no way where the analysis fails

@@ -1,11 +1,18 @@
 """Nonlinear least squares within bounds: Levenberg-Marquardt on exact Jacobians."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
+from ..analysis.solution import Solution
 from ..common import status
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .box import Box, checked_call, default_tol, make_box, numbers
 from .levenberg import LevenbergMarquardt
 from .outcome import split_residuals
@@ -31,10 +38,10 @@ class FitHistory:
         0 187.6 N 1
     """
 
-    misfit: object
-    accepted: object
-    damping: object
-    status: object
+    misfit: Float[Array, " steps+1"]
+    accepted: Int[Array, " steps+1"]
+    damping: Float[Array, " steps+1"]
+    status: Int[Array, " steps+1"]
 
 
 @pytree
@@ -61,17 +68,30 @@ class Fit:
         ((3, 1), True)
     """
 
-    params: object
-    residual: object
-    jacobian: object
-    misfit: object
-    free: object
+    params: PyTree[Float[Array, " ..."]]
+    residual: Float[Array, " n_residual"]
+    jacobian: Float[Array, "n_residual n_param"]
+    misfit: Float[Array, ""]
+    free: PyTree[Bool[Array, " ..."]]
     history: FitHistory
-    status: object
-    steps: object
+    status: Int[Array, ""]
+    steps: Int[Array, ""]
 
 
-def fit(residuals, params, bounds=None, *, steps=100, tol=None, args=()):
+def fit(
+    residuals: Callable[
+        ...,
+        PyTree[Float[ArrayLike, " ..."]]
+        | tuple[PyTree[Float[ArrayLike, " ..."]], PyTree[Solution | Int[ArrayLike, " ..."]]],
+    ],
+    params: PyTree[Float[ArrayLike, " ..."]],
+    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
+    | None = None,
+    *,
+    steps: int = 100,
+    tol: float | None = None,
+    args: tuple[Any, ...] = (),
+) -> Fit:
     """Minimise the sum of squared residuals, within bounds.
 
     Levenberg-Marquardt: ``(J^T J + mu D^2) d = -J^T r`` by a QR factorisation of the stacked

@@ -1,21 +1,38 @@
 """Influence matrices: what a small change of prestress, load or shape does to the final state."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
+from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common.selection import only
 from ..common.tree import replace
+from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.element import Prestressable
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
 from ..loads import NodalLoads, as_list
+from ..model.structure import Structure
 
 _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
 
 
 def influence(
-    structure, phases, of="tension", wrt="shortening", *, phase=None, method=None, start=None
-):
+    structure: Structure,
+    phases: Phase | Sequence[Phase],
+    of: str | Callable[[Solution], PyTree[Float[Array, " ..."]]] = "tension",
+    wrt: str = "shortening",
+    *,
+    phase: int | None = None,
+    method: Newton | Incremental | None = None,
+    start: Solution | State | None = None,
+) -> PyTree[Float[Array, " ..."]]:
     """Jacobian of the final state: exact, through all phases, at the state that they lead to.
 
     Args:
@@ -145,7 +162,9 @@ def _with(phases, number, **changes):
     return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
 
 
-def flat_matrix(jacobian, wrt):
+def flat_matrix(
+    jacobian: PyTree[Float[ArrayLike, " ..."]], wrt: PyTree[Float[ArrayLike, " ..."]]
+) -> Float[Array, "n_of n_wrt"]:
     """An influence matrix over several groups as one matrix [n_of, n_wrt].
 
     Args:
@@ -163,20 +182,26 @@ def flat_matrix(jacobian, wrt):
         >>> jc.design.flat_matrix(jacobian, {"net": np.zeros(2), "guys": np.zeros(1)}).shape
         (2, 3)
     """
-    shape = jax.tree.structure(wrt)
+    shape: Any = jax.tree.structure(wrt)
     sizes = [jnp.size(leaf) for leaf in jax.tree.leaves(wrt)]
 
     def one(entry):
         parts = jax.tree.leaves(entry)
         return [part.reshape(-1, size) for part, size in zip(parts, sizes, strict=True)]
 
-    entries = jax.tree.leaves(jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
-    if any(jax.tree.structure(entry) != shape for entry in entries):
+    entries = jax.tree.leaves(jacobian, is_leaf=lambda t: shape == jax.tree.structure(t))
+    if any(shape != jax.tree.structure(entry) for entry in entries):
         raise ValueError("jacobian: was taken with respect to something of another shape than wrt")
     return jnp.concatenate([jnp.concatenate(one(entry), axis=1) for entry in entries])
 
 
-def adjustment(jacobian, change, like=None, *, rcond=1e-10):
+def adjustment(
+    jacobian: PyTree[Float[ArrayLike, " ..."]],
+    change: PyTree[Float[ArrayLike, " ..."]],
+    like: PyTree[Float[ArrayLike, " ..."]] | None = None,
+    *,
+    rcond: float = 1e-10,
+) -> PyTree[Float[Array, " ..."]]:
     """The adjustments that bring about a change: least squares, and of these the smallest.
 
     The retensioning of a net: with ``jacobian = influence(structure, phases)`` and
@@ -221,7 +246,9 @@ def adjustment(jacobian, change, like=None, *, rcond=1e-10):
     return jax.tree.unflatten(shape, parts)
 
 
-def scatter(jacobian, tolerance):
+def scatter(
+    jacobian: PyTree[Float[ArrayLike, " ..."]], tolerance: PyTree[Float[ArrayLike, " ..."]]
+) -> tuple[PyTree[Float[Array, " ..."]], PyTree[Float[Array, " ..."]]]:
     """What tolerances do, to first order: at worst, and at random.
 
     Args:

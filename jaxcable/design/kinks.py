@@ -5,18 +5,26 @@ of such a kink and says nothing about the other one; these functions say how far
 given by points have corners too: `corner_distance` of the law has theirs.)
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 
-from ..analysis.solution import Solution
+from ..analysis.solution import Solution, State
 from ..common import status
 from ..common.tree import copy
+from ..common.types import Array, ArrayLike, Float, PyTree
 from ..mechanics.elementwise import each
+from ..model.structure import Structure
 from ..numerics import implicit
 from .objectives import smooth_min
 
 
-def slack_distance(structure, solution):
+def slack_distance(
+    structure: Structure, solution: Solution | State
+) -> PyTree[Float[Array, "... n_elem"] | None]:
     """How far every cable is from slackening: its strain above that of zero force, -.
 
     Positive in a taut cable, negative in a slack one, zero at the kink. It is smooth through zero,
@@ -45,18 +53,23 @@ def slack_distance(structure, solution):
         return implicit.nan_unless(solution.status == status.OK, found, found)
     rows, groups = structure.rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
-    found = []
-    for group, state in zip(groups, solution.carry.states, strict=True):
-        if not group.tension_only:
-            found.append(None)
-            continue
-        group = copy(group, links=group.links.array)
-        strain = each("section_strain", group, state, nodes, solution.carry.motion)
-        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.memory))
+    found = [
+        _above_slack(group, state, nodes, solution.carry.motion) if group.tension_only else None
+        for group, state in zip(groups, solution.carry.states, strict=True)
+    ]
     return structure.arrange(found)
 
 
-def slack_margin(structure, solution, width):
+def _above_slack(group, state, nodes, motion):
+    """Strains of the cables of a group above those of zero force, [n_elem]."""
+    group = copy(group, links=group.links.array)
+    strain = each("section_strain", group, state, nodes, motion)
+    return strain - group.strain_at(jnp.zeros_like(strain), state.memory)
+
+
+def slack_margin(
+    structure: Structure, solution: Solution | State, width: Float[ArrayLike, ""]
+) -> Float[Array, ""]:
     """Smooth lower bound of the smallest `slack_distance`, over all cables and cases, -.
 
     Args:
@@ -77,7 +90,11 @@ def slack_margin(structure, solution, width):
     return smooth_min(slack_distance(structure, solution), width)
 
 
-def nearest_kink(distance, params, direction):
+def nearest_kink(
+    distance: Callable[[PyTree[Float[Array, " ..."]]], PyTree[Float[Array, " ..."]]],
+    params: PyTree[Float[ArrayLike, " ..."]],
+    direction: PyTree[Float[ArrayLike, " ..."]],
+) -> PyTree[Float[Array, " ..."]]:
     """Steps along a direction at which cables slacken or tighten, to first order.
 
     A gradient describes what happens along ``params + t direction`` for t below the smallest of

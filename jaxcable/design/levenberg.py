@@ -1,5 +1,8 @@
 """The loop of `fit`: Levenberg-Marquardt on a flat vector, a trial point an iteration."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -7,6 +10,8 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
+from ..common.types import Array, Bool, Float, Int
+from .box import Box
 
 _DAMPING = 1e-3  # at the start, over the largest column of the scaled Jacobian, which is 1
 _SINGULAR = 1e-12  # damping of a whole step: directions this weak (squared) count as none
@@ -20,10 +25,10 @@ _QUICKEST = 0.1  # factor on the damping after a step that kept its promise
 class Trials(NamedTuple):
     """One row for every trial point, see `fit.FitHistory`."""
 
-    misfit: object
-    accepted: object
-    damping: object
-    status: object
+    misfit: Float[Array, " steps+1"]
+    accepted: Int[Array, " steps+1"]
+    damping: Float[Array, " steps+1"]
+    status: Int[Array, " steps+1"]
 
 
 class State(NamedTuple):
@@ -41,19 +46,19 @@ class State(NamedTuple):
         code, running: status, and whether to go on.
     """
 
-    trial: object
-    x: object
-    residual: object
-    jacobian: object
-    size: object
-    damping: object
-    growth: object
-    promised: object
-    first: object
-    n: object
+    trial: Float[Array, " n"]
+    x: Float[Array, " n"]
+    residual: Float[Array, " n_residual"]
+    jacobian: Float[Array, "n_residual n"]
+    size: Float[Array, " n"]
+    damping: Float[Array, ""]
+    growth: Float[Array, ""]
+    promised: Float[Array, ""]
+    first: Float[Array, ""]
+    n: Int[Array, ""]
     trials: Trials
-    code: object
-    running: object
+    code: Int[Array, ""]
+    running: Bool[Array, ""]
 
 
 class LevenbergMarquardt:
@@ -67,11 +72,20 @@ class LevenbergMarquardt:
         tol: see `fit`.
     """
 
-    def __init__(self, residuals, steps, box, sizes, tol):
+    def __init__(
+        self,
+        residuals: Callable[
+            [Float[Array, " n"]], tuple[Float[Array, " n_residual"], Int[Array, ""]]
+        ],
+        steps: int,
+        box: Box,
+        sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
+        tol: Float[Array, ""],
+    ):
         self.residuals, self.steps, self.box = residuals, steps, box
         self.sizes, self.tol = sizes, tol
 
-    def run(self, x):
+    def run(self, x: Float[Array, " n"]) -> State:
         """Iterate from `x`, [n]."""
         shape, _ = jax.eval_shape(self.residuals, x)
         one, none = jnp.ones((), x.dtype), jnp.int32(0)
@@ -93,7 +107,7 @@ class LevenbergMarquardt:
         )
         return lax.while_loop(lambda s: s.running, self.iterate, state)
 
-    def iterate(self, s):
+    def iterate(self, s: State) -> State:
         """Evaluate the trial point, accept it or not, and find the next one."""
         residual, jacobian, code = self.evaluate(s.trial)
         sound, begun = code == status.OK, s.n >= 0
@@ -140,7 +154,7 @@ class LevenbergMarquardt:
             running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
         )
 
-    def converged(self, s, held):
+    def converged(self, s: State, held: Bool[Array, " n"]) -> Bool[Array, ""]:
         """Whether the whole step would change next to nothing; a damped one is always short."""
         size = jnp.linalg.norm(s.jacobian, axis=0)
         whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, held)
@@ -150,7 +164,15 @@ class LevenbergMarquardt:
         least = jnp.finfo(misfit.dtype).eps
         return stationary | settled | (misfit <= jnp.maximum(self.tol**2, least) * s.first)
 
-    def step(self, x, residual, jacobian, size, damping, held):
+    def step(
+        self,
+        x: Float[Array, " n"],
+        residual: Float[Array, " n_residual"],
+        jacobian: Float[Array, "n_residual n"],
+        size: Float[Array, " n"],
+        damping: Float[Array, ""],
+        held: Bool[Array, " n"],
+    ) -> Float[Array, " n"]:
         """The next trial point: a damped step, taken again without the entries that meet a bound.
 
         What meets a bound stops there, and the others take account of it.
@@ -168,7 +190,9 @@ class LevenbergMarquardt:
         move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
         return self.box.project(x + move)
 
-    def evaluate(self, x):
+    def evaluate(
+        self, x: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n_residual"], Float[Array, "n_residual n"], Int[Array, ""]]:
         """Residuals, Jacobian and status; NONFINITE if a number of them is not finite."""
         shape, _ = jax.eval_shape(self.residuals, x)
         if x.size <= shape.size:
@@ -181,7 +205,13 @@ class LevenbergMarquardt:
         return residual, jacobian, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
 
 
-def damped_step(residual, jacobian, size, damping, held):
+def damped_step(
+    residual: Float[Array, " n_residual"],
+    jacobian: Float[Array, "n_residual n"],
+    size: Float[Array, " n"],
+    damping: Float[Array, ""] | float,
+    held: Bool[Array, " n"],
+) -> Float[Array, " n"]:
     """``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where held.
 
     `size` is D, [n]; a column that has never had an entry takes 1, and no step.

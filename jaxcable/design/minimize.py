@@ -1,13 +1,20 @@
 """Minimise a loss over any pytree of parameters with any optax transformation, in one program."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import optax
 from jax.flatten_util import ravel_pytree
 
+from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import listener
+from ..common.progress import Step, listener
 from ..common.tree import pytree, where
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .box import Box, checked_call, default_tol, make_box, numbers, spread
 from .descent import Descent
 from .outcome import split_loss
@@ -37,11 +44,11 @@ class History:
         0 24.0 6.0 True
     """
 
-    loss: object
-    gradient_norm: object
-    status: object
-    failures: object
-    shortened: object
+    loss: Float[Array, " steps+1"]
+    gradient_norm: Float[Array, " steps+1"]
+    status: Int[Array, " steps+1"]
+    failures: Int[Array, " steps+1"]
+    shortened: Int[Array, " steps+1"]
 
 
 @pytree
@@ -71,29 +78,34 @@ class Design:
         -2.0000
     """
 
-    params: object
-    loss: object
-    gradient: object
-    gradient_norm: object
+    params: PyTree[Float[Array, " ..."]]
+    loss: Float[Array, ""]
+    gradient: PyTree[Float[Array, " ..."]]
+    gradient_norm: Float[Array, ""]
     history: History
-    status: object
-    steps: object
-    evaluations: object
-    failures: object
+    status: Int[Array, ""]
+    steps: Int[Array, ""]
+    evaluations: Int[Array, ""]
+    failures: Int[Array, ""]
 
 
 def minimize(
-    loss,
-    params,
-    bounds=None,
-    optimizer=None,
+    loss: Callable[
+        ...,
+        Float[ArrayLike, ""]
+        | tuple[Float[ArrayLike, ""], PyTree[Solution | Int[ArrayLike, " ..."]]],
+    ],
+    params: PyTree[Float[ArrayLike, " ..."]],
+    bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
+    | None = None,
+    optimizer: optax.GradientTransformation | None = None,
     *,
-    steps=100,
-    tol=None,
-    args=(),
-    scale=None,
-    progress=None,
-):
+    steps: int = 100,
+    tol: float | None = None,
+    args: tuple[Any, ...] = (),
+    scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
+    progress: bool | Callable[[Step], Any] | None = None,
+) -> Design:
     """Minimise a loss, within bounds, by an optax transformation.
 
     Args:

@@ -5,11 +5,18 @@ the largest and smallest values are those of the worst case. Add them up to a lo
 carry the units; of a failed analysis they are NaN.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
+from ..analysis.solution import Solution, State
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
 
-def smooth_max(values, width):
+
+def smooth_max(
+    values: PyTree[Float[ArrayLike, " ..."]], width: Float[ArrayLike, ""]
+) -> Float[Array, ""]:
     """Smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
 
     At most ``width log(n)`` above it. Order of the axes does not matter.
@@ -34,7 +41,9 @@ def smooth_max(values, width):
     return width * jax.nn.logsumexp(flat / width)
 
 
-def smooth_min(values, width):
+def smooth_min(
+    values: PyTree[Float[ArrayLike, " ..."]], width: Float[ArrayLike, ""]
+) -> Float[Array, ""]:
     """Smooth lower bound of the smallest entry; see `smooth_max`.
 
     At most ``width log(n)`` below it.
@@ -53,7 +62,7 @@ def smooth_min(values, width):
     return -smooth_max(jax.tree.map(jnp.negative, values), width)
 
 
-def mean_over_cases(values):
+def mean_over_cases(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> PyTree[Float[Array, " ..."]]:
     """Mean over load cases.
 
     Args:
@@ -70,7 +79,11 @@ def mean_over_cases(values):
     return jax.tree.map(lambda v: jnp.mean(v, axis=0), values)
 
 
-def shape_distance(solution, positions, nodes=None):
+def shape_distance(
+    solution: Solution | State,
+    positions: Float[ArrayLike, "n 3"],
+    nodes: Int[ArrayLike, " n"] | None = None,
+) -> Float[Array, ""]:
     """Sum of the squared distances of nodes from where they should be, m2.
 
     Args:
@@ -92,7 +105,9 @@ def shape_distance(solution, positions, nodes=None):
     return jnp.sum((found - _for_all(positions, found)) ** 2)
 
 
-def tension_distance(solution, tension):
+def tension_distance(
+    solution: Solution | State, tension: PyTree[Float[ArrayLike, " ..."]]
+) -> Float[Array, ""]:
     """Sum of the squared differences of the tensions from wanted ones, N2.
 
     Args:
@@ -114,10 +129,10 @@ def tension_distance(solution, tension):
         solution.tension,
         target,
     )
-    return sum(jax.tree.leaves(gaps))
+    return _added(gaps)
 
 
-def tension_spread(solution):
+def tension_spread(solution: Solution | State) -> Float[Array, ""]:
     """Variance of the tensions over the square of their mean, -; zero if all are equal.
 
     Args:
@@ -136,7 +151,9 @@ def tension_spread(solution):
     return jnp.mean((flat - mean) ** 2) / mean**2
 
 
-def largest_deflection(solution, width, phase=-1):
+def largest_deflection(
+    solution: Solution, width: Float[ArrayLike, ""], phase: int = -1
+) -> Float[Array, ""]:
     """Smooth upper bound of the largest deflection of a node in a phase, m.
 
     ``width sqrt(log sum exp(d^2 / width^2))``, smooth at nodes that do not move: below
@@ -162,7 +179,7 @@ def largest_deflection(solution, width, phase=-1):
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
 
 
-def total_prestress(solution, phase=0):
+def total_prestress(solution: Solution, phase: int = 0) -> Float[Array, ""]:
     """Sum of the tensions at the end of a phase, by default the first, N.
 
     Of load cases from `solve_cases` the first phase is their loading: take the solution that they
@@ -181,10 +198,12 @@ def total_prestress(solution, phase=0):
         >>> print(solution.status, f"{jc.design.total_prestress(solution):.3f} N")  # 12 of 200 N
         0 2400.000 N
     """
-    return sum(jnp.sum(leaf) for leaf in jax.tree.leaves(solution.phases[phase].tension))
+    return _added(jax.tree.map(jnp.sum, solution.phases[phase].tension))
 
 
-def material_use(solution, stress):
+def material_use(
+    solution: Solution | State, stress: PyTree[Float[ArrayLike, " ..."]]
+) -> Float[Array, ""]:
     """Volume of material if every element were sized for its force: ``sum |N| L0 / stress``, m3.
 
     N is the largest force along an element, `peak_tension`. Not smooth where another load case, or
@@ -211,6 +230,11 @@ def material_use(solution, stress):
         return jnp.sum(jnp.max(force, axis=0) * jnp.max(length, axis=0) / stress)
 
     parts = jax.tree.map(volume, solution.peak_tension, solution.rest_length, stress)
+    return _added(parts)
+
+
+def _added(parts):
+    """Sum of the leaves of a pytree."""
     return sum(jax.tree.leaves(parts))
 
 

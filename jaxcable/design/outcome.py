@@ -1,12 +1,17 @@
 """What a loss or residuals may return beside their value: solutions, or status codes."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..common import status
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
 
 
-def split_loss(result):
+def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """Scalar and status of what a loss returns: a scalar, or (scalar, what carries the status)."""
     value, told = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
     if value is None or hasattr(value, "status"):
@@ -21,7 +26,7 @@ def split_loss(result):
     return value, worst_code(told, "loss")
 
 
-def split_residuals(result):
+def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[Array, ""]]:
     """Residuals and status of what a function returns: a pytree, or (pytree, solutions or codes).
 
     A pair counts as the latter if there is nothing else than solutions and integers in its second.
@@ -33,7 +38,7 @@ def split_residuals(result):
     return result, worst_code((), "residuals")
 
 
-def worst_code(told, name):
+def worst_code(told: PyTree[Any], name: str) -> Int[Array, ""]:
     """The largest status code in a pytree of solutions and arrays of codes; OK if it is empty."""
     code = jnp.int32(status.OK)
     for item in jax.tree.leaves(told, is_leaf=_has_status):

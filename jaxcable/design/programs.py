@@ -1,8 +1,14 @@
 """Compiled programs of the functions that users optimize."""
 
+from __future__ import annotations
+
 import weakref
+from collections.abc import Callable, Hashable
+from typing import Any
 
 import jax
+
+from ..common.types import PyTree
 
 
 class Programs:
@@ -14,10 +20,10 @@ class Programs:
         make: function (reference, *options) to a program; it calls `reference()` for the function.
     """
 
-    def __init__(self, make):
+    def __init__(self, make: Callable[..., Callable[..., Any]]):
         self.make, self.kept = make, weakref.WeakKeyDictionary()
 
-    def __call__(self, function, *options):
+    def __call__(self, function: Callable[..., Any], *options: Hashable) -> Any:
         """The program of a function, made if there is none yet."""
         try:
             programs = self.kept.setdefault(function, {})
@@ -29,7 +35,7 @@ class Programs:
 
 
 @jax.custom_jvp
-def underivable(tree):
+def underivable(tree: PyTree[Any]) -> PyTree[Any]:
     """The identity; to differentiate it is an error, and not a silent NaN or zero."""
     return tree
 

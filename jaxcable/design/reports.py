@@ -1,14 +1,31 @@
 """Load cases from one prestressed state, envelopes over them, and utilisation."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..analysis.phases import Phase
+from ..analysis.solution import Solution, State, Told
 from ..analysis.solver import solve
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..equilibrium.incremental import Incremental
+from ..equilibrium.newton import Newton
+from ..model.structure import Structure
 
 
-def solve_cases(structure, phases, cases, method=None, *, start=None):
+def solve_cases(
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None,
+    cases: Phase | Sequence[Phase],
+    method: Newton | Incremental | None = None,
+    *,
+    start: Solution | State | None = None,
+) -> Solution:
     """Solve many load cases from one prestressed state, all at once.
 
     Args:
@@ -40,7 +57,7 @@ def solve_cases(structure, phases, cases, method=None, *, start=None):
         cases = list(cases)
         if not cases:
             raise ValueError("cases: expected at least one Phase")
-        shapes = [jax.tree.structure(case) for case in cases]
+        shapes: list[Any] = [jax.tree.structure(case) for case in cases]
         sizes = [[jnp.shape(leaf) for leaf in jax.tree.leaves(case)] for case in cases]
         for k, case in enumerate(cases):
             if not isinstance(case, Phase):
@@ -69,13 +86,13 @@ class Envelope:
         [200. 210.] [0 1]
     """
 
-    lowest: object
-    highest: object
-    lowest_case: object
-    highest_case: object
+    lowest: PyTree[Float[Array, " ..."]]
+    highest: PyTree[Float[Array, " ..."]]
+    lowest_case: PyTree[Int[Array, " ..."]]
+    highest_case: PyTree[Int[Array, " ..."]]
 
 
-def envelope(values):
+def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
     """Extremes over load cases.
 
     Args:
@@ -94,7 +111,9 @@ def envelope(values):
     return Envelope(*(jax.tree.map(lambda v, f=f: f(v, axis=0), values) for f in functions))
 
 
-def utilisation(structure, tension):
+def utilisation(
+    structure: Structure, tension: Told | PyTree[Float[ArrayLike, "... n_elem"] | None]
+) -> PyTree[Float[Array, "... n_elem"] | None]:
     """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
 
     Compression is compared with the strength alone: buckling is not in it. How far a state is from
@@ -146,12 +165,10 @@ def utilisation(structure, tension):
             found.append(None)
             continue
         force = jnp.asarray(force)
-        strength = group.strength
-        if strength is None and group.breaks:
+        limit = group.strength
+        if limit is None and group.breaks:
             low, high = group.capacity()
             limit = jnp.where(force < 0, -low, high)
-        else:
-            limit = strength
         size = force if group.tension_only else jnp.abs(force)
         found.append(None if limit is None else size / jnp.broadcast_to(limit, force.shape))
     if all(f is None for f in found):

@@ -3,15 +3,26 @@
 "All members" below means: group after group in pytree order, [n_elem].
 """
 
+from __future__ import annotations
+
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..model.structure import Structure
 from .members import check_members
 
+Nodes = TypeVar("Nodes", jax.Array, np.ndarray)
+"""Positions: what follows from NumPy's is NumPy's, and from those of jax its."""
 
-def members(structure):
+
+def members(
+    structure: Structure,
+) -> tuple[Int[np.ndarray, "n_elem 2"], Bool[np.ndarray, " n_elem"]]:
     """Node numbers [n_elem, 2], and whether a member holds only in tension [n_elem], of all.
 
     Raises:
@@ -23,7 +34,9 @@ def members(structure):
     return links, np.concatenate(cable)
 
 
-def in_a_row(structure, value, name):
+def in_a_row(
+    structure: Structure, value: PyTree[Float[ArrayLike, " ..."]], name: str
+) -> Float[Array | np.ndarray, " n_elem"]:
     """Values of all members, [n_elem], from that, a scalar, or the shape of the elements."""
     sizes = [len(group.links) for group in structure.groups]
     if isinstance(value, list | tuple) and all(np.ndim(v) == 0 for v in value):
@@ -47,14 +60,16 @@ def in_a_row(structure, value, name):
     return (jnp if any(isinstance(p, jax.Array) for p in parts) else np).concatenate(parts)
 
 
-def arranged(structure, row):
+def arranged(
+    structure: Structure, row: Float[Array | np.ndarray, "... n_all"]
+) -> PyTree[Float[Array | np.ndarray, "... n_elem"]]:
     """Values of all members [..., n_elem] in the shape of the elements."""
     ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
     parts = np.split(np.arange(row.shape[-1]), ends)
     return structure.arrange([row[..., part] for part in parts])
 
 
-def host_nodes(structure, what):
+def host_nodes(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]:
     """Positions as NumPy numbers in double precision; ValueError if traced or not finite."""
     nodes = checks.concrete(structure.nodes)
     if nodes is None:
@@ -66,7 +81,9 @@ def host_nodes(structure, what):
     return np.asarray(nodes, float)
 
 
-def incidence(links, n_node):
+def incidence(
+    links: Int[np.ndarray, "n_elem 2"], n_node: int
+) -> Float[np.ndarray, "n_elem n_node"]:
     """-1 at the first node of a member and 1 at its second, [n_elem, n_node], NumPy."""
     matrix = np.zeros((len(links), n_node))
     every = np.arange(len(links))
@@ -74,7 +91,9 @@ def incidence(links, n_node):
     return matrix
 
 
-def balance(nodes, links):
+def balance(
+    nodes: Float[Nodes, "n_node 3"], links: Int[np.ndarray, "n_elem 2"]
+) -> tuple[Float[Nodes, "3*n_node n_elem"], Float[Nodes, " n_elem"]]:
     """Equilibrium matrix of all nodes, [3 n_node, n_elem], and lengths, [n_elem], m.
 
     Matrix times tensions is the load that they balance, node by node, x, y, z. Differentiable in

@@ -6,22 +6,34 @@ the group's law, per initial or projected length and area the form's own. While 
 they follow the nodes, with exact derivatives.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import Indices, copy, pytree
+from ..common.types import Array, Bool, Float, Int
+from ..elements.bar import Straight
+from ..elements.element import Element, ElementState
 from ..elements.prestress import AxialState, element
-from ..loads import AreaLoads, LineLoads, NodalLoads, SelfWeight, as_list
+from ..loads import AreaLoads, LineLoads, Load, NodalLoads, SelfWeight, as_list
+from ..model.structure import Structure
 
 
-def split(structure, loads, takes_more=True):
+def split(
+    structure: Structure, loads: Load | Sequence[Load] | None, takes_more: bool = True
+) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
     """Loads as checked lists: `NodalLoads`, and those that depend on the form.
 
     Raises:
         ValueError: a load of another kind; with `takes_more` false any but a nodal one.
     """
+    given: list[Any] = as_list(loads)  # of the kinds that are asked for below
     nodal, others = [], []
-    for k, load in enumerate(as_list(loads)):
+    for k, load in enumerate(given):
         more = takes_more and isinstance(load, SelfWeight | LineLoads | AreaLoads)
         if not more and not isinstance(load, NodalLoads):
             kinds = (
@@ -41,7 +53,9 @@ def split(structure, loads, takes_more=True):
     return nodal, others
 
 
-def touched(structure, others):
+def touched(
+    structure: Structure, others: Sequence[Load]
+) -> tuple[tuple[Indices, int, tuple[()]], ...]:
     """(nodes that a load couples, 3, ()) for `number_freedoms`, as `OnForm` gives its blocks."""
     nodes = []
     for load in others:
@@ -69,8 +83,8 @@ class OnForm:
         loads: `SelfWeight`, `LineLoads` and `AreaLoads`.
     """
 
-    groups: object
-    loads: object
+    groups: list[Element]
+    loads: list[SelfWeight | LineLoads | AreaLoads]
 
     def _parts(self, states, moved):
         """Function, what it takes of each element or face, its nodes [n, k]; one after the other.
@@ -88,18 +102,30 @@ class OnForm:
                 yield _on_element(load, number, group), own, group.links
 
     @property
-    def acts(self):
+    def acts(self) -> Bool[Array, ""]:
         """They do act."""
         return jnp.ones((), bool)
 
-    def following_forces(self, groups, states, nodes, moved):
+    def following_forces(
+        self,
+        groups: Sequence[Element] | None,
+        states: Sequence[ElementState],
+        nodes: Float[Array, "n_node 3"] | None,
+        moved: Float[Array, "n_node 3"],
+    ) -> Float[Array, "n_node 3"]:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         total = jnp.zeros_like(moved)
         for function, own, links in self._parts(states, moved):
             total = total.at[links].add(jax.vmap(function)(moved[links], *own))
         return total
 
-    def following_blocks(self, groups, states, nodes, moved):
+    def following_blocks(
+        self,
+        groups: Sequence[Element] | None,
+        states: Sequence[ElementState],
+        nodes: Float[Array, "n_node 3"] | None,
+        moved: Float[Array, "n_node 3"],
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
         """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return [
             (jax.vmap(jax.jacfwd(function))(moved[links], *own), links)
@@ -140,7 +166,9 @@ def _on_element(load, number, group):
     return force
 
 
-def carries(groups, tensions):
+def carries(
+    groups: Sequence[Straight], tensions: Sequence[Float[Array, " n_elem"]]
+) -> Bool[Array, ""]:
     """Whether the law of every element has an unstressed length for its force, bool."""
     fine = jnp.ones((), bool)
     for group, tension in zip(groups, tensions, strict=True):

@@ -8,6 +8,8 @@ others are then the least squares solution of a full rank system, which is diffe
 Source: Yuan and Dong (2002, 2003), integral feasible prestress of cable domes.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +17,8 @@ import numpy as np
 from ..common import checks
 from ..common.rules import Rule, or_nan
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from ..model.structure import Structure
 from ._balance import arranged, balance, host_nodes, in_a_row, members
 
 
@@ -39,18 +43,25 @@ class Prestress:
         [1000. 1000. 1000.]
     """
 
-    tension: object
-    group_tension: object
-    unbalanced: object
-    modes: object = None
+    tension: PyTree[Float[Array | np.ndarray, " n_elem"]]
+    group_tension: Float[Array | np.ndarray, " n_group"]
+    unbalanced: Float[Array, ""] | float
+    modes: Float[np.ndarray, "n_mode n_group"] | None = None
 
     @property
-    def n_mode(self):
+    def n_mode(self) -> int:
         """Number of independent integral prestress modes."""
-        return len(self.modes)
+        return len(self.modes)  # type: ignore[arg-type]  # None of traced nodes
 
 
-def feasible_prestress(structure, groups=None, group=None, *, tension=1.0, tol=None):
+def feasible_prestress(
+    structure: Structure,
+    groups: PyTree[Int[ArrayLike, " n_elem"]] | None = None,
+    group: int | None = None,
+    *,
+    tension: Float[ArrayLike, ""] = 1.0,
+    tol: float | None = None,
+) -> Prestress:
     """Self-equilibrated tensions, equal within groups, with every cable taut.
 
     With several modes, the one is taken in which the smallest cable tension is the largest part of

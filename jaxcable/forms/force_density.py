@@ -9,7 +9,10 @@ Linkwitz). The matrix has one unknown a node, not three, and is factorised once 
 sides of x, y and z wherever supports hold whole nodes.
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -19,11 +22,15 @@ from jax import lax
 from .. import linear
 from ..common import status
 from ..common.rules import not_negative, or_nan
-from ..common.tree import cast, copy, fill, pytree, thaw
+from ..common.selection import Only
+from ..common.tree import Indices, cast, copy, fill, pytree, thaw
+from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
+from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
+from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
 from ..spaces import Translations
@@ -35,7 +42,12 @@ from .strings import Strings, StringState
 _FIRST = 5  # steps with the loads of the form before, ahead of Newton's method
 
 
-def force_density(structure, q, loads=None, linear_solver=None):
+def force_density(
+    structure: Structure,
+    q: PyTree[Float[ArrayLike, " ..."] | Only],
+    loads: Load | Sequence[Load] | None = None,
+    linear_solver: str | None = None,
+) -> Float[Array, "n_node 3"]:
     """Positions in which a net with given force densities is in equilibrium.
 
     ``D_ff x_f = p_f - D_fs x_s`` with ``D = C^T diag(q) C``. A pure function of pytrees: jit, vmap,
@@ -93,10 +105,9 @@ def force_density(structure, q, loads=None, linear_solver=None):
     if others:
         coupled = (*((own, 3, ()) for own in links), *touched(structure, others))
         freedoms = number_freedoms(fixed, None, coupled, linear_solver, False)
-        thawed, arrays = thaw((structure.nodes, densities, loads, structure.groups, others))
-        return _loaded(thawed, arrays, net, freedoms, Newton(linear_solver=linear_solver))
-    thawed, arrays = thaw((structure.nodes, densities, loads))
-    return _positions(thawed, arrays, net)
+        task = thaw((structure.nodes, densities, loads, structure.groups, others))
+        return _loaded(*task, net, freedoms, Newton(linear_solver=linear_solver))
+    return _positions(*thaw((structure.nodes, densities, loads)), net)
 
 
 @pytree(static=("axes",))
@@ -110,19 +121,23 @@ class _Block:
         pattern: `linear.Pattern` of their matrix.
     """
 
-    axes: tuple
-    free: object
-    number: object
-    pattern: object
+    axes: tuple[int, ...]
+    free: Int[Array, " n_free"]
+    number: Int[Array, "n_elem 2"]
+    pattern: linear.Pattern
 
-    def place(self, positions, found):
+    def place(
+        self, positions: Float[Array, "n_node 3"], found: Float[Array, "n_free n_axis"]
+    ) -> Float[Array, "n_node 3"]:
         """Positions [n_node, 3] with the free coordinates `found`, [n_free, n_axis]."""
         at = positions.at[self.free[:, None], np.array(self.axes)]
         return at.set(found, unique_indices=True)
 
 
 @functools.lru_cache(maxsize=16)
-def number_axes(fixed, links, solver):
+def number_axes(
+    fixed: Indices, links: tuple[Indices, ...], solver: str | None
+) -> tuple[Int[Array, "n_elem 2"], list[_Block]]:
     """Links of all elements, [n_elem, 2], and the unknowns of each direction; kept.
 
     Args:
@@ -130,7 +145,7 @@ def number_axes(fixed, links, solver):
         links: of every group, a tuple of `Indices`.
         solver: name or None.
     """
-    mask, links = fixed.array, np.concatenate([own.array for own in links])
+    mask, ends = fixed.array, np.concatenate([own.array for own in links])
     alike = {}
     for axis in range(3):
         alike.setdefault(mask[:, axis].tobytes(), []).append(axis)
@@ -141,12 +156,12 @@ def number_axes(fixed, links, solver):
             continue
         number = np.full(len(mask), len(free), np.int32)
         number[free] = np.arange(len(free), dtype=np.int32)
-        number = number[links]
+        number = number[ends]
         pattern = linear.make_pattern([number], len(free), True, solver)
         with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
             blocks.append(_Block(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern))
     with jax.ensure_compile_time_eval():
-        return jnp.asarray(links), blocks
+        return jnp.asarray(ends), blocks
 
 
 @jax.jit
@@ -207,7 +222,12 @@ def _loaded(thawed, arrays, net, freedoms, method):
     return jnp.where(free, nodes + moved, nodes)
 
 
-def shape(nodes, q, load, net):
+def shape(
+    nodes: Float[Array, "n_node 3"],
+    q: Float[Array, " n_elem"],
+    load: Float[Array, "n_node 3"],
+    net: tuple[Int[Array, "n_elem 2"], list[_Block]],
+) -> Float[Array, "n_node 3"]:
     """Positions [n_node, 3] for force densities [n_elem] on the numbering of `number_axes`.
 
     Not differentiable; NaN where there are none.
@@ -231,14 +251,21 @@ class Balance:
         factor: of its matrix, a constant.
     """
 
-    q: object
-    held: object
-    load: object
-    block: object
-    factor: object
+    q: Float[Array, " n_elem"]
+    held: Float[Array, "n_elem n_axis"]
+    load: Float[Array, "n_free n_axis"]
+    block: _Block
+    factor: linear.Factor | linear.SparseFactor
 
     @classmethod
-    def build(cls, nodes, q, load, links, block):
+    def build(
+        cls,
+        nodes: Float[Array, "n_node 3"],
+        q: Float[Array, " n_elem"],
+        load: Float[Array, "n_node 3"],
+        links: Int[Array, "n_elem 2"],
+        block: _Block,
+    ) -> Balance:
         """Assemble and, with dense matrices, factorise."""
         axes = np.array(block.axes)
         held = nodes[:, axes].at[block.free].set(0.0, unique_indices=True)
@@ -248,23 +275,23 @@ class Balance:
         held = held[links[:, 0]] - held[links[:, 1]]
         return cls(q, held, load[block.free][:, axes], block, linear.factorize(matrix))
 
-    def gather(self, difference):
+    def gather(self, difference: Float[Array, "n_elem n_axis"]) -> Float[Array, "n_free n_axis"]:
         """Sum of ``q (x_i - x_j)`` at the free nodes, from ``x_i - x_j``, [n_elem, n_axis]."""
         force = self.q[:, None] * difference
         ends = jnp.stack([force, -force], axis=1)
         zero = jnp.zeros((len(self.block.free), force.shape[1]), force.dtype)
         return zero.at[self.block.number].add(ends, mode="drop")
 
-    def pull(self, x):
+    def pull(self, x: Float[Array, "n_free n_axis"]) -> Float[Array, "n_free n_axis"]:
         """The same of free coordinates, held ones being zero: ``D_ff x``, [n_free, n_axis]."""
         ends = x.at[self.block.number].get(mode="fill", fill_value=0.0)
         return self.gather(ends[:, 0] - ends[:, 1])
 
-    def rhs(self):
+    def rhs(self) -> Float[Array, "n_free n_axis"]:
         """``p_f - D_fs x_s``, [n_free, n_axis]."""
         return self.load - self.gather(self.held)
 
-    def solve(self, rhs):
+    def solve(self, rhs: Float[Array, "n_free n_axis"]) -> Float[Array, "n_free n_axis"]:
         """Solve for all columns with one factor; NaN if the matrix is singular."""
 
         def one(b):

@@ -1,10 +1,17 @@
 """A form that was found: a shape in equilibrium, ready to be analysed."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
 from ..common.tree import pytree
+from ..common.types import Array, Float, Int, PyTree
+from ..elements.bar import Straight
+from ..model.structure import Structure
 from ..numerics import implicit
 from .along import carries
 
@@ -47,20 +54,28 @@ class Form:
         [4.975124 4.975124]
     """
 
-    positions: object
-    tension: object
-    length: object
-    rest_length: object
-    force_density: object
-    status: object
-    residual: object
-    relative_residual: object
-    iterations: object
+    positions: Float[Array, "n_node 3"]
+    tension: PyTree[Float[Array, " n_elem"]]
+    length: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    force_density: PyTree[Float[Array, " n_elem"]]
+    status: Int[Array, ""]
+    residual: Float[Array, ""]
+    relative_residual: Float[Array, ""]
+    iterations: Int[Array, ""]
 
 
 def make_form(
-    groups, positions, tensions, code, residual, scale, iterations, parameters, rests=None
-):
+    groups: Sequence[Straight],
+    positions: Float[Array, "n_node 3"],
+    tensions: Sequence[Float[Array, " n_elem"]],
+    code: Int[Array, ""],
+    residual: Float[Array, ""],
+    scale: Float[Array, ""],
+    iterations: Int[Array, ""],
+    parameters: PyTree[Array],
+    rests: Sequence[Float[Array, " n_elem"]] | None = None,
+) -> Form:
     """The `Form` of a shape and its forces, its lists per group not yet in the shape of `elements`.
 
     A law that cannot carry its force makes the status MATERIAL_FAILURE.
@@ -89,12 +104,15 @@ def make_form(
         if rests is None:
             cut.append(lengths[-1] / (1 + group.strain_at(tension, group.virgin())))
     densities = [force / length for force, length in zip(tensions, lengths, strict=True)]
-    values = positions, tensions, lengths, cut if rests is None else rests, densities
-    values = implicit.nan_unless(ok, values, parameters)
-    return Form(*values, code, residual, residual / jnp.where(scale > 0, scale, 1.0), iterations)
+    rests = cut if rests is None else rests
+    values = positions, tensions, lengths, rests, densities
+    positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
+    relative = residual / jnp.where(scale > 0, scale, 1.0)
+    own = positions, tensions, lengths, rests, densities
+    return Form(*own, code, residual, relative, iterations)
 
 
-def arranged(form, structure):
+def arranged(form: Form, structure: Structure) -> Form:
     """A `Form` whose lists per group are in the shape of the structure's elements."""
     names = ("tension", "length", "rest_length", "force_density")
     lists = {name: structure.arrange(getattr(form, name)) for name in names}

@@ -1,20 +1,27 @@
 """Cables that hang by a stated sag: shapes of catenaries, and chains of straight elements."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 
+from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import or_nan, positive
+from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging
 from ..elements.element import Sagging
 from ..elements.prestress import element
 from ..mechanics.elementwise import motion_of
 from ..mechanics.ramp import make_system
+from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 
 
-def catenary_curves(structure, solution, n=21):
+def catenary_curves(
+    structure: Structure, solution: Solution | State, n: int = 21
+) -> PyTree[Float[Array, "n_elem n 3"] | None]:
     """Places along the catenaries of a solution, for pictures.
 
     Args:
@@ -45,7 +52,9 @@ def catenary_curves(structure, solution, n=21):
     return _of_catenaries(structure, solution, "curve", jnp.linspace(0.0, 1.0, n))
 
 
-def end_tensions(structure, solution):
+def end_tensions(
+    structure: Structure, solution: Solution | State
+) -> PyTree[Float[Array, "n_elem 2"] | None]:
     """Tensions at both ends of the catenaries of a solution, in whose `tension` is their mean.
 
     Args:
@@ -95,7 +104,14 @@ def _of_catenaries(structure, solution, method, *arguments):
     return structure.arrange(results)
 
 
-def hanging_chain(first, second, n, sag, weight, axial_stiffness):
+def hanging_chain(
+    first: Float[ArrayLike, " 3"],
+    second: Float[ArrayLike, " 3"],
+    n: int,
+    sag: Float[ArrayLike, ""],
+    weight: Float[ArrayLike, ""],
+    axial_stiffness: Float[ArrayLike, ""],
+) -> tuple[Float[Array, "n+1 3"], Float[Array, " n"]]:
     """A cable as a chain of `n` equal straight elements that hangs by a stated sag.
 
     Under its weight, -z, half of each element's at each of its ends, it is in equilibrium as it is
@@ -138,7 +154,8 @@ def hanging_chain(first, second, n, sag, weight, axial_stiffness):
         numbers[name] = or_nan(positive(name, value))
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
-    place, rest_length = _chain(chord, *(jnp.asarray(v, dtype) for v in numbers.values()), n)
+    sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
+    place, rest_length = _chain(chord, sag, weight, stiffness, n)
     return jnp.asarray(first)[None] + place, jnp.full(n, rest_length / n)
 
 

@@ -7,7 +7,11 @@ halved until the residual falls, starts from elements that keep their lengths ne
 springs (`prescribed`).
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +20,10 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.tree import copy, pytree
+from ..common.tree import Indices, copy, pytree
+from ..common.types import Array, Bool, Float, Int
 from ..elements.prestress import stretch
+from ..mechanics.assembly import System
 from ..spaces.freedoms import number_freedoms
 
 _HALVINGS = 12
@@ -35,15 +41,17 @@ class Numbering:
         zero: of n_all zeros, whose shape tells the number of unknowns.
     """
 
-    number: object
-    elements: object
-    ends: object
-    pattern: object
-    zero: object
+    number: Int[Array | np.ndarray, "n_node 3"]
+    elements: Sequence[Int[Array | np.ndarray, " n_given"] | None]
+    ends: Sequence[Int[Array | np.ndarray, "n_given 7"] | None]
+    pattern: linear.Pattern
+    zero: Float[Array | np.ndarray, " n_all"]
 
 
 @functools.lru_cache(maxsize=16)
-def number(fixed, links, sought, solver):
+def number(
+    fixed: Indices, links: tuple[Indices, ...], sought: tuple[Indices, ...], solver: str | None
+) -> Numbering:
     """The `Numbering`; kept for the next call.
 
     Args:
@@ -86,12 +94,14 @@ class Saddle:
         numbering: `Numbering`.
     """
 
-    system: object
-    given: object
-    unit: object
-    numbering: object
+    system: System
+    given: list[Float[Array, " n_elem"] | None]
+    unit: Float[Array, ""]
+    numbering: Numbering
 
-    def split(self, z):
+    def split(
+        self, z: Float[Array, " n_all"]
+    ) -> tuple[Float[Array, " n_free"], list[Float[Array, " n_given"]]]:
         """Displacements [n_free] and forces of the elements of given length per group, N."""
         n_free = self.system.freedoms.free.shape[0]
         parts, at = [], n_free
@@ -101,26 +111,30 @@ class Saddle:
             at += size
         return z[:n_free], parts
 
-    def motion(self, z):
+    def motion(self, z: Float[Array, " n_all"]) -> Float[Array, "n_node 3"]:
         """Displacements of all nodes, [n_node, 3], m."""
-        return self.system.move(self.system.space.prescribed, self.split(z)[0])
+        held: Any = self.system.space.prescribed  # there always is one
+        return self.system.move(held, self.split(z)[0])
 
-    def join(self, motion, forces):
+    def join(
+        self, motion: Float[Array, "n_node 3"], forces: Sequence[Float[Array, " n_elem"]]
+    ) -> Float[Array, " n_all"]:
         """The unknowns [n_all] of displacements [n_node, 3] and of all forces per group, N."""
         x = motion.reshape(-1)[self.system.freedoms.free]
         pairs = zip(forces, self.numbering.elements, strict=True)
         own = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
         return jnp.concatenate([x, *own])
 
-    def forces(self, z):
+    def forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
         """Axial forces, per group [n_elem], N."""
-        pairs = zip(self.system.states, self.numbering.elements, self.split(z)[1], strict=True)
+        states: Sequence[Any] = self.system.states  # of `strings.StringState`
+        pairs = zip(states, self.numbering.elements, self.split(z)[1], strict=True)
         return [
             state.force if chosen is None else state.force.at[chosen].set(own)
             for state, chosen, own in pairs
         ]
 
-    def filled(self, z):
+    def filled(self, z: Float[Array, " n_all"]) -> tuple[System, Float[Array, "n_node 3"]]:
         """The system with all forces, and the motion of its nodes."""
         pairs = zip(self.system.states, self.forces(z), strict=True)
         system = copy(self.system, states=[copy(state, force=force) for state, force in pairs])
@@ -136,19 +150,21 @@ class Saddle:
                 links = group.links[chosen]
                 yield self.system.nodes[links], motion[links], own[chosen], rows
 
-    def residual(self, z):
+    def residual(self, z: Float[Array, " n_all"]) -> Float[Array, " n_all"]:
         """Gradient of the Lagrangian, [n_all]: unbalanced forces, then gaps times the unit."""
         system, motion = self.filled(z)
         gaps = [self.unit * jax.vmap(_gap)(*own) for *own, _ in self._given(motion)]
         return jnp.concatenate([system.residual(motion), *gaps])
 
-    def judged(self, z):
+    def judged(
+        self, z: Float[Array, " n_all"]
+    ) -> tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, " n_given"]]:
         """Unbalanced forces [n_free], their scale, and gaps over lengths, [n_given]."""
         system, motion = self.filled(z)
         gaps = [jax.vmap(_gap)(*own) / own[2] for *own, _ in self._given(motion)]
         return *system.residual_and_scale(motion), jnp.concatenate(gaps)
 
-    def tangent(self, z):
+    def tangent(self, z: Float[Array, " n_all"]) -> Float[Array, "n_all n_all"] | linear.Sparse:
         """Hessian of the Lagrangian, a matrix of `linear`."""
         system, motion = self.filled(z)
         freedoms = copy(system.freedoms, number=self.numbering.number)
@@ -162,12 +178,13 @@ class Saddle:
         parts = parts + [(couple(*own), rows) for *own, rows in self._given(motion)]
         return linear.assemble(parts, len(self.numbering.zero), self.numbering.pattern)
 
-    def balanced(self, motion):
+    def balanced(self, motion: Float[Array, "n_node 3"]) -> Float[Array, " n_all"]:
         """Unknowns with displacements [n_node, 3] and the forces that leave least of the residual.
 
         Weighted least squares: the saddle with a matrix of ones on the diagonal for the stiffness.
         """
-        none = [jnp.zeros_like(state.force) for state in self.system.states]
+        states: Sequence[Any] = self.system.states
+        none = [jnp.zeros_like(state.force) for state in states]
         z, n_free = self.join(motion, none), self.system.freedoms.free.shape[0]
         blocks = []
         for group in self.system.groups:
@@ -198,7 +215,19 @@ def _coupling(unit, ends, moved, length):
     return jax.hessian(lagrangian)(jnp.append(moved.reshape(-1), 0.0))
 
 
-def settle(saddle, z, tol, limit, active):
+def settle(
+    saddle: Saddle,
+    z: Float[Array, " n_all"],
+    tol: Float[Array, ""],
+    limit: Int[Array, ""] | int,
+    active: Bool[Array, ""],
+) -> tuple[
+    Float[Array, " n_all"],
+    Int[Array, ""],
+    Int[Array, ""],
+    Float[Array, " n_free"],
+    Float[Array, ""],
+]:
     """Newton's method from `z`; not differentiable.
 
     Steps are halved until the largest relative residual falls.
@@ -253,7 +282,9 @@ def settle(saddle, z, tol, limit, active):
     return z, code, steps, residual, scale
 
 
-def attach(saddle, z, valid):
+def attach(
+    saddle: Saddle, z: Float[Array, " n_all"], valid: Bool[Array, ""]
+) -> Float[Array, " n_all"]:
     """`z` with the derivative of the saddle, as `implicit.attach`; `saddle` is gated already."""
     z = lax.stop_gradient(z)
     frozen = lax.stop_gradient(saddle)

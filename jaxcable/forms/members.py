@@ -1,5 +1,10 @@
 """What form finding takes of a structure: straight members between two nodes."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -7,11 +12,14 @@ from ..analysis.phases import spread
 from ..common import checks, status
 from ..common.rules import kept, rules_of
 from ..common.selection import Only, Selection
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.bar import Straight
+from ..elements.element import Element
+from ..loads import NodalLoads
 from ..model.structure import Structure, place_rules
 
 
-def check_members(structure):
+def check_members(structure: Structure) -> None:
     """Raise ValueError unless `structure` is one of cables and bars only."""
     if not isinstance(structure, Structure):
         raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
@@ -23,18 +31,25 @@ def check_members(structure):
             )
 
 
-def verdict(nodes, groups, *others):
+def verdict(
+    nodes: Float[Array, "n_node 3"], groups: Sequence[Element], *others: Any
+) -> Int[Array, ""]:
     """INVALID_INPUT where numbers of a structure or of `others` break their rules, traced."""
     rules = [*rules_of([groups, others]), *(r for own in groups for r in place_rules(nodes, own))]
     return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
-def total(loads, shape, dtype):
+def total(
+    loads: Sequence[NodalLoads], shape: tuple[int, int], dtype: np.dtype
+) -> Float[Array, "n_node 3"]:
     """Sum of nodal loads, `shape` [n_node, 3], N."""
-    return sum((load.nodal_forces(shape, dtype) for load in loads), start=jnp.zeros(shape, dtype))
+    forces: Iterable[Any] = (load.nodal_forces(shape, dtype) for load in loads)
+    return sum(forces, start=jnp.zeros(shape, dtype))
 
 
-def stated(value, structure, name):
+def stated(
+    value: PyTree[Float[ArrayLike, " ..."] | Only] | None, structure: Structure, name: str
+) -> tuple[list[Float[ArrayLike, " n_elem"] | None], list[Bool[np.ndarray, " n_elem"]]]:
     """A scalar, [n_elem], `only(...)`, or a prefix pytree of the elements, spread over the groups.
 
     Returns:

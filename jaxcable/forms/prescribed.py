@@ -9,7 +9,10 @@ The iteration is `newton.equilibrate` on members that hold their force whatever 
 its tangent by autodiff and its line search. The derivative is the implicit function theorem's.
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +21,15 @@ from jax import lax
 
 from ..common import status
 from ..common.rules import Rule, or_nan
+from ..common.selection import Only
 from ..common.tree import Indices, cast, copy, fill, thaw
+from ..common.types import ArrayLike, Float, PyTree
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
+from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
+from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
 from ..spaces import Translations
@@ -30,7 +37,7 @@ from ..spaces.freedoms import number_freedoms
 from . import lengths
 from .along import OnForm, split, touched
 from .force_density import number_axes, shape
-from .form import arranged, make_form
+from .form import Form, arranged, make_form
 from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
 
@@ -39,7 +46,15 @@ _STIFF = 1e3  # of the springs that keep lengths, over the largest force
 _NEAR = 1e-4  # relative residual at which springs have done their work
 
 
-def find_form(structure, tension=None, loads=None, *, length=None, stress=None, method=None):
+def find_form(
+    structure: Structure,
+    tension: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    loads: Load | Sequence[Load] | None = None,
+    *,
+    length: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    stress: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    method: Newton | None = None,
+) -> Form:
     """Find the shape in which prescribed forces, and lengths of other elements, are in equilibrium.
 
     Every element has one of `tension`, `stress` and `length`; each is a scalar, [n_elem],

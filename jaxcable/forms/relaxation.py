@@ -15,18 +15,28 @@ Sources: Day (1965), An introduction to dynamic relaxation; Cundall (1976) for k
 Barnes (1999), Form finding and analysis of tension structures by dynamic relaxation.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from ..common import checks, status
 from ..common.rules import Rule, not_negative, or_nan
+from ..common.selection import Only
 from ..common.tree import cast, copy, fill, pytree, thaw
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..elements.element import Element
 from ..elements.prestress import element
+from ..loads import Load
 from ..model import plausibility
+from ..model.structure import Structure
 from ..numerics import implicit
 from .along import split
-from .form import arranged, make_form
+from .form import Form, arranged, make_form
 from .members import check_members, stated, total, verdict
 
 _AWAY = 1e3  # displacement, in structure sizes, that no held structure reaches
@@ -34,15 +44,15 @@ _SPARE = 1.05  # of the masses, over what stability asks for
 
 
 def dynamic_relaxation(
-    structure,
-    tension=None,
-    rest_length=None,
+    structure: Structure,
+    tension: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
+    rest_length: PyTree[Float[ArrayLike, " ..."] | Only] | None = None,
     *,
-    loads=None,
-    start=None,
-    tol=1e-10,
-    max_steps=100_000,
-):
+    loads: Load | Sequence[Load] | None = None,
+    start: Float[ArrayLike, "n_node 3"] | None = None,
+    tol: Float[ArrayLike, ""] = 1e-10,
+    max_steps: int = 100_000,
+) -> Form:
     """Find the equilibrium of a net of held forces, or of elastic elements, by letting it move.
 
     An independent check of `find_form` and `solve`, slower than both. Works under jit and vmap. Its
@@ -132,13 +142,13 @@ class _Members:
         held, cut: which elements these concern, [n_elem] bool.
     """
 
-    group: object
-    force: object
-    rest: object
-    held: object
-    cut: object
+    group: Element
+    force: Float[Array | np.ndarray, " n_elem"] | None
+    rest: Float[Array | np.ndarray, " n_elem"] | None
+    held: Bool[Array | np.ndarray, " n_elem"]
+    cut: Bool[Array | np.ndarray, " n_elem"]
 
-    def unstressed(self, nodes):
+    def unstressed(self, nodes: Float[Array, "n_node 3"]) -> Float[Array, " n_elem"]:
         """Unstressed lengths of all elements, [n_elem], m."""
         group = self.group
         rest = group.rest_length
@@ -147,7 +157,9 @@ class _Members:
             rest = jnp.sqrt(jnp.sum((ends[:, 1] - ends[:, 0]) ** 2, axis=-1))
         return rest if self.rest is None else jnp.where(self.cut, self.rest, rest)
 
-    def vectors(self, x):
+    def vectors(
+        self, x: Float[Array, "n_node 3"]
+    ) -> tuple[Float[Array, "n_elem 3"], Float[Array, " n_elem"]]:
         """Vectors from first to second ends, [n_elem, 3], and their lengths, [n_elem], m."""
         ends = x[self.group.links]
         d = ends[:, 1] - ends[:, 0]
@@ -159,12 +171,16 @@ class _Members:
             self.group.properties(), strain, memory
         )
 
-    def tension(self, length, rest):
+    def tension(
+        self, length: Float[Array, " n_elem"], rest: Float[Array, " n_elem"]
+    ) -> Float[Array, " n_elem"]:
         """Axial forces, [n_elem], N."""
         own = self._law((length - rest) / rest, lambda one, e, memory: one.force(e, memory))
         return own if self.force is None else jnp.where(self.held, self.force, own)
 
-    def stiffness(self, length, rest):
+    def stiffness(
+        self, length: Float[Array, " n_elem"], rest: Float[Array, " n_elem"]
+    ) -> Float[Array, " n_elem"]:
         """A bound of the stiffness of a taut element in any direction, [n_elem], N/m."""
         strain = jnp.maximum((length - rest) / rest, 0.0)
 
@@ -177,7 +193,9 @@ class _Members:
             along = jnp.where(self.held, 0.0, along)
         return along + jnp.abs(self.tension(length, rest)) / length
 
-    def beyond(self, length, rest):
+    def beyond(
+        self, length: Float[Array, " n_elem"], rest: Float[Array, " n_elem"]
+    ) -> Bool[Array, ""]:
         """Whether an element is strained beyond its curve."""
         if not self.group.breaks:
             return jnp.zeros((), bool)
@@ -203,15 +221,15 @@ class _Motion:
         scale: N.
     """
 
-    x: object
-    v: object
-    force: object
-    mass: object
-    energy: object
-    rest: object
-    steps: object
-    size: object
-    scale: object
+    x: Float[Array, "n_node 3"]
+    v: Float[Array, "n_node 3"]
+    force: Float[Array, "n_node 3"]
+    mass: Float[Array, "n_node 1"]
+    energy: Float[Array, " 2"]
+    rest: Bool[Array, ""]
+    steps: Int[Array, ""]
+    size: Float[Array, ""]
+    scale: Float[Array, ""]
 
 
 @jax.jit

@@ -16,10 +16,14 @@ Pellegrino's product forces (1991), written with the force density matrix.
 Ranks are discrete, so all of this is NumPy on the host and has no derivatives.
 """
 
+from __future__ import annotations
+
 import jax
 import numpy as np
 
 from ..common.tree import pytree
+from ..common.types import ArrayLike, Bool, Float, Int, PyTree
+from ..model.structure import Structure
 from ._balance import arranged, balance, host_nodes, in_a_row, incidence, members
 
 KINDS = {
@@ -65,35 +69,35 @@ class SelfStress:
         {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
 
-    tensions: object
-    force_densities: object
-    mechanisms: object
-    rigid: object
-    singular_values: object
-    rank: object
-    matrix: object
-    length: object
-    tension_only: object
-    links: object
-    structure: object
+    tensions: PyTree[Float[np.ndarray, "s n_elem"]]
+    force_densities: PyTree[Float[np.ndarray, "s n_elem"]]
+    mechanisms: Float[np.ndarray, "m n_node 3"]
+    rigid: Float[np.ndarray, "n_rigid n_node 3"]
+    singular_values: Float[np.ndarray, " n_value"]
+    rank: int
+    matrix: Float[np.ndarray, "n_free n_all"]
+    length: PyTree[Float[np.ndarray, " n_elem"]]
+    tension_only: PyTree[Bool[np.ndarray, " n_elem"]]
+    links: PyTree[Int[np.ndarray, "n_elem 2"]]
+    structure: Structure
 
     @property
-    def s(self):
+    def s(self) -> int:
         """Number of independent states of self-stress."""
         return self.matrix.shape[1] - self.rank
 
     @property
-    def m(self):
+    def m(self) -> int:
         """Number of independent infinitesimal mechanisms, rigid motions apart."""
         return len(self.mechanisms)
 
     @property
-    def kind(self):
+    def kind(self) -> str:
         """Kind I to IV of Pellegrino and Calladine; rigid motions do not count."""
         return KINDS[self.s > 0, self.m > 0]
 
     @property
-    def gap(self):
+    def gap(self) -> tuple[float, float]:
         """Smallest singular value that counts and largest that does not, relative to the largest.
 
         The rank is sure where they are far apart; 0 where there is none.
@@ -103,7 +107,7 @@ class SelfStress:
         top = float(values[0])
         return float(values[self.rank - 1]) / top, below / top
 
-    def describe(self):
+    def describe(self) -> str:
         """The classification in words.
 
         Returns:
@@ -118,7 +122,7 @@ class SelfStress:
             f"kinematically {_WORDS[self.m > 0]} (m = {self.m})"
         )
 
-    def unbalanced(self, tension):
+    def unbalanced(self, tension: PyTree[Float[ArrayLike, " ..."]]) -> float:
         """Largest force that a prestress leaves at a free freedom over its largest tension.
 
         Args:
@@ -137,7 +141,9 @@ class SelfStress:
         largest = np.abs(tension).max()
         return float(np.abs(self.matrix @ tension).max(initial=0.0) / (largest or 1.0))
 
-    def mechanism_stiffness(self, tension):
+    def mechanism_stiffness(
+        self, tension: PyTree[Float[ArrayLike, " ..."]]
+    ) -> Float[np.ndarray, " m"]:
         """Eigenvalues of the stiffness that a prestress gives the mechanisms.
 
         All positive: it stiffens every mechanism.
@@ -162,7 +168,7 @@ class SelfStress:
         apart = np.einsum("en,mnk->mek", joins, self.mechanisms)
         return np.linalg.eigvalsh(np.einsum("mek,e,nek->mn", apart, density, apart))
 
-    def stiffens(self, tension, tol=1e-9):
+    def stiffens(self, tension: PyTree[Float[ArrayLike, " ..."]], tol: float = 1e-9) -> bool:
         """Whether a prestress stiffens every mechanism.
 
         Args:
@@ -191,7 +197,7 @@ class SelfStress:
         return np.asarray(in_a_row(self.structure, tension, "tension"), float)
 
 
-def self_stress(structure, tol=None):
+def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
     """States of self-stress and mechanisms of pin-jointed bars and cables, all taken as taut.
 
     Args:
@@ -248,7 +254,7 @@ def self_stress(structure, tol=None):
     )
 
 
-def rigid_motions(nodes):
+def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_rigid 3*n_node"]:
     """Rigid motions of points, an orthonormal basis, [6 (5 of a straight row), 3 n_node], NumPy."""
     arms = nodes - nodes.mean(axis=0)
     arms = arms / max(np.abs(arms).max(), np.finfo(float).tiny)

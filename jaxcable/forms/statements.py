@@ -1,13 +1,18 @@
 """The prestress of a state in every way in which a phase can state it."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
+from ..analysis.solution import Solution, State
 from ..common.tree import pytree
+from ..common.types import Array, Float, PyTree
 from ..elements.element import Sagging
 from ..elements.prestress import element
 from ..mechanics.elementwise import each
 from ..mechanics.ramp import make_system
+from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 
 
@@ -41,17 +46,17 @@ class Statements:
         0 [0.024876 0.024876] [5. 5.]
     """
 
-    pretension: object
-    force_density: object
-    prestrain: object
-    rest_length: object
-    shortening: object
-    temperature: object
-    sag: object
-    length: object
+    pretension: PyTree[Float[Array, " n_elem"]]
+    force_density: PyTree[Float[Array, " n_elem"]]
+    prestrain: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    shortening: PyTree[Float[Array, " n_elem"]]
+    temperature: PyTree[Float[Array, " n_elem"]]
+    sag: PyTree[Float[Array, " n_elem"]]
+    length: PyTree[Float[Array, " n_elem"]]
 
 
-def statements(structure, solution):
+def statements(structure: Structure, solution: Solution | State) -> Statements:
     """Say the prestress of a solution in every way that a `Phase` knows: the inverse of stating it.
 
     A state with slack cables is said by their `rest_length`, `prestrain` or `shortening`, not by

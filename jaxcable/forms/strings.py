@@ -4,9 +4,12 @@ What form finding iterates with. ``N = T + k (l - L)``: with ``k = 0`` a member 
 whatever its length, as a string over a pulley does; with a large ``k`` it nearly holds its length.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from ..common.tree import Indices, pytree
+from ..common.types import Array, Float
 from ..elements.bar import Axial
 from ..elements.element import ElementState
 from ..elements.prestress import stretch
@@ -22,9 +25,9 @@ class StringState(ElementState):
         excess: initial length less L, [n_elem], m.
     """
 
-    force: object
-    stiffness: object
-    excess: object
+    force: Float[Array, " n_elem"]
+    stiffness: Float[Array, " n_elem"]
+    excess: Float[Array, " n_elem"] | None
 
 
 @pytree(static=("tension_only",), indices=("links",))

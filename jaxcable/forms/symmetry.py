@@ -1,11 +1,22 @@
 """Which elements are images of each other under the symmetry of a structure."""
 
+from __future__ import annotations
+
 import numpy as np
 
+from ..common.types import Int, PyTree
+from ..model.structure import Structure
 from ._balance import arranged, host_nodes, members
 
 
-def symmetric_groups(structure, fold, mirror=None, *, centre=(0.0, 0.0), tol=1e-6):
+def symmetric_groups(
+    structure: Structure,
+    fold: int,
+    mirror: float | None = None,
+    *,
+    centre: tuple[float, float] = (0.0, 0.0),
+    tol: float = 1e-6,
+) -> PyTree[Int[np.ndarray, " n_elem"]]:
     """Number the elements so that images of each other have one number.
 
     Only positions count: supports need not be symmetric, since a self-stress does not load those
@@ -59,7 +70,7 @@ def symmetric_groups(structure, fold, mirror=None, *, centre=(0.0, 0.0), tol=1e-
     for plane in maps:
         moved = nodes.copy()
         moved[:, :2] = nodes[:, :2] @ np.array(plane).T
-        distance, image = tree.query(moved)
+        distance, image = map(np.asarray, tree.query(moved))
         if distance.max() > tol * size:
             k = int(distance.argmax())
             raise ValueError(

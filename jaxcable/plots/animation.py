@@ -1,7 +1,10 @@
 """Both phases, increment by increment: `animation`."""
 
+from __future__ import annotations
+
 import base64
 import io
+import os
 from pathlib import Path
 
 import jax
@@ -9,7 +12,10 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from ..analysis.solution import Solution
+from ..common.types import Int
 from ..model.parts import pieces
+from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys, supports
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
@@ -21,17 +27,17 @@ _HOLD = 10  # frames that the last one stays
 
 
 def animation(
-    solution,
-    path,
+    solution: Solution,
+    path: str | os.PathLike[str],
     *,
-    magnify=1.0,
-    colour="tension",
-    structure=None,
-    view=None,
-    frames=60,
-    rate=10.0,
-    dpi=110,
-):
+    magnify: float = 1.0,
+    colour: str = "tension",
+    structure: Structure | None = None,
+    view: str | None = None,
+    frames: int = 60,
+    rate: float = 10.0,
+    dpi: float = 110,
+) -> Path:
     """Save the increments of all phases as moving pictures, in space or in their plane.
 
     Limits of the axes and colours are the same in all frames.
@@ -114,7 +120,7 @@ def _shots(solution, begin, structure, magnify, colour, frames):
     return shots
 
 
-def evenly(n, most):
+def evenly(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
     """At most so many of `n` numbers from 0, evenly, the last one among them."""
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 

@@ -1,9 +1,16 @@
 """Errors against size and against time: `convergence`, `work_precision`."""
 
+from __future__ import annotations
+
+import os
+from typing import Any
+
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from ..common.types import ArrayLike, Float
 from .style import GRID, below, finish, series_style, start
 
 _ROOM = 2.0  # factor on the outermost values, between them and the edge
@@ -12,8 +19,15 @@ _EDGE = 0.03  # of the axes: where marks at the edge are
 
 
 def convergence(
-    sizes, errors, path=None, *, counts=False, floor=0.0, xlabel=None, ylabel="error (-)"
-):
+    sizes: Float[ArrayLike, " n"] | dict[str, Float[ArrayLike, " n"]],
+    errors: Float[ArrayLike, " n"] | dict[str, Float[ArrayLike, " n"]],
+    path: str | os.PathLike[str] | None = None,
+    *,
+    counts: bool = False,
+    floor: float = 0.0,
+    xlabel: str | None = None,
+    ylabel: str = "error (-)",
+) -> Figure:
     """Draw errors against element size or number of elements, with the fitted orders.
 
     Args:
@@ -60,13 +74,25 @@ def convergence(
         axes.plot([], [], label=": ".join(name), **own)
     marks = _edges(axes, series)
     if any((e[np.isfinite(e)] <= floor).any() for _, e in series.values()) and floor > 0:
-        look = {"marker": "o", "color": "0.3", "markerfacecolor": "white", "markersize": 5}
+        look: dict[str, Any] = {
+            "marker": "o",
+            "color": "0.3",
+            "markerfacecolor": "white",
+            "markersize": 5,
+        }
         marks.append(Line2D([], [], linestyle="", label="rounding", **look))
     below(axes, columns=2, handles=[*axes.get_legend_handles_labels()[0], *marks])
     return finish(figure, path)
 
 
-def work_precision(times, errors, path=None, *, xlabel="time (s)", ylabel="relative error (-)"):
+def work_precision(
+    times: Float[ArrayLike, " n"] | dict[str, Float[ArrayLike, " n"]],
+    errors: Float[ArrayLike, " n"] | dict[str, Float[ArrayLike, " n"]],
+    path: str | os.PathLike[str] | None = None,
+    *,
+    xlabel: str = "time (s)",
+    ylabel: str = "relative error (-)",
+) -> Figure:
     """Draw errors against the time that they cost, failures at the edge.
 
     Args:

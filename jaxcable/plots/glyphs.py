@@ -1,9 +1,16 @@
 """Signs on nodes: supports, and loads and reactions as arrows."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from ..common.types import ArrayLike, Bool, Float
 from .style import INK, LOAD, REACTION, force_text
+from .views import View
 
 _ARROW = 0.14  # of the extent of the structure: length of the longest arrow, if they are few
 _SMALL = 1e-9  # of the largest force: too small to draw
@@ -11,7 +18,11 @@ HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in par
 """Mark, filling and name of the kinds of supports."""
 
 
-def supports(fixed, turns=None, normal=None):
+def supports(
+    fixed: Bool[np.ndarray, "n_node 3or6"],
+    turns: Bool[np.ndarray, " n_node"] | None = None,
+    normal: Float[np.ndarray, " 3"] | None = None,
+) -> Bool[np.ndarray, "3 n_node"]:
     """Which nodes are clamped, pinned, held in part, [3, n_node] bool.
 
     Args:
@@ -31,18 +42,27 @@ def supports(fixed, turns=None, normal=None):
     return np.stack([clamped, all_three & ~clamped, in_part])
 
 
-def draw_supports(axes, view, positions, kinds):
+def draw_supports(
+    axes: Axes,
+    view: View,
+    positions: Float[np.ndarray, "n_node 3"],
+    kinds: Bool[np.ndarray, "3 n_node"],
+) -> list[Line2D]:
     """Marks at the supports, a list; `kinds` as `supports` gives them."""
     marks = []
     seen, size = view.project(positions), mark_size(len(positions))
     for (mark, filling, _), own in zip(HELD, kinds, strict=True):
         if own.any():
-            look = {"markerfacecolor": filling, "markeredgecolor": INK, "markersize": size}
+            look: dict[str, Any] = {
+                "markerfacecolor": filling,
+                "markeredgecolor": INK,
+                "markersize": size,
+            }
             marks += axes.plot(*seen[own].T, mark, markeredgewidth=0.8, zorder=5, **look)
     return marks
 
 
-def support_keys(kinds):
+def support_keys(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
     """Legend entries of the kinds of supports that occur."""
     return [
         Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
@@ -63,7 +83,14 @@ class Arrows:
         push: whether the arrows end at their nodes (loads) or begin there (reactions).
     """
 
-    def __init__(self, name, forces, positions, extent, push):
+    def __init__(
+        self,
+        name: str,
+        forces: Float[ArrayLike, "n_node 3"],
+        positions: Float[np.ndarray, "n_node 3"],
+        extent: float,
+        push: bool,
+    ):
         forces = np.asarray(forces)
         size = np.linalg.norm(forces, axis=1)
         self.largest = float(size.max(initial=0.0))
@@ -74,12 +101,13 @@ class Arrows:
         self.tails = positions[shown] - (self.vectors if push else 0.0)
         self.ends = np.concatenate([self.tails, self.tails + self.vectors])
 
-    def draw(self, axes, view):
+    def draw(self, axes: Axes, view: View) -> None:
         """Draw them in axes of a view."""
         if not len(self.tails):
             return
         tails, vectors = view.project(self.tails), view.project(self.vectors)
         width = float(np.clip(1.4 * np.sqrt(40.0 / len(tails)), 0.3, 1.4))
+        look: dict[str, Any]
         if view.flat:
             look = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "units": "dots"}
             dots = width * axes.figure.dpi / 72
@@ -88,15 +116,15 @@ class Arrows:
             look = {"arrow_length_ratio": 0.3, "linewidth": width, "zorder": 6}
             axes.quiver(*tails.T, *vectors.T, color=self.colour, **look)
 
-    def keys(self):
+    def keys(self) -> list[Line2D]:
         """Its legend entry: the length of the longest arrow."""
         if not len(self.tails):
             return []
         label = f"{self.name}, longest {force_text(self.largest)}"
-        look = {"color": self.colour, "marker": "$\\rightarrow$", "markersize": 14}
+        look: dict[str, Any] = {"color": self.colour, "marker": "$\\rightarrow$", "markersize": 14}
         return [Line2D([], [], linestyle="", label=label, **look)]
 
 
-def mark_size(n):
+def mark_size(n: int) -> float:
     """Size of marks, points, of a structure of `n` nodes."""
     return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

@@ -1,14 +1,23 @@
 """How a design was found: `history`."""
 
-import numpy as np
+from __future__ import annotations
 
+import os
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..design.fit import Fit
+from ..design.minimize import Design
 from .style import GRID, SERIES, below, finish, start
 
 _FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
 _LOG = 30.0  # ratio of values from which the axis is logarithmic
 
 
-def history(design, path=None, *, tol=None):
+def history(
+    design: Design | Fit, path: str | os.PathLike[str] | None = None, *, tol: float | None = None
+) -> Figure:
     """Draw what `minimize` or `fit` did step by step, failed trials marked.
 
     Args:

@@ -1,7 +1,13 @@
 """How an analysis went, increment by increment: `increments`."""
 
-import numpy as np
+from __future__ import annotations
 
+import os
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..analysis.solution import Solution
 from ..equilibrium.iteration import default_tolerance
 from .stages import refuse_batch
 from .style import GRID, SERIES, below, finish, start
@@ -10,7 +16,9 @@ _FAILED = "#D55E00"
 _NAME = 0.17  # of the width of the axes: the name of a phase
 
 
-def increments(solution, path=None, *, tol=None):
+def increments(
+    solution: Solution, path: str | os.PathLike[str] | None = None, *, tol: float | None = None
+) -> Figure:
     """Draw residual, Newton iterations and slack cables of every increment of all phases.
 
     Args:

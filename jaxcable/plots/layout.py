@@ -1,6 +1,13 @@
 """Where axes, colour bar and legend of a structure are: measured, so that nothing is cut off."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import proj3d
 
 from .style import SIZE, resize, start
@@ -12,7 +19,9 @@ _ROUNDS = 3
 """Measuring and placing again: labels keep their size when axes change theirs."""
 
 
-def arrange(ratios, flat):
+def arrange(
+    ratios: Sequence[float], flat: Sequence[bool]
+) -> tuple[Figure, Sequence[tuple[float, float, float, float]]]:
     """A figure for one or two pictures of a structure, side by side if they are high.
 
     Args:
@@ -40,7 +49,13 @@ def arrange(ratios, flat):
     return start(size[0], size[1] + _BAR, None), slots
 
 
-def settle(figure, slots, mappable, label, handles):
+def settle(
+    figure: Figure,
+    slots: Sequence[tuple[float, float, float, float]],
+    mappable: ScalarMappable,
+    label: str,
+    handles: Sequence[Any],
+) -> None:
     """Put colour bar and legend below the axes of a figure, and these into their slots.
 
     Args:
@@ -54,11 +69,11 @@ def settle(figure, slots, mappable, label, handles):
     room = _legend(figure, handles, width)
     figure.set_size_inches(width, height + room)
     total = height + room
-    bar = figure.add_axes([0.2, (room + 0.42) / total, 0.6, 0.12 / total])
+    bar = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
     figure.colorbar(mappable, cax=bar, orientation="horizontal", label=label)
     resize(figure)
     for axes, (left, top, wide, high) in zip(views, slots, strict=True):
-        axes.set_position([left / width, 1 - (top + high) / total, wide / width, high / total])
+        axes.set_position((left / width, 1 - (top + high) / total, wide / width, high / total))
     for _ in range(_ROUNDS):
         figure.draw_without_rendering()
         for axes, (left, top, wide, high) in zip(views, slots, strict=True):

@@ -1,7 +1,13 @@
 """Elements as lines: coloured by a value, slack ones dashed, those in compression in a casing."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import jax
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
@@ -9,7 +15,12 @@ from matplotlib.patheffects import Normal, Stroke
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from .. import design
+from ..common.tree import Indices
+from ..common.types import ArrayLike, Float, Int, PyTree
+from ..model.parts import Column
+from ..model.structure import Structure
 from .style import GHOST, SLACK, colour_map, force_unit
+from .views import View
 
 DASHES = (0, (3, 1.5))
 _NOTHING = 1e-9  # of the largest force: compression that is none
@@ -33,7 +44,15 @@ class Forces:
         colour, unit: what that is, and its unit.
     """
 
-    def __init__(self, tension, links, structure=None, colour="tension", peak=None, column=None):
+    def __init__(
+        self,
+        tension: PyTree[Float[ArrayLike, " n_elem"] | None],
+        links: Sequence[Indices],
+        structure: Structure | None = None,
+        colour: str = "tension",
+        peak: PyTree[Float[ArrayLike, " n_elem"] | None] | None = None,
+        column: Column | None = None,
+    ):
         counts = [len(own) for own in links]
         self.tension = _row(tension, counts)
         self.slack = self.tension == 0.0
@@ -61,7 +80,7 @@ class Scale:
         look: colour map and norm, for collections.
     """
 
-    def __init__(self, forces):
+    def __init__(self, forces: Sequence[Forces]):
         colour = forces[0].colour
         values = np.concatenate([own.value for own in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
@@ -98,12 +117,18 @@ class Members:
         scale: `Scale`.
     """
 
-    def __init__(self, axes, view, links, scale):
+    def __init__(
+        self,
+        axes: Axes,
+        view: View,
+        links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
+        scale: Scale,
+    ):
         self.view, self.scale = view, scale
         self.pairs, self.element = links
         width = thickness(len(self.pairs))
         make = LineCollection if view.flat else Line3DCollection
-        nowhere = np.zeros((0, 2, 2 if view.flat else 3))
+        nowhere: Any = np.zeros((0, 2, 2 if view.flat else 3))
         self.casing = make(nowhere, colors="black", linewidths=2.2 * width, zorder=2)
         self.taut = make(nowhere, linewidths=width, zorder=3, **scale.look)
         self.slack = make(
@@ -112,7 +137,7 @@ class Members:
         for lines in (self.casing, self.taut, self.slack):
             axes.add_collection(lines, autolim=False)
 
-    def show(self, positions, forces):
+    def show(self, positions: Float[np.ndarray, "n_node 3"], forces: Forces) -> None:
         """Put them at node positions [n_node, 3] with `Forces`."""
         segments = self.view.project(positions)[self.pairs]
         slack, compressed = forces.slack[self.element], forces.compressed[self.element]
@@ -122,7 +147,12 @@ class Members:
         self.slack.set_segments(segments[slack])
 
 
-def ghost(axes, view, positions, links):
+def ghost(
+    axes: Axes,
+    view: View,
+    positions: Float[np.ndarray, "n_node 3"],
+    links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
+) -> None:
     """Thin dashed lines of an earlier geometry."""
     make = LineCollection if view.flat else Line3DCollection
     segments = view.project(positions)[links[0]]
@@ -131,12 +161,12 @@ def ghost(axes, view, positions, links):
     axes.add_collection(lines, autolim=False)
 
 
-def thickness(n):
+def thickness(n: int) -> float:
     """Width of lines, points, when there are `n` of them."""
     return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
 
 
-def keys(forces, before=False, counted=True):
+def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -> list[Line2D]:
     """Legend entries of what the lines of some states mean, those that occur.
 
     Args:

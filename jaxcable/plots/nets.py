@@ -1,7 +1,14 @@
 """A structure before and after loading: `net`."""
 
-import numpy as np
+from __future__ import annotations
 
+import os
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..analysis.solution import Solution, State
+from ..model.structure import Structure
 from .glyphs import Arrows, draw_supports, support_keys
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
@@ -11,18 +18,18 @@ from .views import View, choose
 
 
 def net(
-    solution,
-    path=None,
-    magnify=1.0,
+    solution: Solution,
+    path: str | os.PathLike[str] | None = None,
+    magnify: float | None = 1.0,
     *,
-    colour="tension",
-    structure=None,
-    state=None,
-    view=None,
-    supports=True,
-    loads=True,
-    reactions=False,
-):
+    colour: str = "tension",
+    structure: Structure | None = None,
+    state: State | None = None,
+    view: str | None = None,
+    supports: bool = True,
+    loads: bool = True,
+    reactions: bool = False,
+) -> Figure:
     """Draw a structure in plan before and in space after loading, coloured by tension.
 
     What lies in a vertical plane, or is higher than it is wide, is drawn in elevation; a plane

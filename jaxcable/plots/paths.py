@@ -1,8 +1,15 @@
 """Load against displacement: `path`."""
 
-import numpy as np
+from __future__ import annotations
 
+import os
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..analysis.solution import Path
 from ..paths.events import BIFURCATION, LIMIT_POINT, MATERIAL_FAILURE, NAMES, SLACKENING, TIGHTENING
+from ..paths.result import TracedPath
 from .style import GRID, SERIES, below, finish, start
 
 _MARKS = {
@@ -14,7 +21,17 @@ _MARKS = {
 }
 
 
-def path(traced, node, axis="z", path=None, *, scale=1.0, unit=None, factor=1e3, length="mm"):
+def path(
+    traced: TracedPath | Path,
+    node: int,
+    axis: str = "z",
+    path: str | os.PathLike[str] | None = None,
+    *,
+    scale: float = 1.0,
+    unit: str | None = None,
+    factor: float = 1e3,
+    length: str = "mm",
+) -> Figure:
     """Draw load against displacement of a node, unstable parts dashed, events marked.
 
     Args:
@@ -58,10 +75,9 @@ def path(traced, node, axis="z", path=None, *, scale=1.0, unit=None, factor=1e3,
         shown = unstable == kind
         shown[:-1] |= shown[1:]
         if (unstable == kind).any():
-            label = None if negative is None else label
-            axes.plot(
-                *_broken(moved, load, shown), style, color=SERIES[0], linewidth=1.6, label=label
-            )
+            told = None if negative is None else label
+            line = _broken(moved, load, shown)
+            axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=told)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
         mark, colour = _MARKS[int(number)]

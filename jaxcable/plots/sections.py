@@ -1,14 +1,29 @@
 """The fibres of a cross-section: `section`."""
 
+from __future__ import annotations
+
+import os
+from typing import Any
+
 import matplotlib
 import numpy as np
 from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from ..common.types import ArrayLike, Float
+from ..sections import Section
 from .style import below, finish, start
 
 
-def section(section, stress=None, path=None, *, scale=1e-6, unit="N/mm2"):
+def section(
+    section: Section,
+    stress: Float[ArrayLike, " n_fibre"] | None = None,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    scale: float = 1e-6,
+    unit: str = "N/mm2",
+) -> Figure:
     """Draw the fibres of a cross-section, coloured by stress, or else by law.
 
     Args:
@@ -31,10 +46,10 @@ def section(section, stress=None, path=None, *, scale=1e-6, unit="N/mm2"):
     """
     if section.points is None:
         raise ValueError("section: has no mesh to draw; it was made from fibres alone")
-    corners = np.asarray(section.points)[section.cells.array] * 1e3
+    corners: Any = np.asarray(section.points)[section.cells.array] * 1e3
     figure = start(4.8, 4.2)
     axes = figure.add_subplot()
-    edges = {"edgecolors": "white", "linewidths": 0.4}
+    edges: dict[str, Any] = {"edgecolors": "white", "linewidths": 0.4}
     if stress is not None:
         stress = np.asarray(stress) * scale
         if stress.shape != (section.n_fibre,):

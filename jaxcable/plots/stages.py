@@ -1,10 +1,16 @@
 """What of a solution is drawn: geometry, forces and supports before and after loading."""
 
+from __future__ import annotations
+
 import numpy as np
 
+from ..analysis.solution import Path, PhaseResult, Solution, State
+from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
+from ..model.structure import Structure
 from .glyphs import supports
 from .members import Forces
+from .views import View
 
 _ROUND = (5.0, 2.0, 1.0)
 _SEEN = 2e-3  # of the extent: a displacement that can be seen
@@ -21,26 +27,39 @@ class Stage:
         fixed: held freedoms, [n_node, 3 or 6].
     """
 
-    def __init__(self, title, positions, ghost, forces, fixed):
+    def __init__(
+        self,
+        title: str,
+        positions: Float[np.ndarray, "n_node 3"],
+        ghost: Float[np.ndarray, "n_node 3"],
+        forces: Forces,
+        fixed: Bool[np.ndarray, "n_node 3or6"],
+    ):
         self.title, self.positions, self.ghost = title, positions, ghost
         self.forces, self.fixed = forces, fixed
 
-    def places(self):
+    def places(self) -> tuple[Float[np.ndarray, "n_node 3"], Float[np.ndarray, "n_node 3"]]:
         """All places that are drawn, two arrays [n_node, 3]."""
         return self.ghost, self.positions
 
-    def moved(self):
+    def moved(self) -> bool:
         """Whether the earlier geometry can be told from this one."""
         extent = np.ptp(np.concatenate(self.places()), axis=0).max()
         return bool(np.abs(self.positions - self.ghost).max() > _SEEN * extent)
 
-    def held(self, structure, view):
+    def held(self, structure: Structure | None, view: View) -> Bool[np.ndarray, "3 n_node"]:
         """Kinds of supports, as `glyphs.supports` gives them."""
         turns = None if structure is None else structure.rotating()
         return supports(self.fixed, turns, view.normal)
 
 
-def stages_of(solution, structure=None, state=None, magnify=1.0, colour="tension"):
+def stages_of(
+    solution: Solution,
+    structure: Structure | None = None,
+    state: State | None = None,
+    magnify: float | None = 1.0,
+    colour: str = "tension",
+) -> tuple[tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]], list[Stage], State]:
     """Pieces of all elements, the stages before and after loading, and the `State` at the end."""
     colour = shown(solution, structure, colour)
     if state is None:
@@ -96,7 +115,9 @@ def _unstable(phase):
     return int(phase.status) == 0 and not bool(phase.stable)
 
 
-def forces_of(part, solution, structure, colour):
+def forces_of(
+    part: State | PhaseResult | Path, solution: Solution, structure: Structure | None, colour: str
+) -> Forces:
     """`Forces` of a state, or of an increment as `Told`."""
     told = columns(solution.last.topology.parts, part.told)
     column = None
@@ -105,7 +126,7 @@ def forces_of(part, solution, structure, colour):
     return Forces(part.tension, solution.links, structure, colour, part.peak_tension, column)
 
 
-def shown(solution, structure, colour):
+def shown(solution: Solution, structure: Structure | None, colour: str) -> str:
     """What colours elements; refuses what cannot be drawn.
 
     That is `colour`; if it is "tension" and no element has one, the first thing that they tell.
@@ -126,7 +147,7 @@ def shown(solution, structure, colour):
     return colour
 
 
-def refuse_batch(solution):
+def refuse_batch(solution: Solution) -> None:
     """A picture is of one analysis."""
     if np.ndim(solution.status) != 0:
         raise ValueError(
@@ -134,7 +155,7 @@ def refuse_batch(solution):
         )
 
 
-def start_of(solution, state):
+def start_of(solution: Solution, state: State) -> Float[np.ndarray, "n_node 3"]:
     """Where the first phase began, [n_node, 3]."""
     first = solution.phases[0]
     begin = np.asarray(first.positions) - np.asarray(first.displacement)
@@ -143,7 +164,7 @@ def start_of(solution, state):
     return np.asarray(state.positions) - np.asarray(state.displacement)
 
 
-def round_factor(moved, places):
+def round_factor(moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray, "n 3"]) -> float:
     """A round factor, at least 1, that makes displacements a tenth of the structure at most."""
     largest = np.linalg.norm(moved, axis=1).max()
     wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)

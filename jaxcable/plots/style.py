@@ -1,11 +1,17 @@
 """What all pictures have in common: their figure, sizes of text, colours, units of force."""
 
+from __future__ import annotations
+
 import io
+import os
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
+from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
@@ -37,16 +43,18 @@ class Picture(Figure):
         return buffer.getvalue()
 
 
-def start(width, height, layout="constrained"):
+def start(
+    width: float, height: float, layout: Literal["constrained"] | None = "constrained"
+) -> Picture:
     """An empty `Picture` of a size in inches."""
     figure = Picture(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)  # measures text
     if layout is not None:
-        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)
+        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[call-arg]
     return figure
 
 
-def resize(figure):
+def resize(figure: Figure) -> None:
     """Give all text of a figure its size, whatever the settings of matplotlib are."""
     for axes in figure.axes:
         axes.tick_params(labelsize=SIZE)
@@ -54,7 +62,7 @@ def resize(figure):
         text.set_fontsize(SIZE)
 
 
-def finish(figure, path=None, dpi=200):
+def finish(figure: Figure, path: str | os.PathLike[str] | None = None, dpi: float = 200) -> Figure:
     """Give all text its size, save to `path` unless it is None, return the figure."""
     resize(figure)
     if path is not None:
@@ -62,13 +70,13 @@ def finish(figure, path=None, dpi=200):
     return figure
 
 
-def colour_map():
+def colour_map() -> Colormap:
     """Viridis without its brightest end, which is lost on white; grey where there is no value."""
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, 256))
     return ListedColormap(colours).with_extremes(bad="0.6")
 
 
-def force_unit(largest):
+def force_unit(largest: float) -> tuple[float, str]:
     """Factor from N, and name, of the unit in which a force is best written."""
     for size, name in ((1e6, "MN"), (1e3, "kN")):
         if largest >= 10 * size:
@@ -76,13 +84,15 @@ def force_unit(largest):
     return 1.0, "N"
 
 
-def force_text(force):
+def force_text(force: float) -> str:
     """A force, N, with its unit."""
     factor, name = force_unit(10 * force)
     return f"{force * factor:.3g} {name}"
 
 
-def below(axes, columns, handles=None, drop=0.62):
+def below(
+    axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
+) -> None:
     """A legend below axes, `drop` inches under them; nothing if there is nothing to name."""
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
@@ -99,7 +109,7 @@ def below(axes, columns, handles=None, drop=0.62):
         )
 
 
-def series_style(k):
+def series_style(k: int) -> dict[str, Any]:
     """Colour, mark and line style of series number `k`."""
     return {
         "color": SERIES[k % len(SERIES)],

@@ -1,9 +1,12 @@
 """From where a structure is seen: plan, elevation or space, always with equal axes."""
 
+from __future__ import annotations
+
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # makes the projection known
 
+from ..common.types import Float
 from .style import SIZE
 
 __all__ = ["VIEWS", "Axes3D", "View", "choose"]
@@ -30,7 +33,7 @@ class View:
         self.flat = kind != "space"
         self.normal = np.array([-along[1], along[0], 0.0]) if plane else None
 
-    def project(self, vectors):
+    def project(self, vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2or3"]:
         """Coordinates in the picture, [..., 2] or [..., 3], of vectors [..., 3]."""
         if self.kind == "plan":
             return vectors[..., :2]
@@ -38,7 +41,7 @@ class View:
             return np.stack([vectors @ self.along, vectors[..., 2]], axis=-1)
         return vectors
 
-    def names(self):
+    def names(self) -> tuple[str, ...]:
         """Labels of the axes."""
         if self.kind != "elevation":
             return ("x (m)", "y (m)", "z (m)")[: 2 if self.flat else 3]
@@ -50,7 +53,9 @@ class View:
         angle = np.degrees(np.arctan2(self.along[1], self.along[0]))
         return f"along {angle:.0f}° to x (m)", "z (m)"
 
-    def extent(self, points):
+    def extent(
+        self, points: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, " 2or3"], Float[np.ndarray, " 2or3"]]:
         """Lower and upper limits of the axes that show all points [n, 3]."""
         seen = self.project(points)
         low, high = seen.min(axis=0), seen.max(axis=0)
@@ -59,7 +64,7 @@ class View:
         middle = 0.5 * (low + high)
         return middle - 0.5 * size, middle + 0.5 * size
 
-    def ratio(self, points):
+    def ratio(self, points: Float[np.ndarray, "n 3"]) -> float:
         """Height over width of the picture of all points [n, 3]."""
         low, high = self.extent(points)
         size = high - low
@@ -104,7 +109,7 @@ class View:
         return axes
 
 
-def choose(points, kind=None):
+def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None) -> View:
     """The view of a structure: in its plane, if that is vertical, else in plan, or as it is told.
 
     Args:
