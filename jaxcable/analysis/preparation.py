@@ -1,6 +1,9 @@
 """What the compiled core is given: phases checked, numbered and taken apart on the host."""
 
+from __future__ import annotations
+
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -10,17 +13,19 @@ import numpy as np
 from ..common import checks, status
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, thaw
-from ..elements.element import Secant
+from ..common.types import Array, ArrayLike, Float, Int
+from ..elements.element import Element, Secant
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import as_list
 from ..loads.load import Acting, Load, Moving, OnNodes
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
-from ..mechanics.load_stacks import continued
-from ..mechanics.ramp import unloaded
+from ..mechanics.load_stacks import LoadStack, continued
+from ..mechanics.ramp import Carry, unloaded
 from ..model import plausibility, spins
 from ..model.structure import Structure, place_rules
+from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import number_freedoms
@@ -45,18 +50,24 @@ class Prepared(NamedTuple):
             under nodal moments and following loads, which make it unsymmetric.
     """
 
-    thawed: object
-    arrays: list
-    method: object
-    code: object
-    fixed: tuple
-    loads: list
+    thawed: tuple[Float[Array, "n_row 3"], list[Element], Carry | None, Schedule]
+    arrays: list[np.ndarray]
+    method: Newton | Incremental
+    code: Int[ArrayLike, ""]
+    fixed: tuple[Fixed, ...]
+    loads: list[LoadStack]
     bundles: Bundles
     n_free: int
     may_warn: bool
 
 
-def prepare(structure, phases, method, start, earlier=0):
+def prepare(
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None,
+    method: Newton | Incremental | None,
+    start: Solution | State | None,
+    earlier: int = 0,
+) -> Prepared:
     """Check the arguments of an analysis and take topology apart from numbers: `Prepared`.
 
     Args:
@@ -187,7 +198,7 @@ def _support_sets(structure, phases, fixed):
     return sets
 
 
-def as_phases(structure, phases):
+def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
     """The phases of an analysis as a list; ValueError if these are no structure and no phases."""
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")

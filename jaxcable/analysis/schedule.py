@@ -4,13 +4,20 @@ What a phase lacks and another has is there and does nothing: loads are zero, st
 element, and unknowns that are free in another phase only are held. What no phase has is absent.
 """
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax
 import numpy as np
 
 from ..common.tree import copy, pytree, stacked
+from ..common.types import ArrayLike, Float, Int, PyTree
 from ..elements.prestress import Stated
+from ..mechanics.load_stacks import LoadStack
 from ..mechanics.ramp import PhaseData
 from ..model.supports import Fixed
+from ..spaces.freedoms import Freedoms
 
 
 @pytree(static=("increments", "n_node"))
@@ -28,40 +35,40 @@ class Schedule:
         n_node: number of nodes; further rows of motion belong to elements.
     """
 
-    number: object
-    inputs: object
-    added_load: object
-    moved: object
-    freedoms: object
-    changes: object
-    before: object
-    loads: object
-    increments: tuple = ()
+    number: Int[ArrayLike, " n_phase"]
+    inputs: list[dict[str, Stated]]
+    added_load: Float[ArrayLike, "n_phase n_row n_freedom"] | None
+    moved: Float[ArrayLike, "n_phase n_row n_freedom"] | None
+    freedoms: Freedoms
+    changes: dict[str, PyTree[ArrayLike]] | None
+    before: dict[str, ArrayLike] | None
+    loads: list[LoadStack]
+    increments: tuple[int, ...] = ()
     n_node: int = 0
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.increments)
 
     @property
-    def factors(self):
+    def factors(self) -> Float[np.ndarray, "n_phase 1+n_inc"]:
         """Load factors from 0 on, [n_phase, 1 + n_inc]; above 1 where a phase has fewer."""
         numbers = np.arange(max(self.increments) + 1)
         return numbers / np.array(self.increments)[:, None]
 
     @property
-    def rows(self):
+    def rows(self) -> tuple[Any, ...]:
         """What `of` makes a phase of, for all phases, to be scanned."""
         data = self.inputs, self.added_load, self.moved, self.changes, self.before
         return self.number, *data
 
-    def of(self, row):
+    def of(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one of the `rows`."""
         number, inputs, added, moved, changes, before = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
         return PhaseData(number, inputs, added, moved, freedoms, was)
 
-    def phase(self, k):
+    def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of a phase."""
         return self.of(jax.tree.map(lambda x: x[k], self.rows))
 

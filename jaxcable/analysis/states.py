@@ -1,14 +1,21 @@
 """What is read off a point of equilibrium, and the shape in which users get it."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import copy, fill, pytree, thaw, where
+from ..common.types import Array, Float, Int
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import make_system
+from ..mechanics.ramp import PhaseData, make_system
 from ..model.topology import topology_of
 from ..numerics.rooted import told
-from .solution import State, named
+from .schedule import Schedule
+from .solution import State
+from .told import named
 
 _PER_ELEMENT = (
     *("tension", "peak_tension", "rest_length", "section_forces", "strain", "began", "results"),
@@ -34,18 +41,18 @@ class Reached:
         held: what supports hold there of what they change, by name (`Schedule.before`).
     """
 
-    number: object
-    factor: object
-    held: object
+    number: Int[Array, ""]
+    factor: Float[Array, ""]
+    held: dict[str, Array]
 
     @classmethod
-    def none(cls, schedule, dtype):
+    def none(cls, schedule: Schedule, dtype: Any) -> Reached:
         """Before the first increment."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def after(self, data, factor):
+    def after(self, data: PhaseData, factor: Float[Array, ""]) -> Reached:
         """With a phase that has come to a load factor, 0 if it has no good increment."""
         held = {name: getattr(data.freedoms, name) for name in self.held}
         new = Reached(data.number, factor, held)

@@ -9,9 +9,9 @@ import numpy as np
 from jax import lax
 
 from ..analysis.preparation import as_phases, prepare, ready, verdicts
-from ..analysis.solution import named
 from ..analysis.solver import solve
 from ..analysis.states import on_nodes, per_element, with_peaks
+from ..analysis.told import named
 from ..common import status
 from ..common.compilation import program
 from ..common.rules import refuse
