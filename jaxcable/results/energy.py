@@ -158,4 +158,4 @@ def energy_balance(
     sums = np.array([[*terms.sum(axis=1), level] for terms, level in rows]).T
     n = len(WORKS)
     increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in rows)
-    return EnergyBalance(*sums, increments=increments)
+    return EnergyBalance(*sums, increments)  # type: ignore[call-arg]  # sums are seven
