@@ -1,9 +1,12 @@
 """What a report tells of a state: one table a function."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
 
+from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..design import utilisation
 from ..elements.element import Sagging
 from ..model.parts import columns, first_and_last, groups_by_name, per_group, pieces
@@ -29,10 +32,10 @@ class State(NamedTuple):
         fixed: freedoms that are held in it, [n_row, 3 or 6] bool.
     """
 
-    tension: object
-    peak_tension: object
-    reactions: object
-    fixed: object
+    tension: PyTree[Float[ArrayLike, " n_elem"]]
+    peak_tension: PyTree[Float[ArrayLike, " n_elem"]]
+    reactions: Float[ArrayLike, "n_node 3"]
+    fixed: Bool[np.ndarray, "n_row 3or6"]
 
 
 def reactions(structure, state, fixed, states):
