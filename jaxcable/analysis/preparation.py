@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ import numpy as np
 from ..common import checks, status
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, thaw
-from ..common.types import Array, ArrayLike, Float, Int
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.element import Element, Secant
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -33,6 +33,9 @@ from .phases import Phase, keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
 
+Frame: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry | None, Schedule]"
+"""Nodes, groups, carry and schedule."""
+
 
 class Prepared(NamedTuple):
     """An analysis, checked.
@@ -50,7 +53,7 @@ class Prepared(NamedTuple):
             under nodal moments and following loads, which make it unsymmetric.
     """
 
-    thawed: tuple[Float[Array, "n_row 3"], list[Element], Carry | None, Schedule]
+    thawed: Frame
     arrays: list[np.ndarray]
     method: Newton | Incremental
     code: Int[ArrayLike, ""]
@@ -230,12 +233,12 @@ def _no_method(method):
     return checks.kind(method, "Newton()")
 
 
-def exact(parameters):
+def exact(parameters: Frame) -> Frame:
     """Nodes, groups, carry and schedule as they were handed over, floats as exact as the nodes."""
     return cast(parameters, jnp.asarray(parameters[0]).dtype)
 
 
-def ready(parameters, bundles):
+def ready(parameters: Frame, bundles: Bundles) -> Frame:
     """Nodes, groups, carry and schedule to compute with, from those that were handed over.
 
     Everything is that of bundles of groups. The iteration may pass through where the curve of a law
@@ -274,7 +277,7 @@ def _warm(groups, bundles, states):
     return bundles.together(found)
 
 
-def verdicts(parameters, *others):
+def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
     """What rules say of numbers that nothing could be refused of, because they were traced.
 
     Args:

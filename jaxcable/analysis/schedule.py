@@ -6,6 +6,7 @@ element, and unknowns that are free in another phase only are held. What no phas
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -13,7 +14,9 @@ import numpy as np
 
 from ..common.tree import copy, pytree, stacked
 from ..common.types import ArrayLike, Float, Int, PyTree
+from ..elements.element import Element
 from ..elements.prestress import Stated
+from ..loads.load import Load
 from ..mechanics.load_stacks import LoadStack
 from ..mechanics.ramp import PhaseData
 from ..model.supports import Fixed
@@ -73,7 +76,9 @@ class Schedule:
         return self.of(jax.tree.map(lambda x: x[k], self.rows))
 
 
-def stated(inputs, groups):
+def stated(
+    inputs: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
+) -> list[dict[str, Stated]]:
     """Prestress statements of all phases stacked, per group a dict from name to `Stated`.
 
     Args:
@@ -99,7 +104,9 @@ def stated(inputs, groups):
     return found
 
 
-def on_rows(loads, method, shape, dtype):
+def on_rows(
+    loads: Sequence[Sequence[Load]], method: str, shape: tuple[int, int], dtype: Any
+) -> Float[ArrayLike, "n_phase n_row n_freedom"] | None:
     """Sums of the nodal loads, or movements, of every phase, [n_phase, n_row, 3 or 6], or None.
 
     Args:
@@ -114,7 +121,9 @@ def on_rows(loads, method, shape, dtype):
     return stacked([sum((getattr(x, method)(shape, dtype) for x in own), zero) for own in loads])
 
 
-def numbering(sets, numbered):
+def numbering(
+    sets: Sequence[Fixed], numbered: Callable[[Fixed], Freedoms]
+) -> tuple[Freedoms, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
     """Numbering of the unknowns of all phases, and what supports change of it.
 
     Args:

@@ -2,27 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import copy, fill, pytree, thaw, where
-from ..common.types import Array, Float, Int
+from ..common.types import Array, Float, Int, PyTree
+from ..elements.element import Element
+from ..mechanics.assembly import System
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import PhaseData, make_system
+from ..mechanics.ramp import Carry, PhaseData, make_system
+from ..model.structure import Structure
 from ..model.topology import topology_of
 from ..numerics.rooted import told
+from .preparation import Prepared
 from .schedule import Schedule
-from .solution import State
+from .solution import Solution, State
 from .told import named
 
 _PER_ELEMENT = (
     *("tension", "peak_tension", "rest_length", "section_forces", "strain", "began", "results"),
 )
 
+Part = TypeVar("Part")
 
-def per_element(part, function):
+
+def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
     """A result with a function of what has an item a group, each a list of them."""
     own = {name: getattr(part, name, None) for name in _PER_ELEMENT}
     others = own.pop("results") or {}
@@ -59,7 +66,12 @@ class Reached:
         return where(factor > 0, new, self)
 
 
-def system_of(frame, carry, reached, schedule):
+def system_of(
+    frame: tuple[Float[Array, "n_row 3"], list[Element]],
+    carry: Carry,
+    reached: Reached,
+    schedule: Schedule,
+) -> System:
     """The system in which an analysis stands, of which only what supports hold is asked."""
     freedoms = copy(schedule.freedoms.of_supports, **reached.held)
     return make_system(*frame, carry, None, freedoms)
@@ -155,7 +167,7 @@ def with_peaks(part):
     return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
 
 
-def on_nodes(structure, part, per_node=("displacement",)):
+def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
     """Rows of motion put onto their nodes.
 
     Args:
@@ -168,7 +180,7 @@ def on_nodes(structure, part, per_node=("displacement",)):
     return copy(part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node})
 
 
-def arranged(structure, solution, task):
+def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
     """Put lists with an item per group into the shape of the elements; topology where it belongs.
 
     Args:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -73,7 +73,7 @@ _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
 _DEEPEST = 32  # nested objects; no structure comes near
 
 
-def encode(value, where, implied=None):
+def encode(value: Any, where: str, implied: type | None = None) -> Any:
     """Plain data of an object, a container, an array or a number.
 
     Args:
@@ -150,7 +150,7 @@ def _encode_numbers(value, where):
     return array.tolist()
 
 
-def decode(data, where, implied=None, depth=0):
+def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
     """The object that `encode` made plain data of.
 
     Raises:
