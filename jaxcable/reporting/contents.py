@@ -110,7 +110,7 @@ def equilibrium(structure: Structure, state: results.State) -> Table:
     return Table("Global equilibrium", columns, tuple(units), rows, tuple(notes))
 
 
-def members(structure: Structure, state: results.State, states: Mapping[str, State]) -> Table:
+def members(structure, state, states):
     """Force, utilisation and envelope of every element; the largest force along it counts."""
     try:
         used = per_group(structure, utilisation(structure, state))
@@ -150,7 +150,7 @@ def members(structure: Structure, state: results.State, states: Mapping[str, Sta
     return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
 
 
-def others(structure: Structure, state: results.State) -> dict[str, Table]:
+def others(structure, state):
     """What elements tell beside forces along them, a table by name of the result.
 
     Of what they tell in a number each, or one for each of its components.
@@ -293,7 +293,7 @@ def slack(structure: Structure, states: Mapping[str, State]) -> Table:
     return Table("Slack cables", ("group", "element", "in"), ("", "", ""), rows, notes)
 
 
-def loose(structure: Structure, states: Mapping[str, State]) -> Table:
+def loose(structure, states):
     """Free nodes that only slack cables touch, and in which states."""
     found = {}
     for name, own in states.items():

@@ -61,9 +61,7 @@ def tangent_of(
 
 
 @jax.jit
-def tangent_at(
-    thawed: _Frame, arrays: _Indices, freedoms: Freedoms
-) -> Float[Array, "n_free n_free"]:
+def tangent_at(thawed, arrays, freedoms):
     """The tangent stiffness of what `prepared` gives, [n_free, n_free], N/m."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
