@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import jax
 import numpy as np
@@ -26,9 +26,6 @@ ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "j
 INCREMENTS = ("shortening", "temperature")
 
 _TENSIONS = ("pretension", "force_density", "jacking")
-
-PerElement: TypeAlias = "PyTree[Float[ArrayLike, ''] | Float[ArrayLike, ' n_elem'] | Only]"
-"""One value for all elements, one for each, or some for a few: of the structure, or of groups."""
 
 
 @pytree(static=("increments",))
@@ -83,14 +80,14 @@ class Phase:
     loads: Load | Sequence[Load] | None = None
     increments: int = 1
     supports: Supports | None = None
-    pretension: PerElement | None = None
-    force_density: PerElement | None = None
-    prestrain: PerElement | None = None
-    rest_length: PerElement | None = None
-    sag: PerElement | None = None
-    jacking: PerElement | None = None
-    shortening: PerElement | None = None
-    temperature: PerElement | None = None
+    pretension: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    force_density: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    prestrain: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    rest_length: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    sag: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    jacking: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    shortening: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    temperature: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
 
     def __post_init__(self):
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
@@ -186,7 +183,7 @@ def _passes_by(group, name, structure):
     return group.rotates and mixed and not warms
 
 
-def spread(value: PerElement | None, structure: Structure, name: str) -> list[Any]:
+def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     """A prefix pytree of the elements as a list with one entry per group."""
     if value is None:
         return [None] * len(structure.groups)
