@@ -5,16 +5,27 @@ what is computed for them no longer fits the cache, and later the memory. `batch
 in chunks and shares them out to devices, which may belong to several processes.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
+from ..common.types import Array, PyTree
+
 _AXIS = "cases"
 
 
-def batched(function, chunk=None, *, devices=None):
+def batched(
+    function: Callable[..., PyTree[Array]],
+    chunk: int | None = None,
+    *,
+    devices: Sequence[jax.Device] | None = None,
+) -> Callable[..., PyTree[Array]]:
     """Map a function of one case over the leading axis of its arguments.
 
     The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices; it can

@@ -1,5 +1,7 @@
 """One phase: its increments, what is read off them, and the derivative of its end."""
 
+from __future__ import annotations
+
 import dataclasses
 from typing import NamedTuple
 
@@ -9,13 +11,17 @@ from jax import lax
 
 from ..common import status
 from ..common.tree import copy, fill, thaw, where
+from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
-from ..mechanics.reading import read
+from ..linear.sparse import Factored
+from ..mechanics.ramp import Carry
+from ..mechanics.reading import Reading, read
 from ..numerics import implicit
 from ..numerics.rooted import told
 from ..spaces import space_of
-from .solution import LOG, Path, named
+from .solution import LOG, Path
+from .told import named
 
 
 class Ended(NamedTuple):
@@ -32,15 +38,15 @@ class Ended(NamedTuple):
         factored: what sparse solves factorised last.
     """
 
-    code: object
-    stable: object
-    carry: object
-    point: object
-    factor: object
-    seen: object
-    path: object
-    log: object
-    factored: object
+    code: Int[Array, ""]
+    stable: Bool[Array, ""]
+    carry: Carry
+    point: tuple[Float[Array, "n_row n_motion"], Float[Array, " n_row"] | None]
+    factor: Float[Array, ""]
+    seen: Reading | None
+    path: Path
+    log: Float[Array, "n_inc 9"]
+    factored: Factored | None
 
 
 def run_phase(ramp, before, steps, method, code, differentiate_path, factored, seen, fresh, tell):

@@ -1,6 +1,10 @@
 """A phase: what is added to the structure, in how many increments."""
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -9,10 +13,13 @@ from ..common import checks
 from ..common.rules import Rule, kept, not_negative, positive, refuse
 from ..common.selection import Only, Selection
 from ..common.tree import pytree
-from ..elements.element import Jacked, Prestressable, Sagging
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..elements.element import Element, Jacked, Prestressable, Sagging
 from ..elements.prestress import Stated, of_each
 from ..loads import as_list
+from ..loads.load import Load
 from ..model import plausibility
+from ..model.structure import Structure
 from ..model.supports import Supports
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
@@ -70,17 +77,17 @@ class Phase:
         converged: -0.012838093 m
     """
 
-    loads: object = None
+    loads: Load | Sequence[Load] | None = None
     increments: int = 1
-    supports: object = None
-    pretension: object = None
-    force_density: object = None
-    prestrain: object = None
-    rest_length: object = None
-    sag: object = None
-    jacking: object = None
-    shortening: object = None
-    temperature: object = None
+    supports: Supports | None = None
+    pretension: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    force_density: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    prestrain: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    rest_length: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    sag: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    jacking: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    shortening: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    temperature: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
 
     def __post_init__(self):
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
@@ -99,7 +106,7 @@ class Phase:
             for leaf in jax.tree.leaves(getattr(self, name)):
                 checks.floats(leaf, name)
 
-    def inputs(self, structure):
+    def inputs(self, structure: Structure) -> list[dict[str, Stated]]:
         """Prestress statements per group: a list of dicts from name to `Stated`."""
         named = structure.named_groups()
         per_group = [{} for _ in named]
@@ -176,7 +183,7 @@ def _passes_by(group, name, structure):
     return group.rotates and mixed and not warms
 
 
-def spread(value, structure, name):
+def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     """A prefix pytree of the elements as a list with one entry per group."""
     if value is None:
         return [None] * len(structure.groups)
@@ -246,7 +253,7 @@ def _checked(value, group, name):
     return Stated(value, chosen)
 
 
-def keeps_rules(inputs, groups):
+def keeps_rules(inputs: Sequence[dict[str, Stated]], groups: Sequence[Element]) -> Bool[Array, ""]:
     """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:

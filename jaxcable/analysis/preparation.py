@@ -1,7 +1,10 @@
 """What the compiled core is given: phases checked, numbered and taken apart on the host."""
 
+from __future__ import annotations
+
 import itertools
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -10,23 +13,28 @@ import numpy as np
 from ..common import checks, status
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, thaw
-from ..elements.element import Secant
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..elements.element import Element, Secant
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import as_list
 from ..loads.load import Acting, Load, Moving, OnNodes
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
-from ..mechanics.load_stacks import continued
-from ..mechanics.ramp import unloaded
+from ..mechanics.load_stacks import LoadStack, continued
+from ..mechanics.ramp import Carry, unloaded
 from ..model import plausibility, spins
 from ..model.structure import Structure, place_rules
+from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import number_freedoms
 from .phases import Phase, keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
+
+Frame: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry | None, Schedule]"
+"""Nodes, groups, carry and schedule."""
 
 
 class Prepared(NamedTuple):
@@ -45,18 +53,24 @@ class Prepared(NamedTuple):
             under nodal moments and following loads, which make it unsymmetric.
     """
 
-    thawed: object
-    arrays: list
-    method: object
-    code: object
-    fixed: tuple
-    loads: list
+    thawed: Frame
+    arrays: list[np.ndarray]
+    method: Newton | Incremental
+    code: Int[ArrayLike, ""]
+    fixed: tuple[Fixed, ...]
+    loads: list[LoadStack]
     bundles: Bundles
     n_free: int
     may_warn: bool
 
 
-def prepare(structure, phases, method, start, earlier=0):
+def prepare(
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None,
+    method: Newton | Incremental | None,
+    start: Solution | State | None,
+    earlier: int = 0,
+) -> Prepared:
     """Check the arguments of an analysis and take topology apart from numbers: `Prepared`.
 
     Args:
@@ -187,7 +201,7 @@ def _support_sets(structure, phases, fixed):
     return sets
 
 
-def as_phases(structure, phases):
+def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
     """The phases of an analysis as a list; ValueError if these are no structure and no phases."""
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")
@@ -219,12 +233,12 @@ def _no_method(method):
     return checks.kind(method, "Newton()")
 
 
-def exact(parameters):
+def exact(parameters: Frame) -> Frame:
     """Nodes, groups, carry and schedule as they were handed over, floats as exact as the nodes."""
     return cast(parameters, jnp.asarray(parameters[0]).dtype)
 
 
-def ready(parameters, bundles):
+def ready(parameters: Frame, bundles: Bundles) -> Frame:
     """Nodes, groups, carry and schedule to compute with, from those that were handed over.
 
     Everything is that of bundles of groups. The iteration may pass through where the curve of a law
@@ -263,7 +277,7 @@ def _warm(groups, bundles, states):
     return bundles.together(found)
 
 
-def verdicts(parameters, *others):
+def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
     """What rules say of numbers that nothing could be refused of, because they were traced.
 
     Args:

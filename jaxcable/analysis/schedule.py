@@ -4,13 +4,23 @@ What a phase lacks and another has is there and does nothing: loads are zero, st
 element, and unknowns that are free in another phase only are held. What no phase has is absent.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import jax
 import numpy as np
 
 from ..common.tree import copy, pytree, stacked
+from ..common.types import ArrayLike, Float, Int, PyTree
+from ..elements.element import Element
 from ..elements.prestress import Stated
+from ..loads.load import Load
+from ..mechanics.load_stacks import LoadStack
 from ..mechanics.ramp import PhaseData
 from ..model.supports import Fixed
+from ..spaces.freedoms import Freedoms
 
 
 @pytree(static=("increments", "n_node"))
@@ -28,45 +38,47 @@ class Schedule:
         n_node: number of nodes; further rows of motion belong to elements.
     """
 
-    number: object
-    inputs: object
-    added_load: object
-    moved: object
-    freedoms: object
-    changes: object
-    before: object
-    loads: object
-    increments: tuple = ()
+    number: Int[ArrayLike, " n_phase"]
+    inputs: list[dict[str, Stated]]
+    added_load: Float[ArrayLike, "n_phase n_row n_freedom"] | None
+    moved: Float[ArrayLike, "n_phase n_row n_freedom"] | None
+    freedoms: Freedoms
+    changes: dict[str, PyTree[ArrayLike]] | None
+    before: dict[str, ArrayLike] | None
+    loads: list[LoadStack]
+    increments: tuple[int, ...] = ()
     n_node: int = 0
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.increments)
 
     @property
-    def factors(self):
+    def factors(self) -> Float[np.ndarray, "n_phase 1+n_inc"]:
         """Load factors from 0 on, [n_phase, 1 + n_inc]; above 1 where a phase has fewer."""
         numbers = np.arange(max(self.increments) + 1)
         return numbers / np.array(self.increments)[:, None]
 
     @property
-    def rows(self):
+    def rows(self) -> tuple[Any, ...]:
         """What `of` makes a phase of, for all phases, to be scanned."""
         data = self.inputs, self.added_load, self.moved, self.changes, self.before
         return self.number, *data
 
-    def of(self, row):
+    def of(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one of the `rows`."""
         number, inputs, added, moved, changes, before = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
         return PhaseData(number, inputs, added, moved, freedoms, was)
 
-    def phase(self, k):
+    def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of a phase."""
         return self.of(jax.tree.map(lambda x: x[k], self.rows))
 
 
-def stated(inputs, groups):
+def stated(
+    inputs: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
+) -> list[dict[str, Stated]]:
     """Prestress statements of all phases stacked, per group a dict from name to `Stated`.
 
     Args:
@@ -92,7 +104,9 @@ def stated(inputs, groups):
     return found
 
 
-def on_rows(loads, method, shape, dtype):
+def on_rows(
+    loads: Sequence[Sequence[Load]], method: str, shape: tuple[int, int], dtype: Any
+) -> Float[ArrayLike, "n_phase n_row n_freedom"] | None:
     """Sums of the nodal loads, or movements, of every phase, [n_phase, n_row, 3 or 6], or None.
 
     Args:
@@ -107,7 +121,9 @@ def on_rows(loads, method, shape, dtype):
     return stacked([sum((getattr(x, method)(shape, dtype) for x in own), zero) for own in loads])
 
 
-def numbering(sets, numbered):
+def numbering(
+    sets: Sequence[Fixed], numbered: Callable[[Fixed], Freedoms]
+) -> tuple[Freedoms, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
     """Numbering of the unknowns of all phases, and what supports change of it.
 
     Args:

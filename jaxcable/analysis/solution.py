@@ -1,11 +1,19 @@
 """What an analysis returns, and how good it is."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import overload
 
 import jax
 import numpy as np
 
-from ..common.tree import computed, copy, pytree
+from ..common.tree import Indices, computed, copy, pytree
+from ..common.types import Array, Bool, Float, Int, PyTree
+from ..mechanics.ramp import Carry
+from ..model.supports import Fixed
+from ..model.topology import Topology
+from .told import Told
 
 PER_PHASE = (
     "displacement",
@@ -20,47 +28,6 @@ PER_PHASE = (
     "results",
 )
 """Results that a state, a phase and a solution have in common."""
-
-_FIELDS = {
-    "tension": "tension",
-    "peak_tension": "peak_tension",
-    "section_forces": "section_forces",
-    "section_strain": "strain",
-}
-"""What elements tell that has a field of its own, and this field."""
-
-
-def named(found):
-    """What elements tell, by name, as fields of a `Told`."""
-    fields = {field: found[name] for name, field in _FIELDS.items() if name in found}
-    others = {name: own for name, own in found.items() if name not in _FIELDS}
-    return fields | {"results": others}
-
-
-class Told:
-    """What has results of elements.
-
-    Attributes:
-        results: what elements tell beside tensions, section forces and strains, by the name that
-            they give it, in the shape of `elements`; none of those of this package does.
-    """
-
-    @property
-    def told(self):
-        """All that elements tell, by name, each in the shape of `elements`, a dict.
-
-        ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as there are
-        such elements, and `results`.
-
-        Example:
-            >>> structure, phases = jc.scenes.flat_net(load=15.0)
-            >>> solution = jc.solve(structure, phases)
-            >>> print(solution.status, list(solution.told))
-            0 ['tension', 'peak_tension']
-        """
-        fields = {name: getattr(self, field, None) for name, field in _FIELDS.items()}
-        own = {name: value for name, value in fields.items() if value is not None}
-        return own | (self.results or {})
 
 
 @pytree(static=("fixed", "topology"))
@@ -104,22 +71,22 @@ class State(Told):
         0 1.0 200.0
     """
 
-    displacement: object
-    positions: object
-    tension: object
-    rest_length: object
-    reactions: object
-    load: object
-    phase: object
-    load_factor: object
-    carry: object
-    fixed: object
-    rotation: object = None
-    reaction_moments: object = None
-    section_forces: object = None
-    peak_tension: object = None
-    topology: object = None
-    results: object = None
+    displacement: Float[Array, "n_node 3"]
+    positions: Float[Array, "n_node 3"]
+    tension: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    reactions: Float[Array, "n_node 3"]
+    load: Float[Array, "n_node 3"]
+    phase: Int[Array, ""]
+    load_factor: Float[Array, ""]
+    carry: Carry
+    fixed: tuple[Fixed, ...]
+    rotation: Float[Array, "n_node 4"] | None = None
+    reaction_moments: Float[Array, "n_node 3"] | None = None
+    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
+    peak_tension: PyTree[Float[Array, " n_elem"]] = None
+    topology: Topology | None = None
+    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
 
 
 @pytree
@@ -168,22 +135,22 @@ class Path(Told):
         (0, True)
     """
 
-    load_factor: object
-    displacement: object
-    tension: object
-    status: object
-    iterations: object
-    factorizations: object
-    residual: object
-    relative_residual: object
-    n_slack: object
-    n_loose: object
-    equilibrated: object
-    strain: object = None
-    peak_tension: object = None
-    stable: object = None
-    motion: object = None
-    results: object = None
+    load_factor: Float[Array, " n_inc"]
+    displacement: Float[Array, "n_inc n_node 3"]
+    tension: PyTree[Float[Array, "n_inc n_elem"]]
+    status: Int[Array, " n_inc"]
+    iterations: Int[Array, " n_inc"]
+    factorizations: Int[Array, " n_inc"]
+    residual: Float[Array, " n_inc"]
+    relative_residual: Float[Array, " n_inc"]
+    n_slack: Int[Array, " n_inc"]
+    n_loose: Int[Array, " n_inc"]
+    equilibrated: Bool[Array, " n_inc"]
+    strain: PyTree[Float[Array, "n_inc n_elem ..."]] | None = None
+    peak_tension: PyTree[Float[Array, "n_inc n_elem"]] = None
+    stable: Bool[Array, " n_inc"] | None = None
+    motion: Float[Array, "n_inc n_row 7"] | None = None
+    results: dict[str, PyTree[Float[Array, "n_inc n_elem ..."]]] | None = None
 
 
 @pytree
@@ -215,20 +182,20 @@ class PhaseResult(Told):
         -12.838 mm
     """
 
-    status: object
-    displacement: object
-    positions: object
-    tension: object
-    rest_length: object
-    reactions: object
+    status: Int[Array, ""]
+    displacement: Float[Array, "n_node 3"]
+    positions: Float[Array, "n_node 3"]
+    tension: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    reactions: Float[Array, "n_node 3"]
     path: Path
-    rotation: object = None
-    reaction_moments: object = None
-    section_forces: object = None
-    began: object = None
-    peak_tension: object = None
-    stable: object = None
-    results: object = None
+    rotation: Float[Array, "n_node 4"] | None = None
+    reaction_moments: Float[Array, "n_node 3"] | None = None
+    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
+    began: PyTree[Array] | None = None
+    peak_tension: PyTree[Float[Array, " n_elem"]] = None
+    stable: Bool[Array, ""] = None  # type: ignore[assignment]  # an analysis puts it in
+    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
 
 
 LOG = (
@@ -248,7 +215,7 @@ _KINDS = {"residual": None, "scale": None, "equilibrated": bool, "stable": bool}
 
 
 @pytree(static=("increments", "watched"))
-class PhaseResults(Sequence):
+class PhaseResults(Sequence[PhaseResult]):
     """The results of all phases, a sequence of `PhaseResult`, kept as they were computed: stacked.
 
     Attributes:
@@ -269,13 +236,17 @@ class PhaseResults(Sequence):
 
     ends: PhaseResult
     paths: Path
-    log: object
-    increments: tuple
+    log: Float[Array, "n_phase n_inc 9"]
+    increments: tuple[int, ...]
     watched: bool
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.increments)
 
+    @overload
+    def __getitem__(self, number: int) -> PhaseResult: ...
+    @overload
+    def __getitem__(self, number: slice) -> tuple[PhaseResult, ...]: ...
     def __getitem__(self, number):
         if isinstance(number, slice):
             return tuple(self[k] for k in range(*number.indices(len(self))))
@@ -305,7 +276,7 @@ class PhaseResults(Sequence):
         return computed(read, self.log)
 
     @property
-    def verdicts(self):
+    def verdicts(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
         """Status and stability of every phase, two arrays [n_phase], of one analysis."""
         last = np.arange(len(self)), np.array(self.increments) - 1
         return self._noted("status", last), self._noted("stable", last)
@@ -374,19 +345,19 @@ class Solution(Told):
         60.000000 N
     """
 
-    status: object
-    displacement: object
-    positions: object
-    tension: object
-    rest_length: object
-    reactions: object
-    load: object
+    status: Int[Array, ""]
+    displacement: Float[Array, "n_node 3"]
+    positions: Float[Array, "n_node 3"]
+    tension: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    reactions: Float[Array, "n_node 3"]
+    load: Float[Array, "n_node 3"]
     last: State
-    phases: tuple
-    links: tuple = ()
-    rotation: object = None
-    reaction_moments: object = None
-    section_forces: object = None
-    peak_tension: object = None
-    stable: object = None
-    results: object = None
+    phases: PhaseResults
+    links: tuple[Indices, ...] = ()
+    rotation: Float[Array, "n_node 4"] | None = None
+    reaction_moments: Float[Array, "n_node 3"] | None = None
+    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
+    peak_tension: PyTree[Float[Array, " n_elem"]] = None
+    stable: Bool[Array, ""] = None  # type: ignore[assignment]  # an analysis puts it in
+    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None

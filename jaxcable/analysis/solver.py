@@ -1,6 +1,9 @@
 """`solve`: the phases of an analysis one after the other, each in increments by `lax.scan`."""
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -11,20 +14,31 @@ from ..common import status
 from ..common.compilation import program
 from ..common.progress import Increment, listener, tell
 from ..common.tree import copy, fill, pytree
+from ..common.types import Array, Bool, Int
+from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..mechanics.ramp import Ramp, knowing
-from ..mechanics.reading import read
+from ..linear.sparse import Factored
+from ..mechanics.ramp import Carry, Ramp, knowing
+from ..mechanics.reading import Reading, read
 from ..model import plausibility
+from ..model.structure import Structure
 from ..numerics import implicit
 from .one_phase import run_phase
+from .phases import Phase
 from .preparation import exact, prepare, ready, verdicts
-from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution
+from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution, State
 from .states import Reached, arranged, per_element, state_of, system_of
 
 
 def solve(
-    structure, phases=None, method=None, *, start=None, differentiate_path=False, progress=None
-):
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None = None,
+    method: Newton | Incremental | None = None,
+    *,
+    start: Solution | State | None = None,
+    differentiate_path: bool = False,
+    progress: bool | Callable[[Increment], object] | None = None,
+) -> Solution:
     """Analyse a structure through its phases.
 
     A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it. Numbers are
@@ -180,13 +194,13 @@ class _Run:
         seen: `Reading` of the last good increment.
     """
 
-    code: object
-    stable: object
-    carry: object
-    end: object
-    factored: object
-    reached: object
-    seen: object
+    code: Int[Array, ""]
+    stable: Bool[Array, ""]
+    carry: Carry
+    end: State
+    factored: Factored | None
+    reached: Reached
+    seen: Reading | None
 
 
 def _unless(ok, end, touched):

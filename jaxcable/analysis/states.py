@@ -1,21 +1,35 @@
 """What is read off a point of equilibrium, and the shape in which users get it."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import copy, fill, pytree, thaw, where
+from ..common.types import Array, Float, Int, PyTree
+from ..elements.element import Element
+from ..mechanics.assembly import System
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import make_system
+from ..mechanics.ramp import Carry, PhaseData, make_system
+from ..model.structure import Structure
 from ..model.topology import topology_of
 from ..numerics.rooted import told
-from .solution import State, named
+from .preparation import Prepared
+from .schedule import Schedule
+from .solution import Solution, State
+from .told import named
 
 _PER_ELEMENT = (
     *("tension", "peak_tension", "rest_length", "section_forces", "strain", "began", "results"),
 )
 
+Part = TypeVar("Part")
 
-def per_element(part, function):
+
+def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
     """A result with a function of what has an item a group, each a list of them."""
     own = {name: getattr(part, name, None) for name in _PER_ELEMENT}
     others = own.pop("results") or {}
@@ -34,25 +48,30 @@ class Reached:
         held: what supports hold there of what they change, by name (`Schedule.before`).
     """
 
-    number: object
-    factor: object
-    held: object
+    number: Int[Array, ""]
+    factor: Float[Array, ""]
+    held: dict[str, Array]
 
     @classmethod
-    def none(cls, schedule, dtype):
+    def none(cls, schedule: Schedule, dtype: Any) -> Reached:
         """Before the first increment."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
-    def after(self, data, factor):
+    def after(self, data: PhaseData, factor: Float[Array, ""]) -> Reached:
         """With a phase that has come to a load factor, 0 if it has no good increment."""
         held = {name: getattr(data.freedoms, name) for name in self.held}
         new = Reached(data.number, factor, held)
         return where(factor > 0, new, self)
 
 
-def system_of(frame, carry, reached, schedule):
+def system_of(
+    frame: tuple[Float[Array, "n_row 3"], list[Element]],
+    carry: Carry,
+    reached: Reached,
+    schedule: Schedule,
+) -> System:
     """The system in which an analysis stands, of which only what supports hold is asked."""
     freedoms = copy(schedule.freedoms.of_supports, **reached.held)
     return make_system(*frame, carry, None, freedoms)
@@ -148,7 +167,7 @@ def with_peaks(part):
     return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
 
 
-def on_nodes(structure, part, per_node=("displacement",)):
+def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
     """Rows of motion put onto their nodes.
 
     Args:
@@ -161,7 +180,7 @@ def on_nodes(structure, part, per_node=("displacement",)):
     return copy(part, **{name: getattr(part, name)[:, : structure.n_node] for name in per_node})
 
 
-def arranged(structure, solution, task):
+def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
     """Put lists with an item per group into the shape of the elements; topology where it belongs.
 
     Args:

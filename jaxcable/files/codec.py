@@ -8,8 +8,11 @@
   a tuple; so is ``{"type": "list", ...}`` where a list of numbers is meant as a list.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import difflib
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -36,7 +39,9 @@ from ..model.supports import Supports
 from ..sections import Section
 from .reading import FileError
 
-TYPES = {
+Kind = TypeVar("Kind", bound=type)
+
+TYPES: dict[str, type] = {
     cls.__name__: cls
     for cls in (
         *(Structure, Supports, Phase, Only, Selection),
@@ -48,7 +53,7 @@ TYPES = {
 """What a file can hold, by the name of its type."""
 
 
-def register(cls):
+def register(cls: Kind) -> Kind:
     """Let files hold objects of a class of one's own: a group, a load, a law; returns the class.
 
     Raises:
@@ -68,7 +73,7 @@ _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
 _DEEPEST = 32  # nested objects; no structure comes near
 
 
-def encode(value, where, implied=None):
+def encode(value: Any, where: str, implied: type | None = None) -> Any:
     """Plain data of an object, a container, an array or a number.
 
     Args:
@@ -145,7 +150,7 @@ def _encode_numbers(value, where):
     return array.tolist()
 
 
-def decode(data, where, implied=None, depth=0):
+def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
     """The object that `encode` made plain data of.
 
     Raises:

@@ -1,9 +1,12 @@
 """JSON that a person can read: objects indented, rows of numbers on one line."""
 
+from __future__ import annotations
+
 import json
+from typing import Any
 
 
-def laid_out(data, indent=0):
+def laid_out(data: Any, indent: int = 0) -> str:
     """The text of plain data; numbers with all their digits."""
     inner = "\n" + " " * (indent + 1)
     if isinstance(data, dict) and data:

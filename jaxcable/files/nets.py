@@ -1,11 +1,15 @@
 """A net as other programs know it: nodes, links and what they say about them."""
 
+from __future__ import annotations
+
 import dataclasses
+from typing import Any, Literal
 
 import numpy as np
 
 from ..analysis.phases import Phase
 from ..common import checks
+from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
 from ..model.structure import Structure
@@ -39,16 +43,21 @@ class Net:
         'Bars'
     """
 
-    nodes: np.ndarray
-    links: np.ndarray
-    fixed: np.ndarray
-    loads: np.ndarray | None = None
-    values: dict = dataclasses.field(default_factory=dict)
-    kinds: tuple = ()
-    groups: tuple | None = None
-    names: tuple = ()
+    nodes: Float[np.ndarray, "n_node 3"]
+    links: Int[np.ndarray, "n_elem 2"]
+    fixed: Bool[np.ndarray, "n_node 3"]
+    loads: Float[np.ndarray, "n_node 3"] | None = None
+    values: dict[str, Float[np.ndarray, " n_elem"]] = dataclasses.field(default_factory=dict)
+    kinds: tuple[str, ...] = ()
+    groups: tuple[str, ...] | None = None
+    names: tuple[str, ...] = ()
 
-    def scene(self, anchors=None, increments=(1, 1), **given):
+    def scene(
+        self,
+        anchors: Int[ArrayLike, " n"] | Literal["ends"] | None = None,
+        increments: tuple[int, int] = (1, 1),
+        **given: float,
+    ) -> Scene:
         """The `Scene` of the net: prestress in a first phase, the loads in a second.
 
         Args:
@@ -87,7 +96,7 @@ class Net:
             labels = self.kinds if len(set(self.kinds)) > 1 else ("",) * len(self.links)
         chosen = {label: np.array([g == label for g in labels]) for label in dict.fromkeys(labels)}
         elements = {label: self._group(label, own, values) for label, own in chosen.items()}
-        stated = {
+        stated: dict[str, Any] = {
             name: {label: values[name][own] for label, own in chosen.items()}
             for name in STATEMENTS
             if name in values

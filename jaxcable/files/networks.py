@@ -1,5 +1,9 @@
 """Nets from the JSON files of compas and jax_fdm: networks (graphs) and meshes."""
 
+from __future__ import annotations
+
+from os import PathLike
+
 import numpy as np
 
 from .nets import Net
@@ -8,7 +12,7 @@ from .reading import LARGEST, FileError, read_json
 _SUPPORTS = ("is_support", "is_anchor", "is_fixed")  # of jax_fdm, compas_fofin, compas_fd
 
 
-def read_network(path, largest=LARGEST):
+def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
     """Read a network, graph or mesh that compas 1 or 2, compas_fd or jax_fdm has written as JSON.
 
     Taken are the places of nodes, supports (``is_support``, ``is_anchor`` or ``is_fixed``), loads

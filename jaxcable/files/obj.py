@@ -1,6 +1,9 @@
 """Nets from the lines of an OBJ file, as modelling programs write them."""
 
+from __future__ import annotations
+
 import itertools
+from os import PathLike
 
 import numpy as np
 from scipy.sparse import coo_matrix
@@ -15,7 +18,13 @@ _FARTHEST = 1e12  # m; beyond it squares of distances lose everything
 _CROWD = 50  # points near one another, on average, that no net has
 
 
-def read_obj(path, scale=1.0, *, tolerance=1e-6, largest=LARGEST):
+def read_obj(
+    path: str | PathLike[str],
+    scale: float = 1.0,
+    *,
+    tolerance: float = 1e-6,
+    largest: int = LARGEST,
+) -> Net:
     """Read points (``v``), lines, polylines (``l``) and edges of faces (``f``) of an OBJ file.
 
     Programs often write every line with points of its own: points nearer than `tolerance` become
@@ -79,17 +88,17 @@ def read_obj(path, scale=1.0, *, tolerance=1e-6, largest=LARGEST):
         if first == second:
             raise FileError(f"{path}: line {number}: a line without length")
         found.setdefault((min(first, second), max(first, second)), (first, second, label))
-    links = np.array([(i, j) for i, j, _ in found.values()], np.int32)
+    links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
     used, links = np.unique(links, return_inverse=True)  # points that no line touches are no nodes
-    first = np.unique(node, return_index=True)[1]
+    origin = np.unique(node, return_index=True)[1]
     groups = tuple(label for *_, label in found.values())
     return Net(
-        nodes=places[first][used],
+        nodes=places[origin][used],
         links=links.reshape(-1, 2).astype(np.int32),
         fixed=np.zeros((len(used), 3), bool),
         kinds=("cable",) * len(links.reshape(-1, 2)),
         groups=groups if named and len(set(groups)) > 1 else None,
-        names=tuple(str(k + 1) for k in first[used]),
+        names=tuple(str(k + 1) for k in origin[used]),
     )
 
 

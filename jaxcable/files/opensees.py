@@ -6,17 +6,24 @@ force ``N(e)`` at the strain ``e = (l - L0) / L0`` of the unstressed length is t
 ``ElasticMultiLinear`` holds prestress, slackness and numerically given laws exactly.
 """
 
+from __future__ import annotations
+
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
+from ..analysis.solution import Solution
 from ..elements.bar import Straight
 from ..model.parts import groups_by_name, one_case
+from ..model.structure import Structure
 from ..model.topology import require_same
 from .reading import written
 
 
-def save_opensees(path, structure, solution, steps=1):
+def save_opensees(
+    path: str | PathLike[str], structure: Structure, solution: Solution, steps: int = 1
+) -> list[Path]:
     """Write a Python script that finds the same equilibrium with OpenSees.
 
     Given are what the analysis was given: initial nodes, links, laws, the unstressed lengths and
@@ -91,7 +98,7 @@ def save_opensees(path, structure, solution, steps=1):
     return [path]
 
 
-def require_exportable(structure):
+def require_exportable(structure: Structure) -> None:
     """Raise ValueError where elements of a structure have no counterpart in OpenSees."""
     for name, group in groups_by_name(structure):
         name = name or "elements"

@@ -1,7 +1,10 @@
 """Nets from a pair of CSV tables: nodes and links."""
 
+from __future__ import annotations
+
 import csv
 import io
+from os import PathLike
 
 import numpy as np
 
@@ -13,7 +16,7 @@ _NODE_COLUMNS = ("node", "x", "y", "z", "support", "fx", "fy", "fz")
 _LINK_COLUMNS = ("first", "last", "kind", "group", *PROPERTIES, *STATEMENTS)
 
 
-def read_csv(nodes, links, largest=LARGEST):
+def read_csv(nodes: str | PathLike[str], links: str | PathLike[str], largest: int = LARGEST) -> Net:
     """Read a net from two CSV tables, whose first lines name their columns; SI units.
 
     - nodes: ``x, y, z``; optional ``node`` (a name; default the row's number, from 0), ``support``
@@ -69,12 +72,12 @@ def read_csv(nodes, links, largest=LARGEST):
             if column in row:
                 value = _number(links, line, row, column, np.nan)
                 values.setdefault(column, []).append(value)
-    loads = np.array(loads)
+    forces = np.array(loads)
     return Net(
         nodes=np.array(places),
         links=np.array(pairs, np.int32),
         fixed=np.array(fixed),
-        loads=loads if loads.any() else None,
+        loads=forces if forces.any() else None,
         values={name: np.array(v) for name, v in values.items() if not np.isnan(v).all()},
         kinds=tuple(kinds),
         groups=tuple(groups) if any(groups) else None,

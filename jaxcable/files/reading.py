@@ -4,12 +4,17 @@ A file is data: nothing in it is executed, unpickled or looked up by name outsid
 It is read up to a limit of size and refused with one line that says where it is wrong.
 """
 
+from __future__ import annotations
+
 import contextlib
 import errno
 import json
 import os
 import tempfile
+from collections.abc import Iterator
+from os import PathLike
 from pathlib import Path
+from typing import IO, Any
 
 from ..common.interrupt import AT_EXIT
 
@@ -32,7 +37,7 @@ class FileError(ValueError):
     """
 
 
-def number(word):
+def number(word: str) -> float:
     """The number that a word is, as `float`, but of ASCII digits alone and without underscores.
 
     Raises:
@@ -46,14 +51,14 @@ def number(word):
         raise ValueError(f"{word!r} is no number") from None
 
 
-def whole(word):
+def whole(word: str) -> int:
     """The whole number that a word is, as `int`, with the strictness of `number`."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is no whole number")
     return int(word)
 
 
-def read_text(path, largest=LARGEST):
+def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
     """The text of a UTF-8 file of at most `largest` bytes.
 
     Raises:
@@ -76,7 +81,7 @@ def read_text(path, largest=LARGEST):
         raise FileError(f"{path}: line {line}: no UTF-8 text") from None
 
 
-def read_json(path, largest=LARGEST):
+def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, Any]:
     """The JSON object in a file, a dict; keys that occur twice and NaN are refused.
 
     Raises:
@@ -117,7 +122,7 @@ def _refuse(name):
 
 
 @contextlib.contextmanager
-def written(path, mode="w"):
+def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
     """A stream whose content becomes the file `path` when all of it is written, or not at all.
 
     Raises:
@@ -131,7 +136,7 @@ def written(path, mode="w"):
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
     AT_EXIT.append(name)
     try:
-        text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
+        text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         with open(handle, mode, **text) as stream:
             yield stream
         umask = os.umask(0)

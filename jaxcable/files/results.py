@@ -1,16 +1,23 @@
 """Results in files: NPZ and JSON with every number, CSV tables for a spreadsheet."""
 
+from __future__ import annotations
+
 import csv
 import io
 import json
 import math
 import zipfile
+from collections.abc import Iterable
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from ..analysis.solution import Solution
 from ..common import status
 from ..model.parts import Column, columns, first_and_last, groups_by_name, one_case, per_group
+from ..model.structure import Structure
 from ..model.topology import require_same
 from .reading import LARGEST, FileError, read_json, written
 
@@ -22,7 +29,7 @@ _PER_INCREMENT = (
 )
 
 
-def save_result(path, structure, solution):
+def save_result(path: str | PathLike[str], structure: Structure, solution: Solution) -> list[Path]:
     """Write a result; the suffix says how.
 
     - ``.npz``: all arrays of `flat`, binary (NumPy).
@@ -54,7 +61,8 @@ def save_result(path, structure, solution):
     path = Path(path)
     if path.suffix == ".npz":
         with written(path, "wb") as stream:
-            np.savez_compressed(stream, **flat(structure, solution))
+            arrays = flat(structure, solution)
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # none is an option
         return [path]
     if path.suffix == ".json":
         numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
@@ -73,7 +81,7 @@ def save_result(path, structure, solution):
     raise ValueError(f"path = {str(path)!r}: expected a name that ends with .npz, .json or .csv")
 
 
-def load_result(path, largest=8 * LARGEST):
+def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[str, np.ndarray]:
     """The arrays of a result that `save_result` has written to ``.npz`` or ``.json``, a dict.
 
     Raises:
@@ -130,7 +138,7 @@ def _stated_size(archive, name):
     return math.prod(shape) * dtype.itemsize
 
 
-def flat(structure, solution):
+def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
     """All arrays of a result by name: ``tension``, ``tension.net`` of a group, ``phase1.residual``.
 
     Returns:
@@ -188,7 +196,7 @@ def _kind(name):
     return bool if last == "stable" else int if last in counts else float
 
 
-def tables(structure, solution):
+def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]]]:
     """Tables of a result: nodes, elements and increments, each a list of rows, the header first.
 
     Raises:
@@ -205,7 +213,7 @@ def tables(structure, solution):
     header = ["node", "support"]
     for word, unit in (("", "m"), ("displacement ", "m"), ("load ", "N"), ("reaction ", "N")):
         header += [f"{word}{axis} ({unit})" for axis in "xyz"]
-    nodes = [header]
+    nodes: list[list[Any]] = [header]
     for k in range(structure.n_node):
         held = "".join(axis for axis, is_held in zip("xyz", fixed[k], strict=True) if is_held)
         nodes.append([k, held, *(float(v) for column in vectors for v in column[k])])
@@ -213,7 +221,7 @@ def tables(structure, solution):
     told = columns(structure.groups, solution.told)
     told.insert(1 if told and told[0].label == "tension" else len(told), lengths)
     heads = [f"{own.label.replace('_', ' ')} ({own.unit})" for own in told]
-    elements = [["group", "element", "first", "last", *heads]]
+    elements: list[list[Any]] = [["group", "element", "first", "last", *heads]]
     values = zip(*(own.values for own in told), strict=True)
     for (name, group), own in zip(groups_by_name(structure), values, strict=True):
         for k, ends in enumerate(first_and_last(group).tolist()):
@@ -221,14 +229,14 @@ def tables(structure, solution):
             elements.append([name, k, *ends, *numbers])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
     units = {"residual": "residual (N)"}
-    increments = [["phase", "increment", *(units.get(n, n) for n in names)]]
+    increments: list[list[Any]] = [["phase", "increment", *(units.get(n, n) for n in names)]]
     for number, phase in enumerate(solution.phases, 1):
         arrays = [np.asarray(getattr(phase.path, name)).tolist() for name in names]
         increments += [[number, k, *row] for k, row in enumerate(zip(*arrays, strict=True), 1)]
     return {"nodes": nodes, "elements": elements, "increments": increments}
 
 
-def as_csv(rows):
+def as_csv(rows: Iterable[Iterable[Any]]) -> str:
     """Rows as the text of a CSV file; floats with all their digits."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)

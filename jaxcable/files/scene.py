@@ -16,7 +16,11 @@ Fields are the arguments of the classes of this package, in SI units; node numbe
 object with a "type" is one of `codec.TYPES`; without one it is a dict (of element groups, say).
 """
 
+from __future__ import annotations
+
 import warnings
+from collections.abc import Sequence
+from os import PathLike
 
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
@@ -32,7 +36,9 @@ VERSION = 1
 _MOST_INCREMENTS = 1_000_000  # a few characters in a file must not ask for all of the memory
 
 
-def save_scene(path, scene):
+def save_scene(
+    path: str | PathLike[str], scene: Scene | tuple[Structure, Phase | Sequence[Phase]]
+) -> None:
     """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
 
     Every number keeps all its digits (also of float32), so that the loaded scene solves to the
@@ -76,7 +82,7 @@ def save_scene(path, scene):
         stream.write(text + "\n")
 
 
-def load_scene(path, largest=LARGEST):
+def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
     """Read a scene that `save_scene`, or a person, has written; nothing in it is executed.
 
     Args:

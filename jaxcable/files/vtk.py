@@ -1,18 +1,25 @@
 """VTK files (legacy, ASCII) for ParaView and whatever else reads them."""
 
+from __future__ import annotations
+
+from os import PathLike
 from pathlib import Path
 
 import jax
 import numpy as np
 
+from ..analysis.solution import Solution
 from ..model.parts import columns, groups_by_name, one_case, per_group, pieces
+from ..model.structure import Structure
 from ..model.topology import require_same
 from .reading import written
 
 _LINE = 3  # cell type of VTK
 
 
-def save_vtk(path, structure, solution, increments=False):
+def save_vtk(
+    path: str | PathLike[str], structure: Structure, solution: Solution, increments: bool = False
+) -> list[Path]:
     """Write a result as lines in space, for ParaView.
 
     Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have

@@ -1,14 +1,20 @@
 """One step of a continuation is tried: what it leads to, before anything is made of it."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from .. import linear
 from ..common import status
 from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import newton
+from ..equilibrium.newton import Newton
+from ..mechanics.assembly import System
 from ..mechanics.elementwise import each
+from ..mechanics.ramp import Ramp
 from .correction import Condition, Corrected, by_load, correct, loose_unknowns
-from .run import Point, Settings
+from .run import Point, Run, Settings
 from .steps import cosine, scale_of
 
 ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
@@ -32,16 +38,18 @@ class Course:
         capacity: (rows, events) that there is room for.
     """
 
-    ramp: object
-    begin: object
-    method: object
+    ramp: Ramp
+    begin: System
+    method: Newton
     settings: Settings
-    tol: object
-    extent: object
-    capacity: tuple
+    tol: Float[Array, ""]
+    extent: Float[Array, ""]
+    capacity: tuple[int, int]
 
     @classmethod
-    def of(cls, ramp, method, settings, capacity):
+    def of(
+        cls, ramp: Ramp, method: Newton, settings: Settings, capacity: tuple[int, int]
+    ) -> Course:
         """The course of a phase."""
         dtype = ramp.begin.motion.dtype
         begin = ramp.at(jnp.zeros((), dtype))
@@ -68,16 +76,16 @@ class Tried:
 
     found: Corrected
     point: Point
-    fresh: object
-    by_newton: object
-    newton_code: object
-    sound: object
-    bent: object
-    far: object
-    weight: object
+    fresh: Bool[Array, ""]
+    by_newton: Bool[Array, ""]
+    newton_code: Int[Array, ""]
+    sound: Bool[Array, ""]
+    bent: Bool[Array, ""]
+    far: Bool[Array, ""]
+    weight: Float[Array, ""]
 
 
-def attempt(course, run):
+def attempt(course: Course, run: Run) -> Tried:
     """Try a step from the anchor of a `Run`; returns `Tried`."""
     ramp, begin, settings = course.ramp, course.begin, course.settings
     a, ds = run.anchor, run.ds
@@ -89,8 +97,8 @@ def attempt(course, run):
     along = jnp.where(by_newton, 0.0, ds * a.direction * run.weight)
     guess, newton_code = ramp.at(factor, a.memory).move(a.x, along), jnp.int32(status.OK)
     if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
-        found, newton_code = by_load(ramp, a.memory, a.x, factor, course.method, by_newton)
-        guess = jnp.where(by_newton, found, guess)
+        moved, newton_code = by_load(ramp, a.memory, a.x, factor, course.method, by_newton)
+        guess = jnp.where(by_newton, moved, guess)
     sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
     condition = Condition(
         jnp.where(free, a.direction / jnp.where(free, run.weight, 1.0), 0.0),

@@ -13,20 +13,31 @@ before its first load) and where corrections fail. In others such a step could e
 start without a tangent is refused (SINGULAR).
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
 from ..common.tree import copy
+from ..common.types import ArrayLike, Int
+from ..equilibrium.newton import Newton
+from ..mechanics.ramp import Ramp
 from .attempt import LOAD, Course, attempt
 from .decision import decide, outcome, proceed
 from .detection import detect
 from .records import note, nothing, record, row_at
-from .run import Beyond, Noted, Point, Run
+from .run import Beyond, Noted, Point, Run, Settings
 
 
-def march(ramp, method, settings, code, capacity):
+def march(
+    ramp: Ramp,
+    method: Newton,
+    settings: Settings,
+    code: Int[ArrayLike, ""],
+    capacity: tuple[int, int],
+) -> Run:
     """Follow the path of a phase; returns the last `Run`.
 
     Args:

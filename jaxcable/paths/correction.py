@@ -11,13 +11,19 @@ form of Keller 1977), one on f alone load control. The last iteration, at the so
 tangent there with the same matrix.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
 from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int, PyTree
 from ..equilibrium import newton
+from ..equilibrium.newton import Newton
+from ..mechanics.assembly import System
+from ..mechanics.ramp import Ramp
 
 _EXACT = 1e-3  # of what is allowed: not to be improved
 _STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 to 6
@@ -27,9 +33,9 @@ _STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 t
 class Condition:
     """One linear condition on a step ``(du, df)``: ``row . du + rise df = target``."""
 
-    row: object
-    rise: object
-    target: object
+    row: Float[Array, " n_free"]
+    rise: Float[Array, ""]
+    target: Float[Array, ""]
 
 
 @pytree
@@ -51,22 +57,32 @@ class Corrected:
         residual, scale: largest unbalanced force and the force that it is judged by, N.
     """
 
-    x: object
-    moved: object
-    factor: object
-    direction: object
-    rise: object
-    pull: object
-    matrix: object
-    converged: object
-    regular: object
-    failed: object
-    steps: object
-    residual: object
-    scale: object
+    x: Float[Array, "n_row n_motion"]
+    moved: Float[Array, " n_free"]
+    factor: Float[Array, ""]
+    direction: Float[Array, " n_free"]
+    rise: Float[Array, ""]
+    pull: Float[Array, " n_free"]
+    matrix: Float[Array, "n_free n_free"] | linear.Sparse
+    converged: Bool[Array, ""]
+    regular: Bool[Array, ""]
+    failed: Bool[Array, ""]
+    steps: Int[Array, ""]
+    residual: Float[Array, ""]
+    scale: Float[Array, ""]
 
 
-def correct(ramp, memory, x, moved, factor, origin, condition, tol, active):
+def correct(
+    ramp: Ramp,
+    memory: list[PyTree[Array]] | None,
+    x: Float[Array, "n_row n_motion"],
+    moved: Float[Array, " n_free"],
+    factor: Float[Array, ""],
+    origin: Float[Array, ""],
+    condition: Condition,
+    tol: Float[Array, ""],
+    active: Bool[Array, ""],
+) -> Corrected:
     """Iterate from a guess to the path.
 
     Args:
@@ -148,12 +164,19 @@ def _residual(system, x):
     return function(numbers)
 
 
-def loose_unknowns(system, x):
+def loose_unknowns(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, " n_free"]:
     """Unknowns of nodes that touch only slack elements, [n_free] bool."""
     return system.loose_nodes(x)[system.freedoms.row_of_unknown]
 
 
-def by_load(ramp, memory, x, factor, method, active):
+def by_load(
+    ramp: Ramp,
+    memory: list[PyTree[Array]] | None,
+    x: Float[Array, "n_row n_motion"],
+    factor: Float[Array, ""],
+    method: Newton,
+    active: Bool[Array, ""],
+) -> tuple[Float[Array, "n_row n_motion"], Int[Array, ""]]:
     """A guess by Newton's method at a given load factor: the point, and its status."""
     outcome, _ = newton.equilibrate(ramp.at(factor, memory), x, method, active)
     return outcome.x, outcome.code

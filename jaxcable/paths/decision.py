@@ -1,12 +1,16 @@
 """What a continuation makes of a step: whether it is taken, what comes next, when it is over."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
 from ..common import status
 from ..common.tree import copy, pytree, where
-from .attempt import ARC, FINISH, LOAD
-from .detection import NEAR
+from ..common.types import Array, Bool, Int
+from .attempt import ARC, FINISH, LOAD, Course, Tried
+from .detection import NEAR, Seen
+from .run import Run
 from .steps import cosine, guess_ahead, stride
 
 _EASY = 3  # iterations of a step that may be followed by one as long
@@ -31,18 +35,18 @@ class Decided:
         soft: little is left of the stiffness along the path.
     """
 
-    outside: object
-    accept: object
-    last: object
-    stopping: object
-    record: object
-    again: object
-    exhausted: object
-    rescue: object
-    soft: object
+    outside: Bool[Array, ""]
+    accept: Bool[Array, ""]
+    last: Bool[Array, ""]
+    stopping: Bool[Array, ""]
+    record: Bool[Array, ""]
+    again: Bool[Array, ""]
+    exhausted: Bool[Array, ""]
+    rescue: Bool[Array, ""]
+    soft: Bool[Array, ""]
 
 
-def decide(course, run, tried, seen):
+def decide(course: Course, run: Run, tried: Tried, seen: Seen) -> Decided:
     """`Decided` of a step that was tried, by what was `Seen` in it."""
     settings, p = course.settings, tried.point
     outside = seen.usable & ~seen.crossing & (run.mode == ARC) & ~tried.fresh
@@ -61,7 +65,7 @@ def decide(course, run, tried, seen):
     return Decided(outside, accept, last, stopping, record, again, exhausted, rescue, soft)
 
 
-def proceed(course, run, tried, seen, decided):
+def proceed(course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided) -> Run:
     """The `Run` after a step, but for its records and outcome: anchor, hunt, way and length."""
     settings, a, p, accept = course.settings, run.anchor, tried.point, decided.accept
     anchor = where(accept, _settled(course, p, a), a)
@@ -130,7 +134,9 @@ def _nominal(course, run, tried, seen, decided):
     return jnp.minimum(nominal, longest)
 
 
-def outcome(course, run, tried, seen, decided, count):
+def outcome(
+    course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided, count: Int[Array, ""]
+) -> tuple[Int[Array, ""], Bool[Array, ""]]:
     """Status after a step, and whether the path is over.
 
     `run` has the rows with it, `count` is the number of events, also of those without room.

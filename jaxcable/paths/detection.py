@@ -1,10 +1,14 @@
 """What has changed between the anchor of a continuation and the point that a step led to."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from ..common.tree import pytree
+from ..common.types import Array, Bool, Float
+from .attempt import Course, Tried
 from .inertia import alignment, crossed, unstable
-from .run import Beyond
+from .run import Beyond, Run
 
 _SHORT = 1e-3  # steps of this part of the first one are taken round any corner
 _ALIGNED = 1e-4  # phi.F / |phi||F| above this is not zero
@@ -30,32 +34,32 @@ class Seen:
         now: the state at its end, `Beyond`.
     """
 
-    usable: object
-    limit: object
-    branch: object
-    slackened: object
-    tightened: object
-    failed: object
-    astray: object
-    wide: object
-    hit: object
-    line: object
-    null: object
-    stiffness: object
+    usable: Bool[Array, ""]
+    limit: Bool[Array, ""]
+    branch: Bool[Array, ""]
+    slackened: Bool[Array, ""]
+    tightened: Bool[Array, ""]
+    failed: Bool[Array, ""]
+    astray: Bool[Array, ""]
+    wide: Bool[Array, ""]
+    hit: Bool[Array, ""]
+    line: Bool[Array, ""]
+    null: Bool[Array, ""]
+    stiffness: Float[Array, ""]
     now: Beyond
 
     @property
-    def crossing(self):
+    def crossing(self) -> Bool[Array, ""]:
         """Whether anything lies in the step."""
         return self.wide | self.hit
 
     @property
-    def fatal(self):
+    def fatal(self) -> Bool[Array, ""]:
         """Whether the path ends with an element that has failed."""
         return self.hit & self.failed
 
 
-def detect(course, run, tried):
+def detect(course: Course, run: Run, tried: Tried) -> Seen:
     """`Seen` of a step that was tried."""
     settings, a, p, ds = course.settings, run.anchor, tried.point, run.ds
     # close to a bifurcation corrections can end on the other branch: what is there still tells

@@ -1,8 +1,13 @@
 """What happens on a path: limit points, branch points, cables that slacken, material that fails."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+
 import numpy as np
 
 from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int, PyTree
 
 NONE = 0
 LIMIT_POINT = 1
@@ -67,29 +72,29 @@ class Events:
         [0. 0. 1.] -0.042361 m
     """
 
-    kind: object
-    load_factor: object
-    lower: object
-    upper: object
-    row: object
-    displacement: object
-    mode: object
-    alignment: object
-    multiplicity: object
-    elements: object
+    kind: Int[Array, " n"]
+    load_factor: Float[Array, " n"]
+    lower: Float[Array, " n"]
+    upper: Float[Array, " n"]
+    row: Int[Array, " n"]
+    displacement: Float[Array, "n n_node 3"]
+    mode: Float[Array, "n n_node 3"]
+    alignment: Float[Array, " n"]
+    multiplicity: Int[Array, " n"]
+    elements: PyTree[Bool[Array, "n n_elem"]]
 
     @property
-    def names(self):
+    def names(self) -> list[str]:
         """The kinds in words, a list."""
         return [NAMES.get(int(kind), "none") for kind in np.atleast_1d(np.asarray(self.kind))]
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.kind)
 
-    def __getitem__(self, key):
+    def __getitem__(self, key: int | slice) -> Events:
         import jax
 
         return jax.tree.map(lambda a: a[key], self)
 
-    def __iter__(self):
+    def __iter__(self) -> Iterator[Events]:
         return (self[k] for k in range(len(self)))

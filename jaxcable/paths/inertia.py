@@ -1,8 +1,12 @@
 """What two points of a path, or a point and its load, tell about eigenvalues that cross zero."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from .. import linear
+from ..common.types import Array, Bool, Float, Int
+from .run import Beyond, Point
 
 
 def _odd(p):
@@ -10,18 +14,20 @@ def _odd(p):
     return jnp.where(p.negative < 0, p.stiffness < 0, p.negative % 2 == 1)
 
 
-def unstable(p):
+def unstable(p: Point) -> Bool[Array, ""]:
     """Whether there are negative eigenvalues, as far as it is known."""
     return (p.negative > 0) | ((p.negative < 0) & _odd(p))
 
 
-def crossed(p, a):
+def crossed(p: Point, a: Point) -> Bool[Array, ""]:
     """Whether the number of negative eigenvalues differs, as far as it is known."""
     counted = (p.negative >= 0) & (a.negative >= 0)
     return jnp.where(counted, p.negative != a.negative, _odd(p) != _odd(a))
 
 
-def multiplicity(p, a, fresh):
+def multiplicity(
+    p: Beyond, a: Point, fresh: Bool[Array, ""]
+) -> tuple[Int[Array, ""], Int[Array, ""]]:
     """How many eigenvalues cross between two points: at a bifurcation, at a limit point."""
     counted = (p.negative >= 0) & (a.negative >= 0)
     many = jnp.abs(p.negative - jnp.where(fresh, 0, a.negative))
@@ -30,7 +36,7 @@ def multiplicity(p, a, fresh):
     return many, jnp.where(counted, jnp.maximum(many, 1), many)
 
 
-def alignment(p):
+def alignment(p: Point) -> Float[Array, ""]:
     """``|phi.F| / (|phi| |F|)`` of the left null vector; 1 if nothing pulls."""
     size = jnp.linalg.norm(p.pull)
     return jnp.where(size > 0, jnp.abs(p.left @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)

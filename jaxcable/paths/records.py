@@ -1,16 +1,28 @@
 """What is recorded along a path: rows of points, and events."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import where
+from ..common.types import Array, Bool, Int, PyTree
+from ..mechanics.ramp import Ramp
 from ..mechanics.reading import read
 from . import events
+from .attempt import Course, Tried
+from .correction import Corrected
+from .decision import Decided
+from .detection import Seen
 from .inertia import multiplicity
-from .run import Noted
+from .run import Noted, Point, Run
 
 
-def record(course, run, tried, seen, decided):
+def record(
+    course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided
+) -> tuple[tuple[PyTree[Array], ...], Int[Array, ""]]:
     """Rows and their number after a step."""
     fatal, a = seen.fatal, run.anchor
     shown = where(fatal, a, tried.point)
@@ -18,7 +30,7 @@ def record(course, run, tried, seen, decided):
     return put(run.rows, run.n_row, row, decided.record), run.n_row + decided.record
 
 
-def note(course, run, tried, seen):
+def note(course: Course, run: Run, tried: Tried, seen: Seen) -> tuple[Noted, Int[Array, ""]]:
     """Events after a step, and their number, which may exceed what there is room for."""
     a, p = run.anchor, tried.point
     kinds = (
@@ -60,7 +72,9 @@ def _zero_between(a, p):
     return a.factor + part * (p.factor - a.factor)
 
 
-def row_at(ramp, p, memory, found):
+def row_at(
+    ramp: Ramp, p: Point, memory: list[PyTree[Array]] | None, found: Corrected
+) -> tuple[PyTree[Array], ...]:
     """What is recorded of a point."""
     system = ramp.at(p.factor, memory)
     return (
@@ -82,7 +96,7 @@ def _row_of(ramp, system, x):
     return moved, seen.of_path.found, seen.n_slack, seen.n_loose
 
 
-def nothing(p):
+def nothing(p: Point) -> Any:
     """Stands for `Corrected` where only shapes are asked for."""
     zero = jnp.zeros((), p.rise.dtype)
 
@@ -92,7 +106,9 @@ def nothing(p):
     return Shapes
 
 
-def put(rows, number, row, wanted):
+def put(
+    rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
+) -> PyTree[Array]:
     """Write `row` at `number` where `wanted`."""
 
     def one(column, value):

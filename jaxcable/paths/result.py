@@ -1,10 +1,13 @@
 """What `trace_path` returns."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from ..analysis.solution import Path
 from ..common.tree import pytree
-from .events import FAILURES
+from ..common.types import Array, Float, Int
+from .events import FAILURES, Events
 
 
 @pytree
@@ -45,13 +48,17 @@ class TracedPath(Path):
         1.0: -0.219 m
     """
 
-    n_negative: object = None
-    stiffness: object = None
-    rise: object = None
-    events: object = None
+    status: Int[Array, ""]
+    factorizations: None  # type: ignore[assignment]  # of a `Path` only
+    equilibrated: None  # type: ignore[assignment]  # likewise
+    # always there; they come after fields that need not be
+    n_negative: Int[Array, " n"] = None  # type: ignore[assignment]
+    stiffness: Float[Array, " n"] = None  # type: ignore[assignment]
+    rise: Float[Array, " n"] = None  # type: ignore[assignment]
+    events: Events = None  # type: ignore[assignment]
 
     @property
-    def failure_load(self):
+    def failure_load(self) -> Float[Array, ""]:
         """Load factor of the first limit point, bifurcation or material failure; NaN if none.
 
         Differentiable where the event's load factor is, see `Events.load_factor`; a NaN has NaN

@@ -1,21 +1,24 @@
 """What a continuation carries from step to step."""
 
+from __future__ import annotations
+
 from ..common.rules import Rule
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 
 @pytree
 class Settings:
     """Numbers that steer the continuation; see `trace_path`."""
 
-    until: object
-    down_to: object
-    step: object
-    largest: object
-    tol: object
-    through: object
+    until: Float[ArrayLike, ""]
+    down_to: Float[ArrayLike, ""]
+    step: Float[ArrayLike, ""]
+    largest: Float[ArrayLike, ""]
+    tol: Float[ArrayLike, ""]
+    through: Bool[ArrayLike, ""]
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What they keep, see `_rules`; a NaN keeps none, and the path would have no end."""
         text = "must be positive; the path starts at 0"
         below = "must be negative; the path starts at 0"
@@ -43,17 +46,17 @@ class Point:
         slack: slack elements, all groups one after the other, bool.
     """
 
-    x: object
-    factor: object
-    direction: object
-    rise: object
-    memory: object
-    negative: object
-    stiffness: object
-    phi: object
-    left: object
-    pull: object
-    slack: object
+    x: Float[Array, "n_row n_motion"]
+    factor: Float[Array, ""]
+    direction: Float[Array, " n_free"]
+    rise: Float[Array, ""]
+    memory: list[PyTree[Array]] | None
+    negative: Int[Array, ""]
+    stiffness: Float[Array, ""]
+    phi: Float[Array, " n_free"]
+    left: Float[Array, " n_free"]
+    pull: Float[Array, " n_free"]
+    slack: Bool[Array, " n_elem"]
 
 
 @pytree
@@ -67,15 +70,15 @@ class Noted:
         crossed: eigenvalues that change their sign.
     """
 
-    kind: object
-    factor: object
-    lower: object
-    upper: object
-    row: object
+    kind: Int[Array, ""]
+    factor: Float[Array, ""]
+    lower: Float[Array, ""]
+    upper: Float[Array, ""]
+    row: Int[Array, ""]
     point: Point
-    changed: object
-    null: object
-    crossed: object
+    changed: Bool[Array, " n_elem"]
+    null: Bool[Array, ""]
+    crossed: Int[Array, ""]
 
 
 @pytree
@@ -88,11 +91,11 @@ class Beyond:
         branch: whether it is a bifurcation, so far as can be seen.
     """
 
-    rise: object
-    stiffness: object
-    negative: object
-    smooth: object
-    branch: object
+    rise: Float[Array, ""]
+    stiffness: Float[Array, ""]
+    negative: Int[Array, ""]
+    smooth: Bool[Array, ""]
+    branch: Bool[Array, ""]
 
 
 @pytree
@@ -116,19 +119,19 @@ class Run:
     """
 
     anchor: Point
-    mode: object
-    ds: object
-    nominal: object
-    reference: object
-    weight: object
-    hunting: object
-    bracket: object
-    beyond: object
-    tol: object
-    tries: object
-    rows: object
-    n_row: object
+    mode: Int[Array, ""]
+    ds: Float[Array, ""]
+    nominal: Float[Array, ""]
+    reference: Float[Array, ""]
+    weight: Float[Array, ""]
+    hunting: Bool[Array, ""]
+    bracket: Float[Array, ""]
+    beyond: Beyond
+    tol: Float[Array, ""]
+    tries: Int[Array, ""]
+    rows: tuple[PyTree[Array], ...]
+    n_row: Int[Array, ""]
     noted: Noted
-    n_event: object
-    code: object
-    done: object
+    n_event: Int[Array, ""]
+    code: Int[Array, ""]
+    done: Bool[Array, ""]

@@ -1,23 +1,32 @@
 """How long the steps of a continuation are, and what they are measured by."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
+
+from ..common.types import Array, Float, Int
+from ..mechanics.assembly import System
+from .correction import Corrected
+from .run import Beyond, Point
 
 _STRIDE = 0.02  # displacement in a step along a straight soft path, in structure sizes
 
 
-def scale_of(found, system):
+def scale_of(found: Corrected, system: System) -> Float[Array, ""]:
     """Displacement per unit of the load factor where the path begins, m."""
     own = jnp.linalg.norm(found.direction) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
     usable = (own > 0) & jnp.isfinite(own)
     return jnp.where(usable, own, system.length_scale())
 
 
-def cosine(a, p):
+def cosine(a: Point, p: Point) -> Float[Array, ""]:
     """Cosine of the angle between the tangents at two points."""
     return a.direction @ p.direction + a.rise * p.rise
 
 
-def stride(p, weight, extent, largest):
+def stride(
+    p: Point, weight: Float[Array, ""], extent: Float[Array, ""], largest: Float[Array, ""]
+) -> Float[Array, ""]:
     """Step along a soft path: of `largest` in load, or a small part of the structure's size.
 
     Where next to no load is added steps would be of its size for ever, as in plastic collapse.
@@ -27,7 +36,13 @@ def stride(p, weight, extent, largest):
     return jnp.minimum(by_shift, largest / jnp.where(p.rise > 0, p.rise, 1.0))
 
 
-def guess_ahead(anchor, far_end, bracket, tries, tol):
+def guess_ahead(
+    anchor: Point,
+    far_end: Beyond,
+    bracket: Float[Array, ""],
+    tries: Int[Array, ""],
+    tol: Float[Array, ""],
+) -> Float[Array, ""]:
     """Length of the next step of a hunt."""
     rise, stiffness = far_end.rise, far_end.stiffness
     reverses = (rise > 0) != (anchor.rise > 0)

@@ -1,23 +1,30 @@
 """`trace_path`: a phase followed by arc length, through limit points, with what happens on it."""
 
+from __future__ import annotations
+
 import functools
 import itertools
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ..analysis.phases import Phase
 from ..analysis.preparation import as_phases, prepare, ready, verdicts
-from ..analysis.solution import named
+from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..analysis.states import on_nodes, per_element, with_peaks
+from ..analysis.told import named
 from ..common import status
 from ..common.compilation import program
 from ..common.rules import refuse
 from ..common.tree import copy, fill
+from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
 from ..mechanics.ramp import Ramp
+from ..model.structure import Structure
 from ..numerics import implicit
 from .continuation import march
 from .events import BIFURCATION, LIMIT_POINT, Events
@@ -27,20 +34,20 @@ from .run import Settings
 
 
 def trace_path(
-    structure,
-    phases=None,
-    method=None,
+    structure: Structure,
+    phases: Phase | Sequence[Phase] | None = None,
+    method: Newton | None = None,
     *,
-    start=None,
-    until=1.0,
-    down_to=-1.0,
-    step=0.02,
-    largest=0.1,
-    steps=200,
-    events=32,
-    tol=None,
-    through=True,
-):
+    start: Solution | State | None = None,
+    until: Float[ArrayLike, ""] = 1.0,
+    down_to: Float[ArrayLike, ""] = -1.0,
+    step: Float[ArrayLike, ""] = 0.02,
+    largest: Float[ArrayLike, ""] = 0.1,
+    steps: int = 200,
+    events: int = 32,
+    tol: Float[ArrayLike, ""] | None = None,
+    through: Bool[ArrayLike, ""] = True,
+) -> TracedPath:
     """Follow the equilibrium path of the last phase by arc length; solve those before it first.
 
     The load factor scales what the last phase adds (loads, changes of unstressed length, movements

@@ -1,12 +1,18 @@
 """What a report tells of a state: one table a function."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from ..analysis import solution as results
+from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..design import utilisation
 from ..elements.element import Sagging
 from ..model.parts import columns, first_and_last, groups_by_name, per_group, pieces
+from ..model.structure import Structure
 from ..results.energy import energy_balance
 from ..stiffness import buckling_factor
 from .table import Table
@@ -29,13 +35,18 @@ class State(NamedTuple):
         fixed: freedoms that are held in it, [n_row, 3 or 6] bool.
     """
 
-    tension: object
-    peak_tension: object
-    reactions: object
-    fixed: object
+    tension: PyTree[Float[ArrayLike, " n_elem"]]
+    peak_tension: PyTree[Float[ArrayLike, " n_elem"]]
+    reactions: Float[ArrayLike, "n_node 3"]
+    fixed: Bool[np.ndarray, "n_row 3or6"]
 
 
-def reactions(structure, state, fixed, states):
+def reactions(
+    structure: Structure,
+    state: results.State,
+    fixed: Bool[np.ndarray, "n_row 3or6"],
+    states: Mapping[str, State],
+) -> Table:
     """Reactions at the end, and the largest resultant over cases or phases with its case.
 
     Nodes are those that are held in any of these states.
@@ -69,7 +80,7 @@ def _held(structure, fixed):
     return held | (fixed[:, 3:].any(axis=1) & structure.rotating())
 
 
-def equilibrium(structure, state):
+def equilibrium(structure: Structure, state: results.State) -> Table:
     """Sums of loads and reactions; moments about the origin where all forces are at nodes."""
     load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
     rows = [
@@ -124,8 +135,8 @@ def members(structure, state, states):
             row.append(None if used[number] is None else float(used[number][k]))
             row.append(max(float(s[k]) for s in share) if share else None)
             rows.append(row)
-    columns = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
-    columns = (*columns, "used", "most used")
+    heads = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
+    columns = (*heads, "used", "most used")
     units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
     known = any(value is not None for row in rows for value in row[-2:])
     notes = [] if known else ["no group has a strength: no utilisation"]
@@ -177,7 +188,11 @@ def _compressed(structure, used, *forces):
     )
 
 
-def buckling(structure, state, reference=None):
+def buckling(
+    structure: Structure,
+    state: results.State,
+    reference: results.Solution | results.State | None = None,
+) -> str:
     """A sentence on the lowest buckling factor of a state, by linear theory.
 
     Args:
@@ -241,7 +256,7 @@ def _turn(before, after):
     return float(np.arctan2(sine, (first * second).sum(axis=1)).max())
 
 
-def cutting_list(structure, solution):
+def cutting_list(structure: Structure, solution: results.Solution) -> Table:
     """Unstressed lengths at the temperature before the first phase."""
     lengths = per_group(structure, solution.last.rest_length)
     warmth = [state.warmth for state in solution.last.carry.states]
@@ -263,7 +278,7 @@ def cutting_list(structure, solution):
     return Table("Cutting list", columns, ("", "", "", "", "m"), rows, tuple(notes))
 
 
-def slack(structure, states):
+def slack(structure: Structure, states: Mapping[str, State]) -> Table:
     """Cables without tension, and in which states."""
     found = {}
     for name, own in states.items():

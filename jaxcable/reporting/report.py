@@ -1,20 +1,27 @@
 """A report of a result as engineers write it: as text, as CSV tables, as a dict."""
 
+from __future__ import annotations
+
 import dataclasses
 import json
+from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 
+from ..analysis.phases import Phase
+from ..analysis.solution import Solution, State
 from ..common import status
 from ..files.reading import written
 from ..files.results import as_csv
 from ..model.parts import groups_by_name, one_case
+from ..model.structure import Structure
 from ..model.topology import require_same
 from . import contents
-from .contents import State
-from .table import as_text, empty, finite, headed
+from .table import Table, as_text, empty, finite, headed
 
 _OWN = ("tension", "peak_tension", "reactions")  # of `contents.State`, as results have them
 _LONG = 30  # rows of a table up to which its text shows them all
@@ -38,16 +45,16 @@ class Report:
     """
 
     status: int
-    summary: tuple
-    tables: dict
+    summary: tuple[str, ...]
+    tables: Mapping[str, Table]
 
-    def text(self, rows=_LONG):
+    def text(self, rows: int = _LONG) -> str:
         """The report for reading; of tables longer than `rows` those that govern, in N or kN."""
         parts = ["\n".join(self.summary)]
         parts += [as_text(table, rows) for table in self.tables.values()]
         return "\n\n".join(parts) + "\n"
 
-    def csv(self):
+    def csv(self) -> Mapping[str, str]:
         """Every table as CSV with all digits in SI units, a dict from its name to the text.
 
         ``summary`` has the sentences: of the whole, and the notes of each table.
@@ -62,14 +69,14 @@ class Report:
             },
         }
 
-    def dict(self):
+    def dict(self) -> Mapping[str, Any]:
         """Everything as dicts, lists, numbers and texts, ready for JSON."""
         tables = {name: dataclasses.asdict(table) for name, table in self.tables.items()}
         for table in tables.values():
             table["rows"] = [[finite(value) for value in row] for row in table["rows"]]
         return {"status": self.status, "summary": list(self.summary), "tables": tables}
 
-    def save(self, path):
+    def save(self, path: str | PathLike[str]) -> list[Path]:
         """Write the report: ``.txt``, ``.json``, or ``.csv`` (``name-table.csv`` for each table).
 
         Returns:
@@ -92,13 +99,20 @@ class Report:
                 stream.write(text)
         return list(texts)
 
-    def __str__(self):
+    def __str__(self) -> str:
         return self.text()
 
 
 def report(
-    structure, solution, phases=None, *, cases=None, names=None, buckling=False, energy=False
-):
+    structure: Structure,
+    solution: Solution,
+    phases: Phase | Sequence[Phase] | None = None,
+    *,
+    cases: Solution | None = None,
+    names: Sequence[str] | None = None,
+    buckling: bool | Solution | State = False,
+    energy: bool | Solution | State = False,
+) -> Report:
     """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
 
     Args:
@@ -146,7 +160,7 @@ def report(
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
     if phases is not None:
-        phases = list(phases) if isinstance(phases, list | tuple) else [phases]
+        phases = list(phases) if isinstance(phases, list | tuple) else [phases]  # type: ignore[list-item]
         if len(phases) != len(solution.phases):
             raise ValueError(
                 f"phases: {len(phases)} of them, the solution has {len(solution.phases)}; give "
@@ -161,7 +175,9 @@ def report(
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(contents.buckling(structure, state, reference))
-    at_end = {"end": State(state.tension, state.peak_tension, state.reactions, _reached(state))}
+    at_end = {
+        "end": contents.State(state.tension, state.peak_tension, state.reactions, _reached(state))
+    }
     if cases is None and solution.status == status.OK:
         at_end = {}  # it is that of the last phase
     tables = {
@@ -190,7 +206,7 @@ def _states(solution, cases, names):
         parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
         codes = {name: int(part.status) for name, part in parts.items()}
         good = {
-            name: State(*(getattr(part, own) for own in _OWN), np.asarray(fixed.array))
+            name: contents.State(*(getattr(part, own) for own in _OWN), np.asarray(fixed.array))
             for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
             if codes[name] == status.OK
         }
@@ -206,7 +222,7 @@ def _states(solution, cases, names):
         fixed = np.asarray(cases.last.fixed[-1].array)
         codes = dict(zip(names, codes.tolist(), strict=True))
         good = {
-            name: State(
+            name: contents.State(
                 *(jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n)) for n in _OWN),
                 fixed,
             )

@@ -1,9 +1,14 @@
 """A table of a report, and how it is laid out as text."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
+from typing import TypeAlias
 
 _SCALED = ("N", "N m", "J")
+
+Cell: TypeAlias = int | float | str | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,25 +30,25 @@ class Table:
     """
 
     title: str
-    columns: tuple
-    units: tuple
-    rows: list
-    notes: tuple = ()
+    columns: tuple[str, ...]
+    units: tuple[str, ...]
+    rows: list[list[Cell]]
+    notes: tuple[str, ...] = ()
     governing: int | None = None
 
 
-def headed(table):
+def headed(table: Table) -> list[str]:
     """The first line of a table: names of columns with their units, a list."""
     pairs = zip(table.columns, table.units, strict=True)
     return [f"{c.strip()} ({u})" if u else c.strip() for c, u in pairs]
 
 
-def finite(value):
+def finite(value: Cell) -> Cell:
     """A value for JSON: None where a number is none."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def empty(value):
+def empty(value: Cell) -> Cell:
     """What stands in a CSV field: nothing where there is no value."""
     return "" if value is None else value
 

@@ -12,15 +12,22 @@ fall so says that forces, loads and energies do not belong together, or that a s
 phase began out of balance, or the structure snapped between two increments.
 """
 
+from __future__ import annotations
+
 import warnings
+from collections.abc import Sequence
 
 import jax
 import numpy as np
 
+from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
+from ..analysis.solution import Solution, State
 from ..common.checks import InputWarning
 from ..common.tree import pytree
+from ..common.types import Float
 from ..model.parts import one_case
+from ..model.structure import Structure
 from ..model.topology import require_same
 from .works import marks, works
 
@@ -62,27 +69,27 @@ class EnergyBalance:
         9.000 J, 9.000 J
     """
 
-    dead: object
-    following: object
-    supports: object
-    prestress: object
-    stored: object
-    dissipated: object
-    level: object
-    increments: tuple
+    dead: Float[np.ndarray, " n_phase"]
+    following: Float[np.ndarray, " n_phase"]
+    supports: Float[np.ndarray, " n_phase"]
+    prestress: Float[np.ndarray, " n_phase"]
+    stored: Float[np.ndarray, " n_phase"]
+    dissipated: Float[np.ndarray, " n_phase"]
+    level: Float[np.ndarray, " n_phase"]
+    increments: tuple[Float[np.ndarray, " n_inc"], ...]
 
     @property
-    def work(self):
+    def work(self) -> Float[np.ndarray, " n_phase"]:
         """Work of all that acts, [n_phase], J."""
         return sum(getattr(self, name) for name in WORKS)
 
     @property
-    def imbalance(self):
+    def imbalance(self) -> Float[np.ndarray, " n_phase"]:
         """Work less the energy that is stored and dissipated, [n_phase], J."""
         return self.work - self.stored - self.dissipated
 
     @property
-    def relative(self):
+    def relative(self) -> Float[np.ndarray, " n_phase"]:
         """The imbalance over the largest of all terms of its phase, [n_phase], without sign.
 
         Over 1e-9 of the stored energy in a phase that does less: then all of it is rounding.
@@ -92,7 +99,12 @@ class EnergyBalance:
         return np.abs(self.imbalance) / np.where(largest > 0, largest, 1.0)
 
 
-def energy_balance(structure, phases, solution, start=None):
+def energy_balance(
+    structure: Structure,
+    phases: Phase | Sequence[Phase],
+    solution: Solution,
+    start: Solution | State | None = None,
+) -> EnergyBalance:
     """Work of loads, supports and prestress against stored and dissipated energy.
 
     It reads the increments of the solution and solves nothing. Where a phase failed, its increments
@@ -146,4 +158,4 @@ def energy_balance(structure, phases, solution, start=None):
     sums = np.array([[*terms.sum(axis=1), level] for terms, level in rows]).T
     n = len(WORKS)
     increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in rows)
-    return EnergyBalance(*sums, increments)
+    return EnergyBalance(*sums, increments)  # type: ignore[call-arg]  # sums are seven

@@ -1,17 +1,24 @@
 """Section forces of beams at any place along them."""
 
+from __future__ import annotations
+
 import jax
 import numpy as np
 
+from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, or_nan
+from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.element import Bending
 from ..elements.prestress import element
 from ..mechanics.ramp import make_system
+from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 
 
-def section_forces(structure, state, places=11):
+def section_forces(
+    structure: Structure, state: Solution | State, places: int | Float[ArrayLike, " n"] = 11
+) -> PyTree[Float[Array, "n_elem n 6"]]:
     """Section forces ``N, Vy, Vz, T, My, Mz`` of beams at any place along them.
 
     From equilibrium of the piece of the element before the place, in its deflected shape: with the

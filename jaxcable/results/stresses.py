@@ -1,11 +1,18 @@
 """Stresses of the fibres along the path of a phase, from the strains that it recorded."""
 
+from __future__ import annotations
+
 import jax
 
+from ..analysis.solution import PhaseResult
+from ..common.types import Array, Float, PyTree
 from ..elements.prestress import element
+from ..model.structure import Structure
 
 
-def fibre_stress(structure, phase):
+def fibre_stress(
+    structure: Structure, phase: PhaseResult
+) -> PyTree[Float[Array, "n_inc n_elem ..."]]:
     """Stress of every fibre at every increment of a phase.
 
     Args:

@@ -4,7 +4,10 @@ From forces and displacements at both ends of an increment, by the trapezoidal r
 those of the elements.
 """
 
+from __future__ import annotations
+
 import functools
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -15,11 +18,18 @@ from ..analysis.preparation import ready
 from ..common import status
 from ..common.compilation import program
 from ..common.tree import copy, fill, pytree
+from ..common.types import Array, Float
+from ..elements.element import ElementState
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import Ramp, knowing
+from ..mechanics.ramp import Carry, Ramp, knowing
 from ..spaces import space_of
 
 _FIRST = 1e-6  # part of the first increment's load that stands for none: it has a direction
+
+_Along: TypeAlias = (
+    "tuple[Float[Array, 'n_elem 3'] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
+)
+"""Loads along the elements of a group: dead ones, and pressures by the length that they are per."""
 
 
 @functools.partial(program, static=("bundles",))
@@ -53,7 +63,7 @@ def works(thawed, arrays, paths, bundles):
     return rows, end
 
 
-def marks(carry):
+def marks(carry: Carry) -> list[Array]:
     """What tells one end of an analysis from another."""
     lengths = [state.rest_length for state in carry.states]
     return jax.tree.leaves((carry.motion, carry.nodal_load, lengths))
@@ -128,14 +138,14 @@ class _Point:
         energies: E of each group, J.
     """
 
-    motion: object
-    load: object
-    following: object
-    supports: object
-    states: object
-    alongs: object
-    slopes: object
-    energies: object
+    motion: Float[Array, "n_row n_motion"]
+    load: Float[Array, "n_row n_freedom"]
+    following: Float[Array, "n_row n_freedom"] | None
+    supports: Float[Array, "n_row n_freedom"] | None
+    states: list[ElementState]
+    alongs: list[_Along | None]
+    slopes: list[_Along | None]
+    energies: list[Float[Array, ""]]
 
     @property
     def level(self):

@@ -1,5 +1,7 @@
 """Linear buckling: how far loads can grow until the tangent of a state is singular, estimated."""
 
+from __future__ import annotations
+
 import functools
 
 import jax
@@ -10,8 +12,10 @@ from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
+from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Sagging
 from ..mechanics.ramp import make_system, unloaded
+from ..model.structure import Structure
 from .tangent import displaced_by, filled, prepared, tangent_at
 
 _ROUNDING = 64  # times eps of the sums that an eigenvalue is the difference of: it is zero
@@ -34,11 +38,18 @@ class Buckling:
         0 (1,) [0. 0. 1.]
     """
 
-    factor: object
-    shapes: object
+    factor: Float[Array, " n"]
+    shapes: Float[Array, "n n_node 3"]
 
 
-def buckling_factor(structure, state, reference=None, n=1, *, fixed=None):
+def buckling_factor(
+    structure: Structure,
+    state: Solution | State,
+    reference: Solution | State | None = None,
+    n: int = 1,
+    *,
+    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+) -> Buckling:
     """Factors on the loads of a state at which it buckles, by linear theory.
 
     The tangent stiffness is taken to change with the loads in proportion, from that of a reference
@@ -107,6 +118,7 @@ def buckling_factor(structure, state, reference=None, n=1, *, fixed=None):
             "without, give the state before the loads to be multiplied"
         )
     after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
+    alike: Bool[ArrayLike, ""]
     if reference is None:
         bare = _without_stress(thawed, arrays, slack)
         before, alike = tangent_at((*thawed[:2], bare), arrays, freedoms), True

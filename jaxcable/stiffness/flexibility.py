@@ -1,17 +1,28 @@
 """Flexibility: how a loaded state gives way to small forces."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import linear
+from ..analysis.solution import Solution, State
 from ..common import checks
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..model.structure import Structure
 from .tangent import displaced_by, prepared, tangent_of
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def flexibility(structure, state, nodes, axes="xyz", fixed=None):
+def flexibility(
+    structure: Structure,
+    state: Solution | State,
+    nodes: Int[ArrayLike, " n"],
+    axes: str = "xyz",
+    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+) -> Float[Array, "m m"]:
     """Displacements by unit forces at chosen freedoms of a loaded state: part of ``K^-1``.
 
     Symmetric unless loads follow. Differentiable like the solution. NaN where the tangent stiffness

@@ -4,12 +4,17 @@ A structure that would buckle does so in the lowest eigenmodes of its tangent st
 imperfections are therefore taken in their shape, with amplitudes of what workmanship allows.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import pytree, replace
+from ..common.types import ArrayLike, Bool, Float
+from ..model.structure import Structure
 from .tangent import displaced_by, prepared, tangent_of
 
 
@@ -33,11 +38,16 @@ class Modes:
         0 [  200. 14600. 25800.] (3, 3, 3)
     """
 
-    stiffness: object
-    shapes: object
+    stiffness: Float[np.ndarray, " n"]
+    shapes: Float[np.ndarray, "n n_node 3"]
 
 
-def modes(structure, state, n=6, fixed=None):
+def modes(
+    structure: Structure,
+    state: Solution | State,
+    n: int = 6,
+    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+) -> Modes:
     """Lowest eigenmodes of the tangent stiffness at the state of a solution.
 
     Symmetric structures have equal eigenvalues: their modes are one basis of many, and small
@@ -88,7 +98,11 @@ def modes(structure, state, n=6, fixed=None):
     return Modes(values[:n], shapes * factor[:, None, None])
 
 
-def imperfect(structure, shapes, amplitudes):
+def imperfect(
+    structure: Structure,
+    shapes: Float[ArrayLike, "k n_node 3"] | Float[ArrayLike, "n_node 3"],
+    amplitudes: Float[ArrayLike, " k"] | Float[ArrayLike, ""],
+) -> Structure:
     """A structure whose nodes deviate: ``nodes + sum_k amplitudes[k] shapes[k]``.
 
     Differentiable in amplitudes and shapes. Elements are made to the new geometry: without an

@@ -1,18 +1,32 @@
 """The tangent stiffness of a state that an analysis ended in."""
 
+from __future__ import annotations
+
+from typing import TypeAlias
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.solution import Solution, State
 from ..common.tree import cast, fill, thaw
-from ..mechanics.ramp import make_system
+from ..common.types import Array, ArrayLike, Bool, Float
+from ..elements.element import Element
+from ..mechanics.ramp import Carry, make_system
+from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..model.topology import require_same
-from ..spaces.freedoms import number_freedoms
+from ..spaces.freedoms import Freedoms, number_freedoms
+
+_Frame: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry]"
+_Indices: TypeAlias = "list[np.ndarray]"
 
 
-def tangent_of(structure, state, fixed=None):
+def tangent_of(
+    structure: Structure,
+    state: Solution | State,
+    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+) -> Float[Array, "n_free n_free"]:
     """Dense tangent stiffness at the state of a solution: autodiff of the element forces.
 
     Positive definite: the state is stable. Slack cables give no stiffness. A pure function: it can
@@ -54,14 +68,20 @@ def tangent_at(thawed, arrays, freedoms):
     return system.tangent(carry.motion)
 
 
-def displaced_by(thawed, arrays, freedoms):
+def displaced_by(
+    thawed: _Frame, arrays: _Indices, freedoms: Freedoms
+) -> Float[Array, "n_row 3 n_free"]:
     """Displacements of all rows of motion by the unknowns, [n_row, 3, n_free], of `prepared`."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.displaced_by(carry.motion)
 
 
-def prepared(structure, state, fixed=None):
+def prepared(
+    structure: Structure,
+    state: Solution | State,
+    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+) -> tuple[_Frame, _Indices, Freedoms]:
     """What the tangent is made of: (nodes, groups, carry) thawed, index arrays, freedoms."""
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
@@ -79,7 +99,7 @@ def prepared(structure, state, fixed=None):
     return *thaw((nodes, groups, state.carry)), freedoms
 
 
-def filled(thawed, arrays):
+def filled(thawed: _Frame, arrays: _Indices) -> _Frame:
     """Nodes, groups and carry of `prepared`, all floats as exact as the nodes."""
     frame = fill(thawed, arrays)
     return cast(frame, jnp.asarray(frame[0]).dtype)

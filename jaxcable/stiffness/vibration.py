@@ -1,6 +1,9 @@
 """Small free vibrations about a loaded state."""
 
+from __future__ import annotations
+
 import functools
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -8,13 +11,16 @@ import numpy as np
 from jax import lax
 
 from .. import linear
+from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import not_negative, or_nan, positive
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Sagging
 from ..elements.prestress import element
 from ..mechanics.elementwise import each, motion_of
 from ..mechanics.ramp import make_system
+from ..model.structure import Structure
 from .tangent import displaced_by, filled, prepared, tangent_at
 
 _SLOW = 1e-6  # slowest w^2, over a mean one, up from which no shift is needed
@@ -47,14 +53,21 @@ class Vibration:
         0 [  4. 292. 516.]
     """
 
-    frequency: object
-    squared: object
-    shapes: object
+    frequency: Float[Array, " n"]
+    squared: Float[Array, " n"]
+    shapes: Float[Array, "n n_node 3"]
 
 
 def natural_frequencies(
-    structure, state, n=6, *, masses=None, fixed=None, gravity=STANDARD_GRAVITY, distribution=None
-):
+    structure: Structure,
+    state: Solution | State,
+    n: int = 6,
+    *,
+    masses: Float[ArrayLike, " n_node"] | Float[ArrayLike, ""] | None = None,
+    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY,
+    distribution: Literal["lumped", "consistent", "mean"] | None = None,
+) -> Vibration:
     """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
 
     K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
@@ -106,8 +119,8 @@ def natural_frequencies(
     if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
         raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
     if distribution is not None and distribution not in _DISTRIBUTIONS:
-        known = ", ".join(map(repr, _DISTRIBUTIONS))
-        raise ValueError(f"distribution = {distribution!r}: expected one of {known}")
+        names = ", ".join(map(repr, _DISTRIBUTIONS))
+        raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
     gravity = or_nan(positive("gravity", gravity))
     if masses is not None:
         masses = jnp.broadcast_to(checks.floats(masses, "masses"), structure.n_node)
