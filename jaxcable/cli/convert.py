@@ -1,11 +1,15 @@
 """``convert``: a net of another program as a scene."""
 
+from __future__ import annotations
+
+from argparse import Namespace
+
 from ..files import save_scene
 from . import inputs, outputs
 from .guard import Refused, require_writable
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Read the net of `options` and write it as a scene."""
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)

@@ -1,6 +1,9 @@
 """``demo``: the hyperbolic paraboloid net beside the published deflections."""
 
+from __future__ import annotations
+
 import time
+from argparse import Namespace
 
 import jax
 import numpy as np
@@ -13,7 +16,7 @@ from . import outputs
 from .guard import require_writable
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Prestress and load the net, print its table, write its picture."""
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
     require_writable(options.plot)

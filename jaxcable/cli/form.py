@@ -1,5 +1,9 @@
 """``form``: find the shape of a net and write it as a scene."""
 
+from __future__ import annotations
+
+from argparse import Namespace
+
 import numpy as np
 
 from ..analysis.phases import ABSOLUTE, Phase
@@ -12,7 +16,7 @@ from . import inputs, outputs
 from .guard import Refused, require_writable
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Find the form that `options` asks for."""
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)

@@ -1,9 +1,13 @@
 """What goes wrong on the command line: one clear line on stderr and an exit status."""
 
+from __future__ import annotations
+
 import os
 import sys
 import threading
 import warnings
+from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
 
 from ..common.checks import InputWarning, UnstableWarning
@@ -19,7 +23,7 @@ class Refused(Exception):  # noqa: N818 - no error of the program but of what it
     """Input that a command cannot use; the text is the line to print."""
 
 
-def guarded(command, options):
+def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> int:
     """Run a command; returns the exit status: 0, 1 (analysis failed) or 2 (bad input).
 
     It runs in a thread of its own: compiled programs do not listen to Ctrl-C, but this waits for
@@ -75,12 +79,12 @@ def _warn(message, category, *_, **__):
     say(f"warning: {message}" if ours else f"{message}")
 
 
-def say(line):
+def say(line: str) -> None:
     """Print one line on stderr."""
     print(f"jaxcable: {' '.join(line.split())}", file=sys.stderr)
 
 
-def require_writable(*paths):
+def require_writable(*paths: str | Path | None) -> None:
     """Raise OSError where a file could not be written, before long work and not after it."""
     for path in paths:
         if path is None:

@@ -1,5 +1,9 @@
 """``info``: what is in a scene or net, without any analysis."""
 
+from __future__ import annotations
+
+from argparse import Namespace
+
 import jax
 import numpy as np
 
@@ -13,7 +17,7 @@ from ..spaces.freedoms import number_freedoms
 from . import inputs
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Print what the file of `options` holds."""
     name = options.files[0].lower()
     if len(options.files) == 1 and name.endswith(".json"):

@@ -1,20 +1,28 @@
 """Scenes and nets that commands read, and numbers as they are written on a command line."""
 
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
 
+from ..common.types import ArrayLike, Float, PyTree
 from ..files import load_scene, read_csv, read_network, read_obj
+from ..files.nets import Net
 from ..files.reading import number, read_json, whole
 from ..files.scene import FORMAT
 from ..model.parts import groups_by_name
+from ..model.structure import Structure
+from ..scenes import Scene
 from .guard import Refused
 
 _MOST_BYTES = 8e9  # of the path of an analysis
 
 
-def scene(options):
+def scene(options: Namespace) -> Scene:
     """The scene of a command; one whose path would not fit into memory is refused."""
     found = load_scene(options.scene, int(options.largest * 1e6))
     bytes_needed = sum(phase.increments for phase in found.phases) * (
@@ -27,12 +35,12 @@ def scene(options):
     return found
 
 
-def net(options):
+def net(options: Namespace) -> Net:
     """The `Net` in the files of a command: OBJ, JSON of compas or jax_fdm, a pair of CSV tables."""
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
     if suffixes == [".csv", ".csv"]:
-        return read_csv(*paths, largest=largest)
+        return read_csv(paths[0], paths[1], largest=largest)
     if len(paths) != 1:
         raise Refused("files: expected one file, or two CSV tables: nodes and links")
     if suffixes == [".obj"]:
@@ -44,7 +52,7 @@ def net(options):
     raise Refused(f"{paths[0]}: expected .obj, .json, or two .csv tables (nodes, links)")
 
 
-def values(words, structure, name):
+def values(words: Sequence[str], structure: Structure, name: str) -> float | PyTree[float | None]:
     """Numbers of a command line: one for all, or ``group=number`` for groups of the structure.
 
     Returns:
@@ -64,7 +72,7 @@ def values(words, structure, name):
     return structure.arrange([numbers.get(label) for label in names])
 
 
-def anchors(words):
+def anchors(words: Sequence[str] | None) -> str | list[int] | None:
     """Anchors of a command line: "ends", or node numbers and ranges such as 0 3 5-8."""
     if not words or words == ["ends"]:
         return words[0] if words else None
@@ -78,12 +86,12 @@ def anchors(words):
     return found
 
 
-def short(value):
+def short(value: float) -> str:
     """A number of metres, newtons or the like as text."""
     return f"{value:.6g}"
 
 
-def spread(arrays):
+def spread(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
     """The range of numbers as text: one number if all are equal."""
     if not jax.tree.leaves(arrays):
         return "none"
@@ -92,6 +100,6 @@ def spread(arrays):
     return low if low == high else f"{low} to {high}"
 
 
-def counted(number, word):
+def counted(number: int, word: str) -> str:
     """A number and its noun: 1 increment, 2 increments."""
     return f"{number} {word}" + ("" if number == 1 else "s")

@@ -1,6 +1,9 @@
 """``optimize``: the pretension for a purpose, by exact gradients; written as a scene."""
 
+from __future__ import annotations
+
 import itertools
+from argparse import Namespace
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +21,7 @@ from .guard import Refused, require_writable, say
 _WIDTH = 0.02  # of the smooth maximum of deflections, as a part of the limit
 
 
-def run(options):
+def run(options: Namespace) -> None:
     """Optimize the pretension of the first phase that states one.
 
     A search that does not come to its end leaves its last good design: it is told and written, with

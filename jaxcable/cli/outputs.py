@@ -1,10 +1,17 @@
 """What commands write: results, scenes, pictures, reports, by the suffix of the file."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
 
+from matplotlib.figure import Figure
+
+from ..analysis.solution import Solution
 from ..common.status import OK
 from ..files import save_opensees, save_result, save_vtk
 from ..files.reading import written
+from ..model.structure import Structure
 from .guard import Refused, say
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -12,19 +19,19 @@ RESULTS = (".json", ".npz", ".csv", ".vtk", ".py")
 REPORTS = (".txt", ".json", ".csv")
 
 
-def check_suffix(path, known, option):
+def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
     """Raise `Refused` if a path does not end with one of the known suffixes."""
     if path is not None and Path(path).suffix.lower() not in known:
         raise Refused(f"{option} {path}: expected a name that ends with {', '.join(known)}")
 
 
-def picture(figure, path):
+def picture(figure: Figure, path: str) -> None:
     """Save a figure; the file is there as a whole or not at all."""
     with written(path, "wb") as stream:
         figure.savefig(stream, format=Path(path).suffix[1:].lower(), dpi=130)
 
 
-def result(path, structure, solution):
+def result(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
     """Save a result by its suffix; returns the paths."""
     path = Path(path)
     if path.suffix == ".vtk":

@@ -1,6 +1,9 @@
 """The commands and their options; `main` runs one of them."""
 
+from __future__ import annotations
+
 import argparse
+from collections.abc import Sequence
 
 import jax
 
@@ -12,7 +15,7 @@ from .guard import guarded
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
 
 
-def main(arguments=None):
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = parser().parse_args(arguments)
     jax.config.update("jax_enable_x64", True)
@@ -22,7 +25,7 @@ def main(arguments=None):
     return guarded(options.run, options)
 
 
-def parser():
+def parser() -> argparse.ArgumentParser:
     """The parser of all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",

@@ -1,11 +1,15 @@
 """``solve``: analyse a scene, tell what came out, write results."""
 
+from __future__ import annotations
+
 import sys
+from argparse import Namespace
 
 import numpy as np
 
 from .. import plots
 from ..analysis import solver
+from ..analysis.solution import Solution
 from ..common import status
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
@@ -15,7 +19,7 @@ from . import inputs, outputs
 from .guard import FAILED, Refused, require_writable, say
 
 
-def run(options):
+def run(options: Namespace) -> int | None:
     """Analyse the scene of `options`; the exit status is 1 if the analysis fails."""
     for path in options.save:
         outputs.check_suffix(path, outputs.RESULTS, "--save")
@@ -47,6 +51,7 @@ def run(options):
         except status.AnalysisError as error:
             say(f"{options.scene}: {error}")
         return FAILED
+    return None
 
 
 def _write(options, structure, solution, told):
@@ -70,7 +75,7 @@ def _method(options):
     return Newton(tol=options.tol, linear_solver=options.linear_solver)
 
 
-def highlights(solution):
+def highlights(solution: Solution) -> list[str]:
     """Lines with the largest displacement of the last phase and the range of forces."""
     if int(solution.status) != status.OK:
         return []

@@ -4,10 +4,15 @@ Each is a pytree of numbers with ``init`` and what it makes of what happened in 
 `newton.equilibrate`. They steer the steps and leave the equilibrium as it is.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
 from .. import linear
 from ..common.tree import copy, pytree
+from ..common.types import Array, Bool, Float, Int
+from ..linear import Matrix
 from ..numerics.search import SHORT
 
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
@@ -28,18 +33,18 @@ class Shift:
         kappa: scalar, in |R| / length.
     """
 
-    kappa: object
+    kappa: Float[Array, ""]
 
     @classmethod
-    def init(cls, dtype):
+    def init(cls, dtype: DTypeLike) -> Shift:
         """The first shift."""
         return cls(jnp.asarray(_KAPPA, dtype))
 
-    def on(self, residual, length):
+    def on(self, residual: Float[Array, ""], length: Float[Array, ""]) -> Float[Array, ""]:
         """The shift, N/m, for a largest residual, N, in a structure of a size, m."""
         return self.kappa * residual / length
 
-    def update(self, found, taken):
+    def update(self, found: Bool[Array, ""], taken: Float[Array, ""]) -> Shift:
         """Less after a whole step, more after a short one, much more where there was none.
 
         Args:
@@ -59,14 +64,21 @@ class Sprint:
         on: whether they are being tried.
     """
 
-    on: object
+    on: Bool[Array, ""]
 
     @classmethod
-    def init(cls):
+    def init(cls) -> Sprint:
         """They are tried first."""
         return cls(jnp.ones((), bool))
 
-    def update(self, found, reach, steps, extent, converged):
+    def update(
+        self,
+        found: Bool[Array, ""],
+        reach: Float[Array, ""],
+        steps: Int[Array, ""],
+        extent: Float[Array, ""],
+        converged: Bool[Array, ""],
+    ) -> tuple[Sprint, Bool[Array, ""]]:
         """The sprint after a step, and whether to begin again.
 
         Args:
@@ -95,26 +107,28 @@ class Softening:
         stiffness: largest on the diagonal of the last tangent, times a length, N.
     """
 
-    softness: object
-    softest: object
-    short: object
-    stiffness: object
+    softness: Float[Array, ""]
+    softest: Float[Array, ""]
+    short: Int[Array, ""]
+    stiffness: Float[Array, ""]
 
     @classmethod
-    def init(cls, load):
+    def init(cls, load: Float[Array, ""]) -> Softening:
         """No softness; `load` is the largest at a node, N."""
         zero = jnp.zeros_like(load)
         return cls(zero, 1 / jnp.where(load > 0, load, jnp.inf), jnp.int32(0), zero)
 
-    def seen(self, matrix, length):
+    def seen(self, matrix: Matrix, length: Float[Array, ""]) -> Softening:
         """With the stiffness of a tangent noted."""
         return copy(self, stiffness=jnp.max(linear.diagonal(matrix), initial=0.0) * length)
 
-    def update(self, found, taken):
+    def update(self, found: Bool[Array, ""], taken: Float[Array, ""]) -> Softening:
         """After a step: one that is short, or none, counts."""
         return copy(self, short=self.short + jnp.where((taken < SHORT) | ~found, 1, 0))
 
-    def change(self, residual, scale):
+    def change(
+        self, residual: Float[Array, ""], scale: Float[Array, ""]
+    ) -> tuple[Softening, Bool[Array, ""]]:
         """The softness for the next step, and whether it is another one.
 
         Args:

@@ -14,6 +14,10 @@ increment the form diverges (`experiments/accession_curves.py`); the tangent for
 Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +27,8 @@ from .. import linear
 from ..common import checks, status
 from ..common.rules import Rule, refuse
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..mechanics.ramp import Ramp
 from ..numerics import implicit
 from .newton import Newton, Outcome, equilibrate
 
@@ -65,7 +71,7 @@ class Incremental:
 
     corrections: int = 0
     stiffness: str = "tangent"
-    tol: object = 0.05
+    tol: Float[ArrayLike, ""] = 0.05
     linear_solver: str | None = None
 
     def __post_init__(self):
@@ -79,12 +85,19 @@ class Incremental:
         refuse(self.rules())
         linear.check(self.linear_solver)
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its number keeps, see `_rules`; a NaN does not: no residual would exceed it."""
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
-def march(ramp, x, increments, method, code, tell=None):
+def march(
+    ramp: Ramp,
+    x: Float[Array, "n_row n_motion"],
+    increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
+    method: Incremental,
+    code: Int[Array, ""],
+    tell: Callable[[Float[Array, ""], Outcome], None] | None = None,
+) -> tuple[Float[Array, "n n_row n_motion"], Float[Array, "n n_log"]]:
     """Take a phase through its load factors; arguments and result as `newton.march`.
 
     Differentiable as it is; the increments are checkpointed, so that the backward pass stores one

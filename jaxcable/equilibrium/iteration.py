@@ -1,12 +1,21 @@
 """An iteration of Newton's method: evaluate, decide, aim (`equilibrium`)."""
 
+from __future__ import annotations
+
+from typing import Protocol
+
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
 
 from .. import linear
 from ..common import status
 from ..common.tree import copy, pytree, where
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..linear import Matrix
+from ..linear.sparse import Factored
+from ..mechanics.assembly import System
 from ..numerics.search import Search
 from .globalisation import Shift, Softening, Sprint
 from .newton_step import direction, largest
@@ -16,12 +25,24 @@ _ZERO = 64  # roundings of the largest stiffness, below which an eigenvalue is n
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
-def default_tolerance(dtype):
+class Method(Protocol):
+    """What an iteration asks of its method, such as `newton.Newton`."""
+
+    @property
+    def tol(self) -> Float[ArrayLike, ""] | None:
+        """Relative residual that counts as converged; None for the default."""
+
+    @property
+    def max_steps(self) -> Int[ArrayLike, ""]:
+        """Steps allowed per increment."""
+
+
+def default_tolerance(dtype: DTypeLike) -> float:
     """Relative tolerance that a dtype can be expected to reach: 1e-10, or 1e-5 in float32."""
     return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
 
 
-def limit(method, dtype):
+def limit(method: Method, dtype: DTypeLike) -> Float[Array, ""]:
     """The relative residual that counts as converged."""
     tol = default_tolerance(dtype) if method.tol is None else method.tol
     return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
@@ -46,30 +67,36 @@ class Iterate:
         done: whether the end is reached.
     """
 
-    x: object
-    residual: object
-    scale: object
-    tangents: object
-    step: object
-    search: object
-    arrival: object
-    stepless: object
-    shift: object
-    sprint: object
-    softening: object
-    steps: object
-    code: object
-    factored: object
-    released: object
-    came_from: object
-    stable: object
-    done: object
+    x: Float[Array, "n_row n_motion"]
+    residual: Float[Array, " n_free"]
+    scale: Float[Array, ""]
+    tangents: PyTree[Float[Array, "n_elem ..."]]
+    step: Float[Array, " n_free"]
+    search: Search
+    arrival: Bool[Array, ""]
+    stepless: Bool[Array, ""]
+    shift: Shift
+    sprint: Sprint | None
+    softening: Softening | None
+    steps: Int[Array, ""]
+    code: Int[Array, ""]
+    factored: Factored | None
+    released: Float[Array, ""]
+    came_from: Float[Array, " n_free"] | None
+    stable: Bool[Array, ""]
+    done: Bool[Array, ""]
 
 
 class Task:
     """An equilibrium that is sought, and an iteration of the loop that seeks it."""
 
-    def __init__(self, system, x, method, judge):
+    def __init__(
+        self,
+        system: System,
+        x: Float[Array, "n_row n_motion"],
+        method: Method,
+        judge: Bool[ArrayLike, ""],
+    ):
         self.system, self.method, self.judge = system, method, judge
         self.begin = system.place(x)
         self.tol = limit(method, x.dtype)
@@ -78,7 +105,7 @@ class Task:
         self.convex = system.convex
         self.sprints = system.space.rotates or self.softens or system.followers is not None
 
-    def start(self, factored):
+    def start(self, factored: Factored | None) -> Iterate:
         """The first evaluation is ahead, at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
         still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
@@ -109,7 +136,7 @@ class Task:
             done=no,
         )
 
-    def iterate(self, it):
+    def iterate(self, it: Iterate) -> Iterate:
         """Evaluate at a point, decide whether to go there, and make the next step."""
         working = self.system
         if self.softens:
@@ -245,7 +272,7 @@ class Task:
         return lax.cond(wanted, aim, lambda it: it, it)
 
 
-def no_stiffness(matrix):
+def no_stiffness(matrix: Matrix) -> Float[Array, ""]:
     """Size of eigenvalues of a tangent that rounding makes of zero, N/m; positive."""
     size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
     return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

@@ -29,15 +29,25 @@ of lengths), hence the iteration converges from any start, until the rounding of
 themselves (EA eps) shows in the residual.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
 import jax.numpy as jnp
 from jax import lax
+from jax.typing import DTypeLike
 
 from .. import linear
 from ..common import checks, status
 from ..common.rules import Rule, refuse
 from ..common.tree import copy, pytree, where
-from ..mechanics.reading import read
-from .iteration import Task, limit, no_stiffness
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..linear.sparse import Factored
+from ..mechanics.assembly import System
+from ..mechanics.ramp import Ramp
+from ..mechanics.reading import Reading, read
+from .iteration import Method, Task, limit, no_stiffness
 from .newton_step import WORTH, largest
 
 
@@ -68,8 +78,8 @@ class Newton:
         converged True
     """
 
-    tol: object = None
-    max_steps: object = 200
+    tol: Float[ArrayLike, ""] | None = None
+    max_steps: Int[ArrayLike, ""] = 200
     linear_solver: str | None = None
     watch: bool = False
 
@@ -84,7 +94,7 @@ class Newton:
         if not isinstance(self.watch, bool):
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`; a NaN keeps none: no residual would exceed it."""
         large = "relative to the forces: from 1 on any state would pass"
         return [
@@ -110,24 +120,26 @@ class Outcome:
         stable: whether the tangent there is known to have no negative eigenvalue.
     """
 
-    x: object
-    code: object
-    steps: object
-    factorizations: object
-    residual: object
-    scale: object
-    equilibrated: object
-    stable: object
+    x: Float[Array, "n_row n_motion"]
+    code: Int[Array, ""]
+    steps: Int[Array, ""]
+    factorizations: Int[Array, ""]
+    residual: Float[Array, ""]
+    scale: Float[Array, ""]
+    equilibrated: Bool[Array, ""]
+    stable: Bool[Array, ""]
 
     @property
-    def log(self):
+    def log(self) -> Float[Array, " n_log"]:
         """All but the point as numbers side by side, in the order of `solution.LOG`."""
         noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
-        noted = *noted, self.equilibrated, self.stable
-        return jnp.stack([jnp.asarray(x, self.x.dtype) for x in noted])
+        whether = (self.equilibrated, self.stable)
+        return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *whether)])
 
 
-def adjoint_effort(method, system, dtype):
+def adjoint_effort(
+    method: Method, system: System, dtype: DTypeLike
+) -> tuple[Float[Array, ""], Int[Array, ""]]:
     """Tolerance and number of conjugate gradient steps for derivatives, see `implicit.attach`.
 
     As exact as the state whose derivative it is: its residual is below `tol` times the forces.
@@ -135,7 +147,14 @@ def adjoint_effort(method, system, dtype):
     return 0.1 * limit(method, dtype), jnp.where(system.convex, WORTH, 0)
 
 
-def equilibrate(system, x, method, active, factored=None, judge=False):
+def equilibrate(
+    system: System,
+    x: Float[Array, "n_row n_motion"],
+    method: Newton,
+    active: Bool[ArrayLike, ""],
+    factored: Factored | None = None,
+    judge: Bool[ArrayLike, ""] = False,
+) -> tuple[Outcome, Factored | None]:
     """Bring `system` to equilibrium from `x`.
 
     Args:
@@ -177,7 +196,7 @@ def _outcome(end, x, active, broken, factored):
     return Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
 
 
-def is_stable(system, x):
+def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:
     """Whether the tangent at a point has no negative eigenvalue."""
     if system.always_convex:
         return jnp.ones((), bool)
@@ -185,7 +204,24 @@ def is_stable(system, x):
     return system.convex | linear.is_definite(linear.plus_diagonal(matrix, no_stiffness(matrix)))
 
 
-def march(ramp, x, increments, method, code, factored, seen, fresh, tell=None):
+def march(
+    ramp: Ramp,
+    x: Float[Array, "n_row n_motion"],
+    increments: tuple[Float[Array, " n"], Bool[Array, " n"]],
+    method: Newton,
+    code: Int[Array, ""],
+    factored: Factored | None,
+    seen: Reading,
+    fresh: Bool[Array, ""],
+    tell: Callable[[Float[Array, ""], Outcome], None] | None = None,
+) -> tuple[
+    Float[Array, "n n_row n_motion"],
+    Float[Array, "n n_log"],
+    Reading,
+    Reading,
+    PyTree[Any],
+    Factored | None,
+]:
     """Bring a phase to equilibrium at each load factor in turn, each from the one before.
 
     Args:

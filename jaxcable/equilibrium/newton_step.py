@@ -1,15 +1,30 @@
 """The direction of a step of Newton's method."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
+from ..common.types import Array, Bool, Float
+from ..linear import Matrix
+from ..linear.sparse import Factored
+from ..mechanics.assembly import System
 
 WORTH = 12  # steps of an iterative linear solve that a factorisation is worth
 _INEXACT = 1e-2  # residual that it may leave, at most
 
 
-def direction(working, matrix, it, sprinting, tol, wanted):
+def direction(
+    working: System,
+    matrix: Matrix,
+    it: Any,  # the `iteration.Iterate`, which makes use of this
+    sprinting: Bool[Array, ""],
+    tol: Float[Array, ""],
+    wanted: Bool[Array, ""],
+) -> tuple[Float[Array, " n_free"], Bool[Array, ""], Factored | None]:
     """The step of Newton's method: solution, whether it can be used, what was factored."""
     # Conjugate gradients cannot tell that a matrix is indefinite; a convex energy has no such.
     # They leave what the next step of Newton's method will leave anyway; the bounds steer effort
@@ -35,6 +50,6 @@ def direction(working, matrix, it, sprinting, tol, wanted):
     return step, definite, factored
 
 
-def largest(residual):
+def largest(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
     """Largest entry by size; 0 where nothing is free."""
     return jnp.max(jnp.abs(residual), initial=0.0)

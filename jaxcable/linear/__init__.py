@@ -3,21 +3,27 @@
 A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the same functions.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import jax.numpy as jnp
 
 from ..common.tree import copy
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import choice, dense, sparse
 from .bordered import solve_bordered
 from .dense import Factor, solve_definite
-from .pattern import Pattern, Sparse, assemble, make_pattern
+from .pattern import Matrix, Pattern, Sparse, assemble, make_pattern
 from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
-from .sparse import SparseFactor, forgotten, nothing_factored
+from .sparse import Factored, SparseFactor, forgotten, nothing_factored
 from .spectrum import NOT_COUNTED, is_symmetric, spectrum
 
 __all__ = [
     "NOT_COUNTED",
     "Analysis",
     "Factor",
+    "Matrix",
     "NumericFactor",
     "Pattern",
     "Solver",
@@ -51,26 +57,26 @@ __all__ = [
 ]
 
 
-def diagonal(matrix):
+def diagonal(matrix: Matrix) -> Float[Array, " n"]:
     """Diagonal of a matrix, [n]."""
     return matrix.diagonal() if isinstance(matrix, Sparse) else dense.diagonal(matrix)
 
 
-def plus_diagonal(matrix, shift):
+def plus_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
     """A matrix and `shift`, a scalar, on its diagonal."""
     if isinstance(matrix, Sparse):
         return matrix.plus_diagonal(shift)
     return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
 
 
-def plus_entry(matrix, place, value):
+def plus_entry(matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Matrix:
     """A matrix and `value` on one place of its diagonal, both scalars."""
     if isinstance(matrix, Sparse):
         return matrix.plus_entry(place, value)
     return matrix.at[place, place].add(value)
 
 
-def held_at(matrix, held):
+def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
     """A matrix whose unknowns `held`, [n] bool, have no part in it but a stiffness of their own.
 
     It is as large as the largest on the diagonal, so that it spoils no scale.
@@ -82,14 +88,14 @@ def held_at(matrix, held):
     return jnp.where(touched, jnp.diag(jnp.where(held, stiffness, 0.0)), matrix)
 
 
-def or_identity(matrix, valid):
+def or_identity(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
     """A matrix where `valid`, else the identity."""
     if isinstance(matrix, Sparse):
         return matrix.or_identity(valid)
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 
-def or_nan(matrix, defined):
+def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
     """A matrix where `defined`, else NaN: it will count as singular."""
     factor = jnp.where(defined, 1.0, jnp.nan)
     if isinstance(matrix, Sparse):
@@ -97,7 +103,7 @@ def or_nan(matrix, defined):
     return matrix * factor.astype(matrix.dtype)
 
 
-def factorize(matrix, loose=None):
+def factorize(matrix: Matrix, loose: Bool[Array, " n"] | None = None) -> Factor | SparseFactor:
     """A general (indefinite or unsymmetric) matrix [n, n], ready to solve with.
 
     Args:
@@ -112,7 +118,14 @@ def factorize(matrix, loose=None):
     return dense.factorize(matrix, loose)
 
 
-def solve_marked(build, rhs, matvec, factored=None, tol=0.0, limit=0):
+def solve_marked(
+    build: Callable[[], tuple[Matrix, Bool[Array, " n"]]],
+    rhs: Float[Array, " 2*n"],
+    matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
+    factored: Factored | None = None,
+    tol: Float[ArrayLike, ""] = 0.0,
+    limit: Int[ArrayLike, ""] = 0,
+) -> Float[Array, " 2*n"]:
     """Solve with a general matrix that is assembled by ``build() -> (matrix, loose)``.
 
     Like ``factorize(*build()).solve(rhs, matvec)``, but what has no value is zero in the solution
@@ -136,16 +149,19 @@ def solve_marked(build, rhs, matvec, factored=None, tol=0.0, limit=0):
         factor = factorize(*build())
         if isinstance(factor, Factor):
             return factor.solve_marked(rhs, matvec)
-    return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)
+    # type checkers do not know that what is factored is sparse
+    return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)  # type: ignore[arg-type]
 
 
-def solve_general(matrix, rhs):
+def solve_general(
+    matrix: Matrix, rhs: Float[Array, " n"]
+) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Solve with a general matrix: solution [n], and whether the matrix is regular."""
     factor = factorize(matrix)
     return factor.solve(rhs, lambda v: matrix @ v), factor.regular
 
 
-def is_definite(matrix):
+def is_definite(matrix: Matrix) -> Bool[Array, ""]:
     """Whether a matrix has no eigenvalue below zero, as far as rounding tells; not differentiable.
 
     Of an unsymmetric one: whether its symmetric part has none.
@@ -155,7 +171,14 @@ def is_definite(matrix):
     return solve_definite(matrix, jnp.zeros(len(matrix), matrix.dtype))[1]
 
 
-def solve_next(matrix, rhs, factored, tol, limit, wanted):
+def solve_next(
+    matrix: Matrix,
+    rhs: Float[Array, " n"],
+    factored: Factored | None,
+    tol: Float[ArrayLike, ""],
+    limit: Int[ArrayLike, ""],
+    wanted: Bool[ArrayLike, ""],
+) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
     """Solve the next of a sequence of similar, positive definite systems; not differentiable.
 
     A dense matrix is factorised. So is a sparse one, unless conjugate gradients with the factor of

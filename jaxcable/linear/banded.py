@@ -12,16 +12,22 @@ are without influence, but must be finite.
 The solve is not differentiable by itself: it belongs inside `lax.custom_linear_solve`.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
+
+from ..common.types import Array, Bool, Float
 
 _ROW_BYTES = 256  # of one number of all cases of a chunk, at most
 _VECTOR = 4  # chunks are multiples of this
 _SEGMENTS, _SEGMENT = 6, 4  # a column in at most so many parts, of at least so many rows
 
 
-def solve_banded(band, rhs):
+def solve_banded(
+    band: Float[Array, "n b+1"], rhs: Float[Array, " n"]
+) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Solve one system; map it with `jax.vmap` for many.
 
     Args:

@@ -12,6 +12,8 @@ the terms ``|K| |x| + |c| |y| + |b|`` that the residual is the sum of (backward 
 rounding of these terms, as at a singular K, the whole matrix is factorised with row exchanges.
 """
 
+from __future__ import annotations
+
 import functools
 
 import jax
@@ -21,14 +23,23 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
+from ..common.types import Array, ArrayLike, Bool, Float
 from . import host, sparse
-from .pattern import Sparse
+from .pattern import Matrix, Sparse
 
 _CLOSE = 64  # roundings of its terms that a residual may have
 _IMPROVE = 4  # times that a solution by blocks is improved before the whole is factorised
 
 
-def solve_bordered(matrix, column, row, corner, rhs, last, loose):
+def solve_bordered(
+    matrix: Matrix,
+    column: Float[Array, " n"],
+    row: Float[Array, " n"],
+    corner: Float[ArrayLike, ""],
+    rhs: Float[Array, " n"],
+    last: Float[ArrayLike, ""],
+    loose: Bool[Array, " n"],
+) -> tuple[Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
     """Solve with a bordered matrix; not differentiable.
 
     Args:

@@ -4,11 +4,18 @@ The wrapper is what gives derivatives: it differentiates ``A x = b`` and not the
 which would cost several times the solve itself.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NoReturn
+
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
+import numpy as np
 from jax import lax
 
 from ..common.tree import copy, pytree
+from ..common.types import Array, Bool, Float, Int
 from . import solver
 
 _MOST = 150  # unknowns up to which dense is faster, see experiments/scaling.py
@@ -20,22 +27,26 @@ class Dense(solver.Solver):
     name = "dense"
     on_device = True
 
-    def suits(self, n, banded):
+    def suits(self, n: int, banded: bool) -> bool:
         """It suits what is small."""
         return n <= _MOST
 
-    def analyse(self, n, indptr, indices):
+    def analyse(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ) -> NoReturn:
         """Nothing is analysed: `solve_definite` and `factorize` take the array."""
         raise NotImplementedError("a dense matrix is solved inside of the program")
 
 
-def diagonal(matrix):
+def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
     """Diagonal of a matrix, [n]: a slice with steps (`jnp.diagonal` is a search for indices)."""
     n = len(matrix)
     return matrix.reshape(-1)[:: n + 1]
 
 
-def solve_definite(matrix, rhs):
+def solve_definite(
+    matrix: Float[Array, "n n"], rhs: Float[Array, " n"]
+) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """Solve with a symmetric matrix by Cholesky.
 
     Args:
@@ -68,13 +79,15 @@ class Factor:
         regular: whether the rest of the matrix is regular to working precision.
     """
 
-    lu: object
-    pivot: object
-    size: object
-    loose: object
-    regular: object
+    lu: Float[Array, "n n"]
+    pivot: Int[Array, " n"]
+    size: Float[Array, " n"]
+    loose: Bool[Array, " n"]
+    regular: Bool[Array, ""]
 
-    def solve(self, rhs, matvec):
+    def solve(
+        self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
+    ) -> Float[Array, " n"]:
         """Solve for `rhs` [n]; derivatives go through the linear function `matvec`.
 
         All NaN if the matrix is singular. A loose unknown has no value: NaN; the others are exact.
@@ -89,7 +102,11 @@ class Factor:
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 
-    def solve_marked(self, rhs, matvec):
+    def solve_marked(
+        self,
+        rhs: Float[Array, " 2*n"],
+        matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
+    ) -> Float[Array, " 2*n"]:
         """See `linear.solve_marked`."""
 
         def forward(_, both):
@@ -115,7 +132,7 @@ class Factor:
         answer = jnp.where(self.regular, self._back_substitute(b, 1), 0.0)
         return jnp.where(asked, jnp.nan, answer)
 
-    def or_identity(self):
+    def or_identity(self) -> Factor:
         """This factor, or that of the identity if the matrix is singular."""
         n = self.lu.shape[0]
         return copy(
@@ -127,7 +144,7 @@ class Factor:
         )
 
 
-def factorize(matrix, loose=None):
+def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = None) -> Factor:
     """See `linear.factorize`.
 
     The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps of the

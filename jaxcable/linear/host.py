@@ -4,11 +4,18 @@ Everything is NumPy: a callback that calls jax can wait for itself. Results depe
 the arguments; what is kept here (analyses of patterns, the last factors) only saves work.
 """
 
+from __future__ import annotations
+
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
+
+from ..common.types import Bool, Float, Int
+from .solver import NumericFactor, Solver
 
 _PATTERNS = 8  # analyses kept
 _FACTORS = 4  # factors kept per pattern, and at most
@@ -19,7 +26,13 @@ _lock = threading.RLock()
 _kept = OrderedDict()
 
 
-def kept(solver, symmetric, digest, indptr, indices):
+def kept(
+    solver: Solver,
+    symmetric: bool,
+    digest: Int[np.ndarray, " 4"],
+    indptr: Int[np.ndarray, " n+1"],
+    indices: Int[np.ndarray, " n_value"],
+) -> Analysed:
     """The analysis of a pattern by a `solver.Solver`, made at its first use."""
     key = (solver.name, symmetric, digest.tobytes())
     if key not in _kept:
@@ -54,13 +67,15 @@ class Analysed:
         self.factors = OrderedDict()  # number -> (values, whether taken as definite, factor)
         self.count = 0
 
-    def times(self, values):
+    def times(
+        self, values: Float[np.ndarray, " n_value"]
+    ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
         """The function that multiplies a symmetric matrix by a vector, until the next call."""
         self.stored.data = self.flipped.data = values
         diagonal = values[self.diagonal]
         return lambda v: self.stored @ v + self.flipped @ v - diagonal * v
 
-    def factor(self, values, definite):
+    def factor(self, values: Float[np.ndarray, " n_value"], definite: bool) -> NumericFactor | None:
         """Factor of a matrix, from those kept or made now; None if it is singular.
 
         `definite` demands a positive definite matrix, and of an unsymmetric one takes the symmetric
@@ -94,7 +109,7 @@ class Analysed:
                 return
             self.factors.popitem(last=False)[1][2].release()
 
-    def release(self):
+    def release(self) -> None:
         """Give all memory back."""
         for _, _, factor in self.factors.values():
             factor.release()
@@ -102,7 +117,13 @@ class Analysed:
         self.analysis.release()
 
 
-def conjugate_gradients(times, precondition, b, tol, limit):
+def conjugate_gradients(
+    times: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
+    precondition: Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]],
+    b: Float[np.ndarray, " n"],
+    tol: float,
+    limit: int,
+) -> Float[np.ndarray, " n"] | None:
     """Solve a positive definite system from zero until ``|r| <= tol |b|``.
 
     Returns:
@@ -142,7 +163,16 @@ def _norm(a):
     return np.sqrt(_dot(a, a))
 
 
-def step(pattern, values, rhs, stale, usable, tol, limit, wanted):
+def step(
+    pattern: tuple[Any, ...],
+    values: Float[np.ndarray, "m n_value"],
+    rhs: Float[np.ndarray, "m n"],
+    stale: Float[np.ndarray, "m n_value"],
+    usable: Bool[np.ndarray, " m"],
+    tol: Float[np.ndarray, " m"],
+    limit: Int[np.ndarray, " m"],
+    wanted: Bool[np.ndarray, " m"],
+) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
     """Solutions of systems that should be positive definite, each as in `definite_step`.
 
     All but `pattern` have a leading axis. Returns x [m, n], definite [m], fresh [m].
@@ -170,7 +200,18 @@ def step(pattern, values, rhs, stale, usable, tol, limit, wanted):
     return x, definite, fresh
 
 
-def solve(pattern, transposed, values, loose, stale, usable, tol, limit, rhs, group):
+def solve(
+    pattern: tuple[Any, ...],
+    transposed: bool,
+    values: Float[np.ndarray, "g n_value"],
+    loose: Bool[np.ndarray, "g n"],
+    stale: Float[np.ndarray, "g n_value"],
+    usable: Bool[np.ndarray, " g"],
+    tol: Float[np.ndarray, " g"],
+    limit: Int[np.ndarray, " g"],
+    rhs: Float[np.ndarray, "m n"],
+    group: Int[np.ndarray, " m"],
+) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"]]:
     """Solutions of general systems: x [m, n] and whether the matrix is regular [m].
 
     A single right side of a matrix like one that has been factorised is left to conjugate
@@ -203,7 +244,7 @@ def solve(pattern, transposed, values, loose, stale, usable, tol, limit, rhs, gr
                     analysed.times(own), old.solve, rhs[mine[0]], tol[g], int(limit[g])
                 )
                 if answer is not None:
-                    x[mine], regular[mine] = answer, True
+                    x[mine], regular[mine] = answer, True  # type: ignore[assignment]  # no factor
                     continue
             factor = analysed.factor(own, False)
             if factor is not None:

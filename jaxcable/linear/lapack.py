@@ -1,10 +1,13 @@
 """LAPACK's banded solvers, for nets of some hundred unknowns and small bandwidth."""
 
+from __future__ import annotations
+
 import numpy as np
 import scipy.sparse as sp
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
+from ..common.types import Float, Int
 from . import solver
 
 
@@ -15,11 +18,13 @@ class Banded(solver.Solver):
     offered = False
     iterates = False  # a factor is cheaper
 
-    def suits(self, n, banded):
+    def suits(self, n: int, banded: bool) -> bool:
         """It suits what has a small bandwidth."""
         return banded
 
-    def analyse(self, n, indptr, indices):
+    def analyse(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ) -> solver.Analysis:
         """See `solver.Solver`."""
         return _Analysis(n, indptr, indices)
 
@@ -44,7 +49,7 @@ class _Analysis(solver.Analysis):
         self.places = row, column
         self.diagonal = self.diagonal[np.argsort(row[self.diagonal])]
 
-    def factorize(self, values, definite):
+    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
         """See `solver.Analysis`; `definite` is faster."""
         diagonal = np.abs(values[self.diagonal])
         size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # so that pivots can be compared
@@ -73,7 +78,9 @@ class _Factor(solver.NumericFactor):
         self.symbolic, self.band, self.pivot, self.size = symbolic, band, pivot, size
         self.n_bytes = band.nbytes
 
-    def solve(self, b, transposed=False):
+    def solve(
+        self, b: Float[np.ndarray, "n ..."], transposed: bool = False
+    ) -> Float[np.ndarray, "n ..."]:
         """Solve for right-hand sides [n] or [n, m]."""
         order, half = self.symbolic.order, self.symbolic.b
         size = self.size if b.ndim == 1 else self.size[:, None]

@@ -5,12 +5,16 @@ unsymmetric. Here a pattern is analysed once a matrix type, several factors live
 (PARDISO's `mnum`), and symmetric positive definite matrices are treated as such.
 """
 
+from __future__ import annotations
+
 import ctypes
 import functools
 import importlib.util
+from typing import Any
 
 import numpy as np
 
+from ..common.types import Float, Int
 from . import solver
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
@@ -25,7 +29,7 @@ _FLOAT = ctypes.POINTER(ctypes.c_double)
 
 
 @functools.cache
-def library():
+def library() -> Any:
     """The MKL library with PARDISO; raises ImportError if it is not installed."""
     from pypardiso.pardiso_wrapper import PyPardisoSolver
 
@@ -43,19 +47,21 @@ class Pardiso(solver.Solver):
     name = "pardiso"
     exchanges_rows = False  # far apart
 
-    def available(self):
+    def available(self) -> bool:
         """Whether `pypardiso` is installed."""
         return importlib.util.find_spec("pypardiso") is not None
 
-    def missing(self):
+    def missing(self) -> str:
         """What to do where it is not, in words."""
         return 'pypardiso is not installed; use "superlu", or install the extra jaxcable[pardiso]'
 
-    def suits(self, n, banded):
+    def suits(self, n: int, banded: bool) -> bool:
         """It suits everything."""
         return True
 
-    def analyse(self, n, indptr, indices):
+    def analyse(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ) -> solver.Analysis:
         """See `solver.Solver`."""
         return _Analysis(n, indptr, indices)
 
@@ -67,7 +73,7 @@ class _Analysis(solver.Analysis):
         self.arguments = n, indptr, indices
         self.handles = {}
 
-    def factorize(self, values, definite):
+    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
         """See `solver.Analysis`; `definite` is faster."""
         if not np.isfinite(values).all():
             return None
@@ -76,7 +82,7 @@ class _Analysis(solver.Analysis):
             self.handles[kind] = _Handle(kind, *self.arguments)
         return self.handles[kind].factorize(values)
 
-    def release(self):
+    def release(self) -> None:
         """Give all memory back."""
         for handle in self.handles.values():
             handle.call(-1, 1, None)
@@ -107,7 +113,7 @@ class _Handle:
         self.alone = n <= _SMALL
         self.call(11, 1, np.ones(len(self.indices)))
 
-    def factorize(self, values):
+    def factorize(self, values: Float[np.ndarray, " n_value"]) -> _Factor | None:
         """`_Factor` in a free slot, or None."""
         values, size = values[self.take], None
         if self.kind == _GENERAL:  # so that pivots can be compared
@@ -122,7 +128,7 @@ class _Handle:
         factor.release()
         return None
 
-    def regular(self, slot):
+    def regular(self, slot: int) -> bool:
         """Whether no pivot of a factor has lost all its digits."""
         if self.kind == _GENERAL:
             return self.iparm[13] == 0  # none was perturbed
@@ -136,7 +142,14 @@ class _Handle:
         )
         return bool((pivot > self.n * np.finfo(float).eps * diagonal).all())
 
-    def call(self, phase, slot, values, b=None, x=None):
+    def call(
+        self,
+        phase: int,
+        slot: int,
+        values: Float[np.ndarray, " n_value"] | None,
+        b: Float[np.ndarray, "n ..."] | None = None,
+        x: Float[np.ndarray, "n ..."] | None = None,
+    ) -> int:
         """Run a phase; returns PARDISO's error number."""
         mkl = library()
         error = ctypes.c_int32(0)
@@ -180,7 +193,9 @@ class _Factor(solver.NumericFactor):
         self.handle, self.slot, self.values, self.size = handle, slot, values, size
         self.n_bytes = 8 * (int(handle.iparm[17]) + len(values))
 
-    def solve(self, b, transposed=False):
+    def solve(
+        self, b: Float[np.ndarray, "n ..."], transposed: bool = False
+    ) -> Float[np.ndarray, "n ..."]:
         """Solve for right-hand sides [n] or [n, m]."""
         handle, size = self.handle, self.size
         handle.iparm[11] = 2 if transposed and handle.kind == _GENERAL else 0
@@ -196,7 +211,7 @@ class _Factor(solver.NumericFactor):
                 raise RuntimeError(f"PARDISO: the solution failed with error {error}")
         return x if size is None else x / size
 
-    def release(self):
+    def release(self) -> None:
         """Give the memory back and free the slot."""
         self.handle.call(0, self.slot, self.values)
         self.handle.free.append(self.slot)

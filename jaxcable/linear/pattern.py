@@ -4,14 +4,19 @@ A tangent is assembled as a list of values on a fixed pattern. The contributions
 are put into the order of their targets beforehand, so that assembly is a gather and a sorted sum.
 """
 
+from __future__ import annotations
+
 import hashlib
+from collections.abc import Iterable, Sequence
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import copy, places, pytree
-from .solver import choose
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from .solver import Solver, choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones
 
@@ -37,21 +42,27 @@ class Pattern:
         solver: `solver.Solver`.
     """
 
-    source: object
-    target: object
-    indptr: object
-    indices: object
-    diagonal: object
-    digest: object
-    order: object = None
-    band: object = None
-    table: object = None
+    source: Int[Array, " n_part"]
+    target: Int[Array, " n_part"]
+    indptr: Int[Array, " n+1"]
+    indices: Int[Array, " n_value"]
+    diagonal: Int[Array, " n"]
+    digest: Int[Array, " 4"]
+    order: Int[Array, " n"] | None = None
+    band: Int[Array, "n b+1"] | None = None
+    table: Int[Array, "n n"] | None = None
     size: int = 0
     symmetric: bool = False
-    solver: object = None
+    solver: Solver = None  # type: ignore[assignment]  # `make_pattern` chooses one
 
 
-def make_pattern(numbers, size, symmetric, name=None, exchanges_rows=False):
+def make_pattern(
+    numbers: Iterable[Int[np.ndarray, "n_elem d"]],
+    size: int,
+    symmetric: bool,
+    name: str | None = None,
+    exchanges_rows: bool = False,
+) -> Pattern:
     """The pattern that element matrices with the given unknowns fill.
 
     Args:
@@ -98,8 +109,8 @@ def make_pattern(numbers, size, symmetric, name=None, exchanges_rows=False):
     solver = choose(size, arrays[-1] is not None, name, exchanges_rows)
     table = _table(row, indices, size, symmetric) if solver.on_device else None
     with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
-        arrays = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
-    return Pattern(*arrays, size, symmetric, solver)
+        placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
+    return Pattern(*placed, size, symmetric, solver)  # type: ignore[call-arg]  # nine arrays
 
 
 def _band(rows, columns, size):
@@ -140,41 +151,41 @@ class Sparse:
         pattern: `Pattern`.
     """
 
-    values: object
+    values: Float[Array, " n_value"]
     pattern: Pattern
 
     @property
-    def shape(self):
+    def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.pattern.size, self.pattern.size
 
-    def diagonal(self):
+    def diagonal(self) -> Float[Array, " n"]:
         """The diagonal, [n]."""
         return self.values[self.pattern.diagonal]
 
-    def plus_diagonal(self, shift):
+    def plus_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
         """This matrix and `shift`, a scalar, on its diagonal."""
         at = self.values.at[self.pattern.diagonal]
         values = at.add(shift, indices_are_sorted=True, unique_indices=True)
         return copy(self, values=values)
 
-    def plus_entry(self, place, value):
+    def plus_entry(self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Sparse:
         """This matrix and `value` on one place of its diagonal."""
         return copy(self, values=self.values.at[self.pattern.diagonal[place]].add(value))
 
-    def held_at(self, held, stiffness):
+    def held_at(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
         """This matrix with rows and columns `held`, [n] bool, empty but for the diagonal."""
         touched = held[self._rows()] | held[self.pattern.indices]
         values = jnp.where(touched, 0.0, self.values)
         diagonal = jnp.where(held, stiffness, values[self.pattern.diagonal])
         return copy(self, values=values.at[self.pattern.diagonal].set(diagonal))
 
-    def or_identity(self, valid):
+    def or_identity(self, valid: Bool[ArrayLike, ""]) -> Sparse:
         """This matrix where `valid`, else the identity."""
         one = jnp.zeros_like(self.values).at[self.pattern.diagonal].set(1.0)
         return copy(self, values=jnp.where(valid, self.values, one))
 
-    def dense(self):
+    def dense(self) -> Float[Array, "n n"]:
         """This matrix as an array [n, n]."""
         if self.pattern.table is not None:
             return jnp.append(self.values, 0.0)[self.pattern.table]
@@ -188,7 +199,7 @@ class Sparse:
             full = full.at[columns, rows].set(self.values, unique_indices=True)
         return full
 
-    def banded(self):
+    def banded(self) -> Float[Array, "n b+1"]:
         """Lower band of ``A[order][:, order]`` by columns, [n, b + 1]; see `banded`."""
         return jnp.append(self.values, 0.0)[self.pattern.band]
 
@@ -201,7 +212,7 @@ class Sparse:
             total_repeat_length=len(p.indices),
         )
 
-    def __matmul__(self, v):
+    def __matmul__(self, v: Float[Array, " n"]) -> Float[Array, " n"]:
         """Product with a vector [n]."""
         p, rows = self.pattern, self._rows()
         product = jnp.zeros_like(v).at[rows].add(self.values * v[p.indices])
@@ -211,7 +222,15 @@ class Sparse:
         return product - self.diagonal() * v
 
 
-def assemble(parts, number, pattern):
+Matrix: TypeAlias = 'Float[Array, "n n"] | Sparse'
+"""A square matrix."""
+
+
+def assemble(
+    parts: Sequence[tuple[Float[Array, "n_elem d d"], Int[Array, "n_elem d"]]],
+    number: int,
+    pattern: Pattern | None,
+) -> Matrix:
     """Sum element matrices.
 
     Args:
@@ -226,8 +245,8 @@ def assemble(parts, number, pattern):
             # rows left out are out of range, dropped
             matrix = matrix.at[rows[:, :, None], rows[:, None, :]].add(blocks, mode="drop")
         return matrix
-    entries = [blocks.reshape(-1) for blocks, _ in parts]
-    entries = entries[0] if len(entries) == 1 else jnp.concatenate(entries)
+    each = [blocks.reshape(-1) for blocks, _ in parts]
+    entries = each[0] if len(each) == 1 else jnp.concatenate(each)
     # computed once, and not again for every entry that is taken from them
     entries = jax.lax.optimization_barrier(entries)
     n_value = pattern.indices.shape[0]

@@ -11,9 +11,16 @@ name)` then takes. It analyses a pattern once, and makes a factor of every matri
 All of it is NumPy on the host: a callback that calls jax can wait for itself.
 """
 
-import abc
+from __future__ import annotations
 
-_KNOWN = {}
+import abc
+from typing import TypeVar
+
+import numpy as np
+
+from ..common.types import Float, Int
+
+_KNOWN: dict[str, Solver] = {}
 
 
 class Solver(abc.ABC):
@@ -29,21 +36,21 @@ class Solver(abc.ABC):
             than a factor.
     """
 
-    name = None
-    offered = True
-    on_device = False
-    exchanges_rows = True
-    iterates = True
+    name: str = None  # type: ignore[assignment]  # every solver has one
+    offered: bool = True
+    on_device: bool = False
+    exchanges_rows: bool = True
+    iterates: bool = True
 
-    def available(self):
+    def available(self) -> bool:
         """Whether it is installed."""
         return True
 
-    def missing(self):
+    def missing(self) -> str:
         """What to do where it is not installed, in words."""
         return "is not installed"
 
-    def suits(self, n, banded):
+    def suits(self, n: int, banded: bool) -> bool:
         """Whether it is the one for `n` unknowns, if none is named and none before it is.
 
         `banded`: whether the matrix has a small bandwidth.
@@ -51,7 +58,9 @@ class Solver(abc.ABC):
         return False
 
     @abc.abstractmethod
-    def analyse(self, n, indptr, indices):
+    def analyse(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ) -> Analysis:
         """Make a pattern ready: an `Analysis`.
 
         Args:
@@ -60,7 +69,7 @@ class Solver(abc.ABC):
                 ascending.
         """
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return self.name
 
 
@@ -68,7 +77,9 @@ class Analysis(abc.ABC):
     """A pattern made ready by a solver."""
 
     @abc.abstractmethod
-    def factorize(self, values, definite):
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool
+    ) -> NumericFactor | None:
         """A `NumericFactor` of a matrix; None if it is singular to working precision.
 
         Args:
@@ -77,7 +88,7 @@ class Analysis(abc.ABC):
                 indefinite, and unsymmetric.
         """
 
-    def release(self):
+    def release(self) -> None:
         """Give back what does not go with this object."""
         return None
 
@@ -89,18 +100,23 @@ class NumericFactor(abc.ABC):
         n_bytes: memory that it takes.
     """
 
-    n_bytes = 0
+    n_bytes: int = 0
 
     @abc.abstractmethod
-    def solve(self, b, transposed=False):
+    def solve(
+        self, b: Float[np.ndarray, "n ..."], transposed: bool = False
+    ) -> Float[np.ndarray, "n ..."]:
         """The solution for right sides [n] or [n, m], or that of the transposed matrix."""
 
-    def release(self):
+    def release(self) -> None:
         """Give back what does not go with this object."""
         return None
 
 
-def register(solver):
+Own = TypeVar("Own", bound=Solver)
+
+
+def register(solver: Own) -> Own:
     """Make a solver known by its name; it is chosen by itself where it alone `suits`.
 
     Raises:
@@ -111,17 +127,17 @@ def register(solver):
     return solver
 
 
-def named(name):
+def named(name: str) -> Solver:
     """The solver of a name."""
     return _KNOWN[name]
 
 
-def offered():
+def offered() -> tuple[str, ...]:
     """Names that users may ask for, a tuple."""
     return tuple(name for name, solver in _KNOWN.items() if solver.offered)
 
 
-def check(name, exchanges_rows=False):
+def check(name: str | None, exchanges_rows: bool = False) -> None:
     """Raise ValueError unless a name is None or that of a solver which is there.
 
     With `exchanges_rows` it has to be able to do that, too.
@@ -143,7 +159,7 @@ def check(name, exchanges_rows=False):
         )
 
 
-def choose(n, banded, name=None, exchanges_rows=False):
+def choose(n: int, banded: bool, name: str | None = None, exchanges_rows: bool = False) -> Solver:
     """The solver of a name, or if that is None, the first of those known that suits.
 
     Args:

@@ -5,7 +5,10 @@ no array of jax is made, for which a busy program can wait for ever (`pure_callb
 serves where the program runs on another device than the host).
 """
 
+from __future__ import annotations
+
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -13,11 +16,13 @@ import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.experimental.buffer_callback import buffer_callback
+from jax.typing import DTypeLike
 
 from ..common.tree import copy, pytree
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import dense, host
 from .banded import solve_banded
-from .pattern import Sparse
+from .pattern import Pattern, Sparse
 
 _PAUSE = 3  # where cables flip between slack and taut, matrices stay apart for some steps
 
@@ -100,13 +105,13 @@ class Factored:
         pause: solves for which conjugate gradients are not tried, after they have failed.
     """
 
-    values: object
-    usable: object
-    count: object
-    pause: object
+    values: Float[Array, " n_value"]
+    usable: Bool[Array, ""]
+    count: Int[Array, ""]
+    pause: Int[Array, ""]
 
 
-def nothing_factored(pattern, dtype):
+def nothing_factored(pattern: Pattern | None, dtype: DTypeLike) -> Factored | None:
     """The `Factored` to begin with on a pattern; None if that is None (dense)."""
     if pattern is None or pattern.solver.on_device:
         return None
@@ -114,7 +119,7 @@ def nothing_factored(pattern, dtype):
     return Factored(values, jnp.zeros((), bool), jnp.int32(0), jnp.int32(0))
 
 
-def forgotten(factored):
+def forgotten(factored: Factored | None) -> Factored | None:
     """A `Factored` whose matrix is not to be used any more, or None."""
     return None if factored is None else copy(factored, usable=jnp.zeros((), bool))
 
@@ -146,7 +151,7 @@ def solve_next(matrix, rhs, factored, tol, limit, wanted):
     return x, definite, after
 
 
-def is_definite(matrix):
+def is_definite(matrix: Sparse) -> Bool[Array, ""]:
     """See `linear.is_definite`; of an unsymmetric matrix whether its pivots are positive."""
     zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
     factored = nothing_factored(matrix.pattern, zero.dtype)
@@ -185,15 +190,17 @@ class SparseFactor:
     """
 
     matrix: Sparse
-    loose: object
+    loose: Bool[Array, " n"]
 
     @property
-    def regular(self):
+    def regular(self) -> Bool[Array, ""]:
         """Whether the matrix is regular to working precision, loose unknowns aside."""
         zero = jnp.zeros(self.loose.shape, self.matrix.values.dtype)
         return _solve(self.matrix, self.loose, zero, False)[1]
 
-    def solve(self, rhs, matvec):
+    def solve(
+        self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
+    ) -> Float[Array, " n"]:
         """Solve for `rhs` [n]; as `dense.Factor.solve`."""
 
         def build():
@@ -206,12 +213,14 @@ class SparseFactor:
         x, mark = jnp.split(solve_marked(build, jnp.append(rhs, jnp.zeros_like(rhs)), both), 2)
         return x + mark
 
-    def or_identity(self):
+    def or_identity(self) -> SparseFactor:
         """This factor, or that of the identity if the matrix is singular."""
         return copy(self, matrix=self.matrix.or_identity(self.regular))
 
 
-def factorize(matrix, loose=None):
+def factorize(
+    matrix: Sparse, loose: Bool[Array, " n"] | None = None
+) -> dense.Factor | SparseFactor:
     """See `linear.factorize`."""
     if matrix.pattern.solver.on_device:
         return dense.factorize(matrix.dense(), loose)
@@ -220,7 +229,14 @@ def factorize(matrix, loose=None):
     return SparseFactor(lax.stop_gradient(matrix), loose)
 
 
-def solve_marked(build, rhs, matvec, factored=None, tol=0.0, limit=0):
+def solve_marked(
+    build: Callable[[], tuple[Sparse, Bool[Array, " n"]]],
+    rhs: Float[Array, " 2*n"],
+    matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
+    factored: Factored | None = None,
+    tol: Float[ArrayLike, ""] = 0.0,
+    limit: Int[ArrayLike, ""] = 0,
+) -> Float[Array, " 2*n"]:
     """See `linear.solve_marked`; assembled where it is needed, in the solve itself."""
 
     def forward(_, both):

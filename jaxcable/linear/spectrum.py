@@ -9,6 +9,8 @@ have complex eigenvalues, all computed on the host, and singular values beside t
 not counted: of these only the sign of the determinant is known.
 """
 
+from __future__ import annotations
+
 import functools
 
 import jax
@@ -17,8 +19,9 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import sparse
-from .pattern import Sparse
+from .pattern import Matrix, Sparse
 
 _FEW = 40  # unknowns that are treated as a dense matrix on the host too
 _INVERSE = 40  # inverse iterations; near a singular matrix two are enough
@@ -28,7 +31,12 @@ NOT_COUNTED = -1
 _ROUNDING = 4  # times n eps of the largest eigenvalue: a negative one below that is none
 
 
-def spectrum(matrix, loose, general=False, strict=False):
+def spectrum(
+    matrix: Matrix,
+    loose: Bool[Array, " n"],
+    general: bool = False,
+    strict: Bool[ArrayLike, ""] = False,
+) -> tuple[Int[Array, ""], Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
     """Number of negative eigenvalues, and the one nearest to zero; not differentiable.
 
     Of an unsymmetric matrix: the number of eigenvalues with negative real part; the smallest
@@ -69,7 +77,7 @@ def spectrum(matrix, loose, general=False, strict=False):
     return number, value * nan, right * nan, left * nan
 
 
-def is_symmetric(matrix):
+def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
     """Whether a tangent [n, n] is symmetric but for its rounding; NaN counts as such."""
     size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
     tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)  # sums of many rotations, squares of their angles

@@ -1,9 +1,12 @@
 """SciPy's SuperLU as a direct solver of a fixed pattern: ordered once, factorised many times."""
 
+from __future__ import annotations
+
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
 
+from ..common.types import Float, Int
 from . import solver
 
 _SYMMETRIC = {"SymmetricMode": True}
@@ -14,11 +17,13 @@ class SuperLU(solver.Solver):
 
     name = "superlu"
 
-    def suits(self, n, banded):
+    def suits(self, n: int, banded: bool) -> bool:
         """It suits everything."""
         return True
 
-    def analyse(self, n, indptr, indices):
+    def analyse(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ) -> solver.Analysis:
         """See `solver.Solver`."""
         return _Analysis(n, indptr, indices)
 
@@ -43,7 +48,7 @@ class _Analysis(solver.Analysis):
         self.diagonal = np.flatnonzero(self.rows == self.columns)
         self.matrix = permuted.astype(float)  # whose values are those of the last factorisation
 
-    def factorize(self, values, definite):
+    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
         """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
         values = values[self.take]
         if not np.isfinite(values).all():
@@ -80,7 +85,9 @@ class _Factor(solver.NumericFactor):
         self.order, self.lu, self.size = symbolic.order, lu, size
         self.n_bytes = 40 * lu.nnz  # with the copies of its triangles that SciPy keeps
 
-    def solve(self, b, transposed=False):
+    def solve(
+        self, b: Float[np.ndarray, "n ..."], transposed: bool = False
+    ) -> Float[np.ndarray, "n ..."]:
         """Solve for right-hand sides [n] or [n, m]."""
         size = self.size if b.ndim == 1 else self.size[:, None]
         x = np.empty_like(b)

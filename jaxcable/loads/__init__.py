@@ -8,6 +8,11 @@ phases; `combine` scales and adds load cases.
 `load` is the contract: `Load` and the four ways to act, `OnNodes`, `Moving`, `Dead`, `Following`.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 from .along import LineLoads, SelfWeight
 from .areas import AreaLoads
 from .combine import combine
@@ -40,7 +45,7 @@ def _hint(thing):
     return "; expected NodalLoads(nodes, forces), SelfWeight(), LineLoads(...) or a list of such"
 
 
-def as_list(loads):
+def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
     """Loads of a phase as a list.
 
     Args:
@@ -59,7 +64,7 @@ def as_list(loads):
     """
     if loads is None:
         return []
-    items = list(loads) if isinstance(loads, list | tuple) else [loads]
+    items: list[Any] = list(loads) if isinstance(loads, list | tuple) else [loads]
     for k, load in enumerate(items):
         if not isinstance(load, Load):
             own = isinstance(load, type)

@@ -3,12 +3,21 @@
 They are evaluated from the state of the elements and go on acting in later phases.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
 from ..common import checks
+from ..common.selection import Selection
 from ..common.tree import copy, pytree
-from .groups import bundled, check_elements, partly, selected, settled
-from .load import Dead, Measured
+from ..common.types import Array, ArrayLike, Float
+from ..elements.element import Element
+from ..model.structure import Structure
+from .groups import Key, bundled, check_elements, partly, selected, settled
+from .load import Bundles, Dead, Measured, OwnState
 
 PER = ("unstressed", "initial", "projected")
 GEOMETRIES = ("input", "begun")
@@ -46,10 +55,12 @@ class SelfWeight(Dead):
         0 [ -900. -1800.  -900.]
     """
 
-    direction: object = (0.0, 0.0, -1.0)
-    on: object = None
-    elements: object = None
-    part: object = None  # of elements of a group, 1 or 0, by its number, put in by the analysis
+    direction: Float[ArrayLike, " 3"] = (0.0, 0.0, -1.0)
+    on: Key = None
+    elements: Selection | None = None
+    part: dict[int, Float[Array, " n_elem"]] | None = (
+        None  # of elements of a group, 1 or 0, by its number, put in by the analysis
+    )
 
     def __post_init__(self):
         check_elements(self.elements)
@@ -60,26 +71,33 @@ class SelfWeight(Dead):
             )
         object.__setattr__(self, "direction", direction)
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if there are no such elements, or none of their groups has a weight."""
         groups = [structure.groups[number] for number in selected(self, structure)[0]]
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
 
-    def among(self, structure):
+    def among(self, structure: Structure) -> SelfWeight:
         """The load with `on` and `elements` turned into numbers."""
         return settled(self, structure)
 
-    def bundled(self, bundles):
+    def bundled(self, bundles: Bundles) -> SelfWeight:
         """The load on bundles of the groups that it acts on."""
         return bundled(self, bundles)
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> SelfWeight:
         """The load times `factor`."""
         return copy(self, direction=factor * self.direction)
 
-    def element_forces(self, groups, states, nodes, shape, dtype):
+    def element_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> Float[Array, "n_row n_freedom"]:
         """Force on every node, as `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
@@ -89,7 +107,9 @@ class SelfWeight(Dead):
                 total = total.at[group.links].add(group.at_ends(weights, nodes[group.links]))
         return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
 
-    def per_length(self, number, group, state, nodes):
+    def per_length(
+        self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
+    ) -> Float[Array, "n_elem 3"] | None:
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
         if number not in self.on or group.weight is None:
             return None
@@ -134,14 +154,18 @@ class LineLoads(Measured):
         0 [-200. -400. -200.]
     """
 
-    forces: object
-    on: object = None
+    forces: Float[ArrayLike, " 3"]
+    on: Key = None
     per: str = "unstressed"
-    factor: object = 1.0
+    factor: Float[ArrayLike, ""] = 1.0
     geometry: str = "input"
-    elements: object = None
-    begun: object = None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
-    part: object = None  # of elements of a group, 1 or 0, by its number, likewise
+    elements: Selection | None = None
+    begun: Float[Array, "n_row 3"] | None = (
+        None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
+    )
+    part: dict[int, Float[Array, " n_elem"]] | None = (
+        None  # of elements of a group, 1 or 0, by its number, likewise
+    )
 
     def __post_init__(self):
         check_elements(self.elements)
@@ -154,26 +178,33 @@ class LineLoads(Measured):
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
         check_geometry(self.geometry, self.per)
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such group or elements, or they no length."""
         groups = [structure.groups[number] for number in selected(self, structure)[0]]
         without = [type(group).__name__ for group in groups if not group.has_length]
         if without and (self.on is not None or len(without) == len(groups)):
             raise ValueError(f"on = {self.on!r}: a group of {without[0]} has no length to load")
 
-    def among(self, structure):
+    def among(self, structure: Structure) -> LineLoads:
         """The load with `on` and `elements` turned into numbers."""
         return settled(self, structure, begun=room(self.geometry, structure))
 
-    def bundled(self, bundles):
+    def bundled(self, bundles: Bundles) -> LineLoads:
         """The load on bundles of the groups that it acts on."""
         return bundled(self, bundles)
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> LineLoads:
         """The load times `factor`."""
         return copy(self, factor=factor * self.factor)
 
-    def element_forces(self, groups, states, nodes, shape, dtype):
+    def element_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> Float[Array, "n_row n_freedom"]:
         """Force on every node, as `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
@@ -189,7 +220,9 @@ class LineLoads(Measured):
                 total = total.at[group.links].add(partly(self, number, share))
         return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
-    def per_length(self, number, group, state, nodes):
+    def per_length(
+        self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
+    ) -> Float[Array, "n_elem 3"] | None:
         """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
         slides = group.slides and self.per != "unstressed"
         if number not in self.on or slides or not group.has_length:
@@ -219,7 +252,7 @@ class LineLoads(Measured):
         return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def check_geometry(geometry, per):
+def check_geometry(geometry: str, per: str) -> None:
     """Raise ValueError for an unknown geometry, and for one that lengths do not depend on."""
     if geometry not in GEOMETRIES:
         raise ValueError(f"geometry = {geometry!r}: expected one of {', '.join(GEOMETRIES)}")
@@ -230,7 +263,7 @@ def check_geometry(geometry, per):
         )
 
 
-def room(geometry, structure):
+def room(geometry: str, structure: Structure) -> Float[Array, "n_row 3"] | None:
     """Room for the nodes where a phase begins, [n_row, 3], or None where the input counts."""
     if geometry == "input":
         return None
@@ -238,6 +271,8 @@ def room(geometry, structure):
     return jnp.zeros((structure.n_node if rows is None else len(rows), 3))
 
 
-def padded(forces, shape):
+def padded(
+    forces: Float[Array, "n_row 3"], shape: tuple[int, int]
+) -> Float[Array, "n_row n_freedom"]:
     """Forces [n_node, 3] with no moments beside them if `shape` has columns for them."""
     return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

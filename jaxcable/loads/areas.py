@@ -1,12 +1,20 @@
 """Dead loads on the faces of a net: snow per plan area, cladding per surface."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.tree import copy, pytree
+from ..common.types import Array, ArrayLike, Float, Int
+from ..elements.element import Element
+from ..model.structure import Structure
 from . import faces as _faces
 from .along import check_geometry, padded, room
-from .load import Measured
+from .load import Measured, OwnState
 
 PER = ("projected", "initial")
 
@@ -43,12 +51,14 @@ class AreaLoads(Measured):
         converged: -672.000 N
     """
 
-    faces: object
-    forces: object
+    faces: Int[ArrayLike, "n_face 3or4"]
+    forces: Float[ArrayLike, "... 3"]
     per: str = "projected"
-    factor: object = 1.0
+    factor: Float[ArrayLike, ""] = 1.0
     geometry: str = "input"
-    begun: object = None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
+    begun: Float[Array, "n_row 3"] | None = (
+        None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
+    )
 
     def __post_init__(self):
         object.__setattr__(self, "faces", _faces.checked(self.faces))
@@ -63,19 +73,26 @@ class AreaLoads(Measured):
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
         check_geometry(self.geometry, self.per)
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
 
-    def among(self, structure):
+    def among(self, structure: Structure) -> AreaLoads:
         """The load with room for the nodes where its phase begins, if it asks for them."""
         return copy(self, begun=room(self.geometry, structure))
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> AreaLoads:
         """The load times `factor`."""
         return copy(self, factor=factor * self.factor)
 
-    def element_forces(self, groups, states, nodes, shape, dtype):
+    def element_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> Float[Array, "n_row n_freedom"]:
         """Force on every node, as `shape`, N."""
         corners = self.measured(nodes)[self.faces]
         per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))

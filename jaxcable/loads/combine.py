@@ -1,13 +1,22 @@
 """Load combinations: factors times load cases."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
 from ..common import checks
+from ..common.types import ArrayLike, Float
 from .load import Load
 
 
-def combine(cases, factors):
+def combine(
+    cases: Mapping[Any, Load | Sequence[Load]] | Sequence[Load | Sequence[Load]],
+    factors: Float[ArrayLike, "... n_case"],
+) -> list[Load]:
     """Combine load cases: a batch of the loads of a phase, one for every row of factors.
 
     Loads of cable structures cannot be superposed: every combination is an analysis of its own, to

@@ -1,10 +1,14 @@
 """Faces of three or four nodes, as triangles."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
 from ..common.tree import Indices
+from ..common.types import Array, ArrayLike, Float, Int
+from ..model.structure import Structure
 
 _SPLITS = {
     3: [((0, 1, 2), 1.0)],
@@ -14,7 +18,7 @@ _SPLITS = {
 }
 
 
-def checked(faces):
+def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
     """Faces [n, 3] or [n, 4] as `Indices`; ValueError if they are not that, or degenerate."""
     if isinstance(faces, Indices):
         return faces
@@ -29,12 +33,14 @@ def checked(faces):
     return Indices(array)
 
 
-def known(faces, structure):
+def known(faces: Indices, structure: Structure) -> None:
     """Raise ValueError if a node of the faces is unknown to the structure."""
     checks.known(faces.array, structure.n_node, "faces")
 
 
-def area_vectors(corners):
+def area_vectors(
+    corners: Float[Array, "*n 3or4 3"],
+) -> list[tuple[tuple[int, int, int], Float[Array, "*n 3"]]]:
     """Area vectors of the triangles of faces at `corners` [..., 3 or 4, 3], with their corners.
 
     Returns:

@@ -1,17 +1,31 @@
 """Which groups, and which elements of one, a load along elements acts on."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias, TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.selection import Selection
-from ..common.tree import copy, plain
+from ..common.tree import Indices, copy, plain
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..model.structure import Structure
+from .load import Bundles
+
+Key: TypeAlias = Any
+"""Of a group in the structure's elements, a dict's key or a list's number; in an analysis the
+numbers of groups, a tuple. None stands for all."""
+ByGroup = TypeVar("ByGroup", bound=Any)  # a load with `on`, `elements` and `part`
 
 _ALL = 1.0  # of every element of a group
 
 
-def chosen(on, structure):
+def chosen(on: Key, structure: Structure) -> tuple[int, ...]:
     """Numbers of the groups that the key `on` of the structure's elements names; None: all.
 
     Raises:
@@ -27,7 +41,7 @@ def chosen(on, structure):
         raise ValueError(f"on = {on!r}: no such key in the structure's elements") from None
 
 
-def check_elements(elements):
+def check_elements(elements: object) -> None:
     """Raise ValueError unless `elements` of a load is a selection or None."""
     if elements is not None and not isinstance(elements, Selection):
         raise ValueError(
@@ -35,7 +49,9 @@ def check_elements(elements):
         )
 
 
-def selected(load, structure):
+def selected(
+    load: ByGroup, structure: Structure
+) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
     """Numbers of its groups, and which elements of them, [n_elem] bool, NumPy; None: all.
 
     Raises:
@@ -52,14 +68,16 @@ def selected(load, structure):
     return numbers, load.elements.chosen(len(structure.groups[numbers[0]].links), "elements")
 
 
-def settled(load, structure, **changes):
+def settled(load: ByGroup, structure: Structure, **changes: Any) -> ByGroup:
     """The load with its groups as numbers and its elements as factors, 1 or 0, by group."""
     numbers, mask = selected(load, structure)
     part = None if mask is None else {numbers[0]: mask.astype(float)}
     return copy(load, on=numbers, elements=None, part=part, **changes)
 
 
-def partly(load, number, amounts):
+def partly(
+    load: ByGroup, number: int, amounts: Float[ArrayLike, "n_elem ..."]
+) -> Float[Array, "n_elem ..."]:
     """Amounts of the elements of a group, [n_elem, ...], where a `settled` load acts, else 0."""
     if load.part is None or number not in load.part:
         return amounts
@@ -67,7 +85,7 @@ def partly(load, number, amounts):
     return amounts * part.reshape(-1, *(1,) * (amounts.ndim - 1))
 
 
-def bundled(load, bundles):
+def bundled(load: ByGroup, bundles: Bundles) -> ByGroup:
     """A load that is settled on groups as one on bundles of them, see `bundles`."""
     if bundles.plain:
         return load
@@ -77,7 +95,12 @@ def bundled(load, bundles):
     return copy(load, on=tuple(spread), part=part or None)
 
 
-def scattered(nodes, parts, shape, dtype):
+def scattered(
+    nodes: Indices | Int[Array, " n"],
+    parts: Sequence[Float[ArrayLike, "... 3"] | None],
+    shape: tuple[int, int],
+    dtype: DTypeLike,
+) -> Float[Array | np.ndarray, "n_node n_freedom"]:
     """Vectors added at their nodes, NumPy unless they are being traced.
 
     Args:
@@ -91,7 +114,7 @@ def scattered(nodes, parts, shape, dtype):
     known = [None if part is None else checks.concrete(part) for part in parts]
     traced = any(a is None and b is not None for a, b in zip(known, parts, strict=True))
     traced = traced or isinstance(nodes, jax.core.Tracer)
-    total = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)
+    total: ArrayLike = jnp.zeros(shape, dtype) if traced else np.zeros(shape, dtype)
     for k, part in enumerate((parts if traced else known)[: shape[1] // 3]):
         if part is None:
             continue

@@ -1,8 +1,39 @@
 """What a load is: a base for all, and one class for each of the ways in which loads act."""
 
-import abc
+from __future__ import annotations
 
-from ..common.tree import copy
+import abc
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+from jax.typing import DTypeLike
+
+from ..common.rules import Rule
+from ..common.tree import Indices, copy
+from ..common.types import Array, ArrayLike, Float, Int
+from ..elements.element import Element
+from ..model.structure import Structure
+from ..model.supports import Fixed
+
+OwnState: TypeAlias = Any
+"""`ElementState` of the kind that a group has."""
+
+
+class Bundles(Protocol):
+    """What a load asks of groups that are evaluated together, see `mechanics.bundles`."""
+
+    @property
+    def plain(self) -> bool:
+        """Whether every group is one by itself, in its place."""
+
+    def numbers(self, on: tuple[int, ...]) -> tuple[int, ...]:
+        """Numbers of the bundles that have some of the groups `on`, in ascending order."""
+
+    def spread(
+        self, on: tuple[int, ...], values: dict[int, Float[ArrayLike, " ..."]]
+    ) -> Mapping[int, Float[ArrayLike, " ..."]]:
+        """Arrays [n_elem] or scalars by the number of a group, as such by that of a bundle."""
 
 
 class Load(abc.ABC):
@@ -14,21 +45,21 @@ class Load(abc.ABC):
         worked_out: names of fields that nobody states: the analysis puts them in.
     """
 
-    worked_out = ("begun", "part")
+    worked_out: tuple[str, ...] = ("begun", "part")
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if it does not fit a structure."""
         return None
 
     @abc.abstractmethod
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> Load:
         """The load times `factor`."""
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`."""
         return []
 
-    def __str__(self):
+    def __str__(self) -> str:
         return type(self).__name__
 
 
@@ -36,7 +67,9 @@ class OnNodes(Load):
     """Dead on nodes: it leaves the load where a freedom becomes fixed."""
 
     @abc.abstractmethod
-    def nodal_forces(self, shape, dtype):
+    def nodal_forces(
+        self, shape: tuple[int, int], dtype: DTypeLike
+    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
 
 
@@ -44,11 +77,13 @@ class Moving(Load):
     """A movement of supports."""
 
     @abc.abstractmethod
-    def check_supported(self, fixed):
+    def check_supported(self, fixed: Fixed) -> None:
         """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`."""
 
     @abc.abstractmethod
-    def steps(self, shape, dtype):
+    def steps(
+        self, shape: tuple[int, int], dtype: DTypeLike
+    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
         """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
 
 
@@ -56,23 +91,23 @@ class Acting(Load):
     """What goes on acting in later phases, of elements or of areas."""
 
     @property
-    def asks_begun(self):
+    def asks_begun(self) -> bool:
         """Whether it depends on where the nodes are when its phase begins (`Measured`)."""
         return False
 
-    def among(self, structure):
+    def among(self, structure: Structure) -> Acting:
         """The load as the analysis of a structure has it: groups by their numbers."""
         return self
 
-    def bundled(self, bundles):
+    def bundled(self, bundles: Bundles) -> Acting:
         """The load `among` groups on bundles of them (`bundles.Bundles`)."""
         return self
 
-    def touched(self, bundles):
+    def touched(self, bundles: Bundles) -> Acting:
         """As `bundled`, for what only asks which groups it acts on."""
         return self
 
-    def without_begun(self):
+    def without_begun(self) -> Acting:
         """The load without what an analysis has put into it."""
         return self
 
@@ -81,10 +116,19 @@ class Dead(Acting):
     """Forces that do not depend on where the nodes are, but may on the state of the elements."""
 
     @abc.abstractmethod
-    def element_forces(self, groups, states, nodes, shape, dtype):
+    def element_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        shape: tuple[int, int],
+        dtype: DTypeLike,
+    ) -> Float[Array, "n_row n_freedom"]:
         """Force on every node, as `shape`, N, for the given element states."""
 
-    def per_length(self, number, group, state, nodes):
+    def per_length(
+        self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
+    ) -> Float[Array, "n_elem 3"] | None:
         """What of it shapes the elements of a group, per unstressed length, [n_elem, 3], N/m.
 
         None if nothing does.
@@ -100,19 +144,19 @@ class Measured(Dead):
         begun: nodes there, [n_row, 3], m, put in by the analysis; else None.
     """
 
-    geometry = "input"
-    begun = None
+    geometry: str = "input"
+    begun: Float[Array, "n_row 3"] | None = None
 
     @property
-    def asks_begun(self):
+    def asks_begun(self) -> bool:
         """Whether its geometry is that in which its phase begins."""
         return self.geometry == "begun"
 
-    def without_begun(self):
+    def without_begun(self) -> Measured:
         """The load without these nodes, which belong to an analysis."""
         return self if self.begun is None else copy(self, begun=None)
 
-    def measured(self, nodes):
+    def measured(self, nodes: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         """Positions to measure in, [n_row, 3], m, of initial ones."""
         return nodes if self.begun is None else self.begun
 
@@ -121,18 +165,32 @@ class Following(Acting):
     """Forces that depend on where the nodes are."""
 
     @abc.abstractmethod
-    def touches(self, groups):
+    def touches(self, groups: Sequence[Element]) -> list[Indices]:
         """Nodes whose forces depend on each other, a list of `Indices` [n, k]."""
 
     @abc.abstractmethod
-    def following_forces(self, groups, states, nodes, moved):
+    def following_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        moved: Float[Array, "n_row 3"],
+    ) -> Float[Array, "n_row 3"]:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
 
     @abc.abstractmethod
-    def following_blocks(self, groups, states, nodes, moved):
+    def following_blocks(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        moved: Float[Array, "n_row 3"],
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
         """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
 
-    def pressing(self, number, group):
+    def pressing(
+        self, number: int, group: Element
+    ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
         """What of it bends the elements of a group: per, pressure [n_elem], axes [n_elem, 3].
 
         None if nothing does.

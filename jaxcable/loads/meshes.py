@@ -1,5 +1,7 @@
 """Faces of a net as seen in plan: its meshes, and what lies between free ends at its border."""
 
+from __future__ import annotations
+
 import itertools
 
 import numpy as np
@@ -7,6 +9,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..common import checks
+from ..common.types import ArrayLike, Float, Int
 
 BORDERS = (None, "ends", "links")
 STRAIGHT = 45.0
@@ -16,7 +19,12 @@ _NOTHING = 1e-12
 """Area, over the square of the net's size, of faces that are lines."""
 
 
-def net_faces(nodes, links, largest=4, border=None):
+def net_faces(
+    nodes: Float[ArrayLike, "n_node 3"],
+    links: Int[ArrayLike, "n_elem 2"],
+    largest: int = 4,
+    border: str | None = None,
+) -> Int[np.ndarray, "n_face 4"]:
     """Faces of a net as seen in plan: its meshes, and those between free ends at its border.
 
     The meshes of the planar graph that the links draw in the x-y plane, in anticlockwise order:

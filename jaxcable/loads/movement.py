@@ -1,9 +1,15 @@
 """Prescribed movement of supports."""
 
+from __future__ import annotations
+
 import numpy as np
+from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
+from ..common.types import Array, ArrayLike, Float, Int
+from ..model.structure import Structure
+from ..model.supports import Fixed
 from .groups import scattered
 from .load import Moving
 
@@ -36,9 +42,9 @@ class SupportMovement(Moving):
         [500. 500.]
     """
 
-    nodes: object
-    displacements: object
-    rotations: object = None
+    nodes: Int[ArrayLike, " n"]
+    displacements: Float[ArrayLike, "... 3"] | None
+    rotations: Float[ArrayLike, "... 3"] | None = None
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
@@ -56,14 +62,14 @@ class SupportMovement(Moving):
                 )
             object.__setattr__(self, name, value)
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "moved nodes")
         if self.rotations is not None and not structure.rotating()[self.nodes.array].all():
             k = int((~structure.rotating()[self.nodes.array]).argmax())
             raise ValueError(f"rotations: node {self.nodes[k]} has no rotation")
 
-    def check_supported(self, fixed):
+    def check_supported(self, fixed: Fixed) -> None:
         """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`.
 
         Of a traced movement it is not known which components are zero: a node without any support
@@ -91,11 +97,13 @@ class SupportMovement(Moving):
             if self.rotations is not None and not own[k, 3:].all():
                 raise ValueError(f"rotations[{k}]: node {node} is not clamped")
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> SupportMovement:
         """The movement times `factor` (of rotations: the rotation vectors)."""
         rotations = None if self.rotations is None else factor * self.rotations
         return copy(self, displacements=factor * self.displacements, rotations=rotations)
 
-    def steps(self, shape, dtype):
+    def steps(
+        self, shape: tuple[int, int], dtype: DTypeLike
+    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
         """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
         return scattered(self.nodes, (self.displacements, self.rotations), shape, dtype)

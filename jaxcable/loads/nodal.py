@@ -1,9 +1,14 @@
 """Dead forces and moments on nodes."""
 
+from __future__ import annotations
+
 import numpy as np
+from jax.typing import DTypeLike
 
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
+from ..common.types import Array, ArrayLike, Float, Int
+from ..model.structure import Structure
 from .groups import scattered
 from .load import OnNodes
 
@@ -33,9 +38,9 @@ class NodalLoads(OnNodes):
         0 [   0.    0. -600.] [400.   0. 300.]
     """
 
-    nodes: object
-    forces: object
-    moments: object = None
+    nodes: Int[ArrayLike, " n"]
+    forces: Float[ArrayLike, "... 3"]
+    moments: Float[ArrayLike, "... 3"] | None = None
 
     def __post_init__(self):
         if not isinstance(self.nodes, Indices):
@@ -55,7 +60,7 @@ class NodalLoads(OnNodes):
                 )
             object.__setattr__(self, "moments", moments)
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
@@ -66,12 +71,12 @@ class NodalLoads(OnNodes):
                     f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
                 )
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> NodalLoads:
         """The load times `factor`."""
         moments = None if self.moments is None else factor * self.moments
         return copy(self, forces=factor * self.forces, moments=moments)
 
-    def __str__(self):
+    def __str__(self) -> str:
         forces = checks.concrete(self.forces)
         if forces is None:
             return "NodalLoads"
@@ -79,6 +84,8 @@ class NodalLoads(OnNodes):
         total = ", ".join(f"{force:.6g}" for force in total)
         return f"NodalLoads on {len(self.nodes)} nodes, sum ({total}) N"
 
-    def nodal_forces(self, shape, dtype):
+    def nodal_forces(
+        self, shape: tuple[int, int], dtype: DTypeLike
+    ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
         """Force, and moment if `shape` is [n_node, 6], on every node, N and N m."""
         return scattered(self.nodes, (self.forces, self.moments), shape, dtype)

@@ -5,15 +5,22 @@ taken by automatic differentiation. The assembled derivative is symmetric where 
 from a potential: all nodes at the border are held, the pressure is even and per current size.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 
 from ..common import checks
 from ..common.rules import Rule, refuse
 from ..common.tree import Indices, copy, pytree
+from ..common.types import Array, ArrayLike, Float, Int
+from ..elements.element import Element
+from ..model.structure import Structure
 from . import faces as _faces
-from .groups import bundled, chosen, partly
-from .load import Following
+from .groups import Key, bundled, chosen, partly
+from .load import Bundles, Following, OwnState
 
 PER = ("current", "unstressed")
 
@@ -56,11 +63,13 @@ class CablePressure(Following):
         0 [500. 500.] -600.000
     """
 
-    pressure: object
-    axis: object
-    on: object = None
+    pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]
+    axis: Float[ArrayLike, " 3"]
+    on: Key = None
     per: str = "current"
-    part: object = None  # of elements of a group, 1 or 0, by its number, put in by the analysis
+    part: dict[int, Float[Array, " n_elem"]] | None = (
+        None  # of elements of a group, 1 or 0, by its number, put in by the analysis
+    )
 
     def __post_init__(self):
         axis = checks.floats(self.axis, "axis")
@@ -75,12 +84,12 @@ class CablePressure(Following):
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if a loaded group cannot be pressed."""
         numbers = chosen(self.on, structure)
         for number in numbers:
@@ -96,11 +105,11 @@ class CablePressure(Following):
                     f"got {self.pressure.shape}"
                 )
 
-    def among(self, structure):
+    def among(self, structure: Structure) -> CablePressure:
         """The load with `on` turned into the numbers of its groups."""
         return copy(self, on=chosen(self.on, structure))
 
-    def bundled(self, bundles):
+    def bundled(self, bundles: Bundles) -> CablePressure:
         """The load on bundles of the groups that it acts on."""
         if jnp.ndim(self.pressure) == 0:
             return bundled(self, bundles)
@@ -109,19 +118,21 @@ class CablePressure(Following):
         part = bundles.spread(self.on, dict.fromkeys(self.on, self.pressure))
         return copy(self, on=tuple(part), pressure=jnp.ones_like(self.pressure[0]), part=part)
 
-    def touched(self, bundles):
+    def touched(self, bundles: Bundles) -> CablePressure:
         """The load on the numbers of these bundles."""
         return copy(self, on=bundles.numbers(self.on))
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> CablePressure:
         """The load times `factor`."""
         return copy(self, pressure=factor * self.pressure)
 
-    def touches(self, groups):
+    def touches(self, groups: Sequence[Element]) -> list[Indices]:
         """Nodes whose forces depend on each other, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
-    def pressing(self, number, group):
+    def pressing(
+        self, number: int, group: Element
+    ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
         """What of it bends the elements of a group: per, pressure [n_elem], axes [n_elem, 3].
 
         None if it does not act on the group, or on one that has no deflection.
@@ -153,11 +164,23 @@ class CablePressure(Following):
         half = 0.5 * pressure * across
         return jnp.stack([half, half])
 
-    def following_forces(self, groups, states, nodes, moved):
+    def following_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        moved: Float[Array, "n_row 3"],
+    ) -> Float[Array, "n_row 3"]:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         return _collected(self, self._parts(groups, states, moved), moved)
 
-    def following_blocks(self, groups, states, nodes, moved):
+    def following_blocks(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        moved: Float[Array, "n_row 3"],
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
         """Its derivative: list of (blocks [n, 2, 3, 2, 3], nodes [n, 2])."""
         return _derived(self, self._parts(groups, states, moved))
 
@@ -188,8 +211,8 @@ class FacePressure(Following):
         converged: -672.000 N
     """
 
-    faces: object
-    pressure: object
+    faces: Int[ArrayLike, "n_face 3or4"]
+    pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_face"]
 
     def __post_init__(self):
         object.__setattr__(self, "faces", _faces.checked(self.faces))
@@ -200,15 +223,15 @@ class FacePressure(Following):
             )
         object.__setattr__(self, "pressure", pressure)
 
-    def check(self, structure):
+    def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
 
-    def scaled(self, factor):
+    def scaled(self, factor: Float[ArrayLike, ""]) -> FacePressure:
         """The load times `factor`."""
         return copy(self, pressure=factor * self.pressure)
 
-    def touches(self, groups):
+    def touches(self, groups: Sequence[Element]) -> list[Indices]:
         """Nodes whose forces depend on each other, a list of [n, 3 or 4]."""
         return [self.faces]
 
@@ -223,11 +246,23 @@ class FacePressure(Following):
             force = force.at[jnp.array(numbers)].add(pressure * vector / 3)
         return force
 
-    def following_forces(self, groups, states, nodes, moved):
+    def following_forces(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        moved: Float[Array, "n_row 3"],
+    ) -> Float[Array, "n_row 3"]:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         return _collected(self, self._parts(moved), moved)
 
-    def following_blocks(self, groups, states, nodes, moved):
+    def following_blocks(
+        self,
+        groups: Sequence[Element],
+        states: Sequence[OwnState],
+        nodes: Float[Array, "n_row 3"],
+        moved: Float[Array, "n_row 3"],
+    ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
         """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return _derived(self, self._parts(moved))
 

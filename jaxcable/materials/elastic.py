@@ -1,8 +1,11 @@
 """Linear law, without end."""
 
+from __future__ import annotations
+
 from ..common import checks
-from ..common.rules import positive, refuse
+from ..common.rules import Rule, positive, refuse
 from ..common.tree import copy, pytree
+from ..common.types import Array, ArrayLike, Float
 from .law import Law
 
 
@@ -24,7 +27,7 @@ class Elastic(Law):
         -0.0005
     """
 
-    E: object
+    E: Float[ArrayLike, ""]
 
     rising = True
 
@@ -35,27 +38,33 @@ class Elastic(Law):
         object.__setattr__(self, "E", E)
         refuse(self.rules())
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its number keeps, see `_rules`."""
         return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property
-    def modulus(self):
+    def modulus(self) -> Float[Array, ""]:
         """Slope at the origin, Pa."""
         return self.E
 
-    def stress_at(self, strain, memory=None):
+    def stress_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Stress, Pa, at `strain`."""
         return self.E * strain
 
-    def energy_at(self, strain, memory=None):
+    def energy_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Strain energy per unstressed volume, J/m3."""
         return 0.5 * self.E * strain**2
 
-    def strain_at(self, stress, memory=None):
+    def strain_at(
+        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Strain at `stress`, Pa."""
         return stress / self.E
 
-    def softened(self, compliance):
+    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Elastic:
         """The law in series with a spring of `compliance`, 1/Pa."""
         return copy(self, E=self.E / (1 + compliance * self.E))

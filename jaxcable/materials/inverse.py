@@ -1,11 +1,18 @@
 """Strain from stress, for any law that is linear between known corners."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
+
+from ..common.types import Array, ArrayLike, Float
+from .law import Law
 
 _FAR = 1.0  # strain by which a law without end is followed beyond its last corner
 
 
-def inverse(law, stress, memory=None):
+def inverse(
+    law: Law, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+) -> Float[Array, "*shape"]:
     """Strain at `stress` on the rising branch from zero; NaN above the peak of `law`.
 
     Exact: the curve is evaluated at its corners and inverted linearly between two of them. On a

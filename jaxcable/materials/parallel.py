@@ -9,9 +9,14 @@ stress ``s(m)`` of the laws at their own strain m, a spring of compliance c make
 ``e = m + c s(m)``, which rises with m where s does and is inverted exactly, corner by corner.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
 import jax.numpy as jnp
 
 from ..common.tree import copy, pytree
+from ..common.types import Array, ArrayLike, Bool, Float
 from .elastic import Elastic
 from .inverse import inverse
 from .law import Law
@@ -39,34 +44,34 @@ class Parallel(Law):
         75.0 GPa, 7.5 MPa
     """
 
-    laws: object
-    shares: object
-    spring: object = None
+    laws: Sequence[Law]
+    shares: Float[ArrayLike, " n_law"]
+    spring: Float[ArrayLike, "*shape"] | None = None
     one_sided: bool = False
 
     @property
-    def n_memory(self):
+    def n_memory(self) -> int:  # type: ignore[override]  # of its laws
         """Plastic strains of all laws, one after the other."""
         return sum(law.n_memory for law in self.laws)
 
     @property
-    def breaks(self):
+    def breaks(self) -> bool:  # type: ignore[override]  # of its laws
         """Whether any of the curves can end."""
         return any(law.breaks for law in self.laws)
 
     @property
-    def rising(self):
+    def rising(self) -> bool:  # type: ignore[override]  # of its laws
         """Whether none of the curves falls."""
         return all(law.rising for law in self.laws)
 
     @property
-    def modulus(self):
+    def modulus(self) -> Float[Array, ""]:
         """Slope at the origin, Pa."""
         modulus = sum(a * law.modulus for a, law in zip(self.shares, self.laws, strict=True))
         return modulus if self.spring is None else modulus / (1 + self.spring * modulus)
 
     @property
-    def limits(self):
+    def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
         """Strains at which the first of the curves ends; none in compression that is not carried.
 
         In first loading; there every part that yields has yielded, so that it is always so.
@@ -83,7 +88,7 @@ class Parallel(Law):
         )
 
     @property
-    def capacity(self):
+    def capacity(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
         """Smallest and largest stress within the limits, Pa."""
         low, high = self._ends()
         corners = self._corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
@@ -96,7 +101,9 @@ class Parallel(Law):
         most = jnp.where(jnp.isfinite(high), most, jnp.inf)
         return jnp.zeros_like(least) if self.one_sided else least, most
 
-    def each(self, memory):
+    def each(
+        self, memory: Float[Array, "... n_memory"] | None
+    ) -> Iterator[tuple[Float[ArrayLike, ""], Law, Float[Array, "... own_memory"] | None]]:
         """Share, law and its own plastic strains, of every law."""
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
@@ -171,7 +178,9 @@ class Parallel(Law):
 
     # --- the law
 
-    def stress_at(self, strain, memory=None):
+    def stress_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Stress over the whole area, Pa."""
         own = self._own_strain(strain, memory)
         stress = self._sum(own, memory)
@@ -179,12 +188,16 @@ class Parallel(Law):
             return stress
         return jnp.where(own < 0 if memory is None else stress < 0, 0.0, stress)
 
-    def stresses(self, strain, memory=None):
+    def stresses(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> list[Float[Array, "*shape"]]:
         """Stress of every law, a list, Pa; their sum by `shares` is `stress_at`."""
         own = self._kept(strain, memory)
         return [law.stress_at(own, p) for _, law, p in self.each(memory)]
 
-    def size_at(self, strain, memory):
+    def size_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
+    ) -> Float[Array, "*shape"]:
         """Sum of the absolute stresses of all parts, Pa; a slack cable has exactly none."""
         own = self._own_strain(strain, memory)
         size = sum(share * law.size_at(own, p) for share, law, p in self.each(memory))
@@ -192,7 +205,9 @@ class Parallel(Law):
             return size
         return jnp.where(own < 0 if memory is None else self._sum(own, memory) < 0, 0.0, size)
 
-    def energy_at(self, strain, memory=None):
+    def energy_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Energy per volume, J/m3, that of the spring among it.
 
         That of a cable is the integral of its stress where none of the curves falls, and in a slack
@@ -204,7 +219,9 @@ class Parallel(Law):
             energy = energy + 0.5 * self.spring * self.stress_at(strain, memory) ** 2
         return energy
 
-    def strain_at(self, stress, memory=None):
+    def strain_at(
+        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Strain at a stress over the whole area, Pa; NaN for a compression of a cable."""
         stress = jnp.asarray(stress)
         strain = inverse(self._bare(), stress, memory)
@@ -212,7 +229,12 @@ class Parallel(Law):
             strain = strain + self.spring * stress
         return jnp.where(stress < 0, jnp.nan, strain) if self.one_sided else strain
 
-    def settle(self, strain, memory, duration=0.0):
+    def settle(
+        self,
+        strain: Float[ArrayLike, "*shape"],
+        memory: Float[Array, "... n_memory"],
+        duration: Float[ArrayLike, ""] = 0.0,
+    ) -> Float[Array, "... n_memory"]:
         """What its laws remember after an increment; in a slack cable nothing yields any more."""
         own = self._kept(strain, memory)
         return jnp.concatenate(
@@ -228,7 +250,9 @@ class Parallel(Law):
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
         )
 
-    def corners(self, memory=None):
+    def corners(
+        self, memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "... n_corner"]:
         """Corners of all laws, on the last axis; of a cable those from slackness on."""
         corners = self._corners(memory)
         if self.one_sided:
@@ -238,7 +262,9 @@ class Parallel(Law):
             corners = jnp.maximum(both, jnp.broadcast_to(slack, both.shape))
         return self._with_spring(corners, None if memory is None else memory[..., None, :])
 
-    def corner_distance(self, strain, memory=None):
+    def corner_distance(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Distance in strain to the nearest corner of any law."""
         strain = jnp.asarray(strain)
         corners = self.corners(memory)
@@ -246,7 +272,9 @@ class Parallel(Law):
             corners = corners.reshape((1,) * strain.ndim + (-1,))
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1, initial=jnp.inf)
 
-    def is_slack(self, strain, memory=None):
+    def is_slack(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Bool[Array, "*shape"]:
         """Whether it carries nothing: of a cable as a whole, else because all laws are slack."""
         own = self._own_strain(strain, memory)
         if self.one_sided:
@@ -256,14 +284,14 @@ class Parallel(Law):
 
     # --- the same, changed
 
-    def continued(self):
+    def continued(self) -> Parallel:
         """The law for an iteration."""
         return copy(self, laws=tuple(law.continued() for law in self.laws))
 
-    def tension_only(self):
+    def tension_only(self) -> Parallel:
         """The laws as those of a cable: slack where the sum of all would be a compression."""
         return copy(self, one_sided=True)
 
-    def softened(self, compliance):
+    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Parallel:
         """All laws together in series with one spring of `compliance`, 1/Pa; for laws that rise."""
         return copy(self, spring=compliance if self.spring is None else self.spring + compliance)

@@ -1,12 +1,17 @@
 """What the points of a law keep: rules of strain and stress, for known and for traced numbers."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule
+from ..common.types import ArrayLike, Float
 
 
-def rules(strain, stress, unloading):
+def rules(
+    strain: Float[ArrayLike, " n"], stress: Float[ArrayLike, " n"], unloading: str
+) -> list[Rule]:
     """Rules of the points [n] each, see `_rules`; the first that is broken says what is wrong."""
     both = strain, stress
     found = [
@@ -26,7 +31,7 @@ def rules(strain, stress, unloading):
     return found
 
 
-def suspect(strain):
+def suspect(strain: Float[np.ndarray, " n"]) -> None:
     """Warn of strains, [n], that look like percentages."""
     if np.abs(strain).max() > 1:
         k = int(np.abs(strain).argmax())
@@ -34,7 +39,9 @@ def suspect(strain):
         checks.suspect(text)
 
 
-def with_origin(e, s):
+def with_origin(
+    e: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """The points with the origin among them, NumPy: put in if a segment passes it."""
     if np.isnan(e).any() or (e == 0).any():
         return e, s

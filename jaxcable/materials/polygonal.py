@@ -14,12 +14,15 @@ with plastic strains ``p_k``. It is the polygon in first loading, unloads with t
 and yields backwards after twice the strain. At given ``p_k`` its energy is convex.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
-from ..common.rules import refuse
+from ..common.rules import Rule, refuse
 from ..common.tree import copy, pytree
+from ..common.types import Array, ArrayLike, Bool, Float
 from . import points
 from .inverse import inverse
 from .law import Law
@@ -62,13 +65,13 @@ class Polygonal(Law):
         True
     """
 
-    strain: object
-    stress: object
+    strain: Float[ArrayLike, " n"]
+    stress: Float[ArrayLike, " n"]
     unloading: str = "reversible"
     one_sided: bool = False
     endless: bool = False
-    rising: object = None
-    n_memory: object = None
+    rising: bool = None  # type: ignore[assignment]  # put in by the constructor
+    n_memory: int = None  # type: ignore[assignment]  # likewise
 
     breaks = True
 
@@ -103,7 +106,7 @@ class Polygonal(Law):
         if self.n_memory is None:
             put(self, "n_memory", int(n_corner))
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its points keep, see `_rules`."""
         return points.rules(self.strain, self.stress, self.unloading)
 
@@ -118,23 +121,25 @@ class Polygonal(Law):
         return jnp.asarray(False) if self.one_sided else self.strain[0] < 0
 
     @property
-    def modulus(self):
+    def modulus(self) -> Float[Array, ""]:
         """Slope at the origin, on the tension side, Pa."""
         return self._slopes[jnp.sum(self.strain[1:-1] <= 0)]
 
     @property
-    def capacity(self):
+    def capacity(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
         """Smallest and largest stress, Pa."""
         return jnp.where(self._two_sided, jnp.min(self.stress), 0.0), jnp.max(self.stress)
 
     @property
-    def limits(self):
+    def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
         """Strains at which the curve ends; minus infinity on the side of a slack material."""
         return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
 
     # --- the law
 
-    def stress_at(self, strain, memory=None):
+    def stress_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Stress, Pa; zero beyond the ends unless the law is endless."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
@@ -147,14 +152,18 @@ class Polygonal(Law):
             return stress
         return jnp.where(~self._two_sided & (stress < 0), 0.0, stress)
 
-    def size_at(self, strain, memory):
+    def size_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
+    ) -> Float[Array, "*shape"]:
         """Sum of the absolute stresses of the parallel parts, Pa: what rounding is relative to."""
         if memory is None:
             return jnp.abs(self._curve(strain, None))
         stiffness, end, _, kept = self._yielding(strain, memory)
         return jnp.abs(end * strain) + jnp.sum(stiffness * jnp.abs(kept), axis=-1)
 
-    def energy_at(self, strain, memory=None):
+    def energy_at(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Energy per volume, J/m3: under the curve, or of the parts at given plastic strains."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
@@ -173,24 +182,35 @@ class Polygonal(Law):
             energy = energy + (self._curve(inside, memory) + 0.5 * self.modulus * over) * over
         return energy
 
-    def strain_at(self, stress, memory=None):
+    def strain_at(
+        self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Strain at `stress`, Pa."""
         return inverse(self, stress, memory)
 
-    def settle(self, strain, memory, duration=0.0):
+    def settle(
+        self,
+        strain: Float[ArrayLike, "*shape"],
+        memory: Float[Array, "... n_memory"],
+        duration: Float[ArrayLike, ""] = 0.0,
+    ) -> Float[Array, "... n_memory"]:
         """Plastic strains after an increment that ended at `strain`, however long it took."""
         inside, _ = self._split(jnp.asarray(strain))
         _, _, elastic, kept = self._yielding(inside, memory)
         moved = jnp.isfinite(kept) & (kept != elastic)
         return jnp.where(moved, inside[..., None] - jnp.where(moved, kept, 0.0), memory)
 
-    def is_slack(self, strain, memory=None):
+    def is_slack(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Bool[Array, "*shape"]:
         """Whether a material without compression branch has been left by its stress."""
         if memory is None:
             return ~self._two_sided & (strain < 0)
         return ~self._two_sided & (self._curve(strain, memory) < 0)
 
-    def corners(self, memory=None):
+    def corners(
+        self, memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "... n_corner"]:
         """Strains at which the slope jumps, ends of the curve among them, on the last axis."""
         if memory is None:
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
@@ -203,7 +223,9 @@ class Polygonal(Law):
         ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
         return jnp.concatenate([both, *ends], -1)
 
-    def corner_distance(self, strain, memory=None):
+    def corner_distance(
+        self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
+    ) -> Float[Array, "*shape"]:
         """Distance in strain to the nearest corner or end of the curve."""
         strain = jnp.asarray(strain)
         corners = self.corners(memory)
@@ -213,19 +235,19 @@ class Polygonal(Law):
 
     # --- the same material, changed
 
-    def continued(self):
+    def continued(self) -> Polygonal:
         """The law for an iteration: goes on with its initial slope beyond its ends."""
         return copy(self, endless=True)
 
-    def tension_only(self):
+    def tension_only(self) -> Polygonal:
         """The law without compression: slack where its stress would be negative."""
         return copy(self, one_sided=True)
 
-    def falls(self):
+    def falls(self) -> Float[ArrayLike, " n"] | None:
         """Its stresses, unless they are known to rise."""
         return None if self.rising else self.stress
 
-    def softened(self, compliance):
+    def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Polygonal:
         """The law in series with a spring of `compliance`, 1/Pa; for a law that rises."""
         return copy(self, strain=self.strain + compliance * self.stress)
 

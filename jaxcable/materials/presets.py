@@ -1,15 +1,23 @@
 """Laws of common materials, each with the source of its numbers."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..common import checks
 from ..common.rules import positive, refuse
+from ..common.types import ArrayLike, Float
 from .polygonal import Polygonal
 
 
 def steel(
-    yield_stress=235e6, E=210e9, hardening=0.01, *, ultimate_strain=0.05, unloading="elastic"
-):
+    yield_stress: Float[ArrayLike, ""] = 235e6,
+    E: Float[ArrayLike, ""] = 210e9,
+    hardening: Float[ArrayLike, ""] = 0.01,
+    *,
+    ultimate_strain: Float[ArrayLike, ""] = 0.05,
+    unloading: str = "elastic",
+) -> Polygonal:
     """Structural steel: bilinear, the same in tension and compression.
 
     Args:
@@ -37,7 +45,13 @@ def steel(
     return Polygonal(strain, [-top, -yield_stress, 0.0, yield_stress, top], unloading)
 
 
-def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, *, unloading="elastic"):
+def strand(
+    strength: Float[ArrayLike, ""] = 1860e6,
+    E: Float[ArrayLike, ""] = 195e9,
+    ultimate_strain: Float[ArrayLike, ""] = 0.02 / 0.9,
+    *,
+    unloading: str = "elastic",
+) -> Polygonal:
     """Prestressing strand: bilinear, tension only.
 
     Elastic to 0.9 of the strength, then inclined to the strength at the ultimate strain.
@@ -67,7 +81,13 @@ def strand(strength=1860e6, E=195e9, ultimate_strain=0.02 / 0.9, *, unloading="e
     return Polygonal([0.0, proof / E, ultimate_strain], [0.0, proof, strength], unloading)
 
 
-def tension_only(E, strength=np.inf, ultimate_strain=None, *, unloading="reversible"):
+def tension_only(
+    E: Float[ArrayLike, ""],
+    strength: Float[ArrayLike, ""] = np.inf,
+    ultimate_strain: Float[ArrayLike, ""] | None = None,
+    *,
+    unloading: str = "reversible",
+) -> Polygonal:
     """Linear to the strength, then failed; slack in compression.
 
     Args:

@@ -28,7 +28,7 @@ class Fixed(Indices):
 
     def __init__(
         self,
-        array: Bool[ArrayLike, "n_row 3or6"],
+        array: Bool[ArrayLike, "n_row n_freedom"],
         axes: Float[ArrayLike, "n_row 3 3"] | Indices | None = None,
         spins: Spins | None = None,
     ):
@@ -80,7 +80,7 @@ class Supports:
         array([False,  True, False])
     """
 
-    mask: Bool[ArrayLike, "n_node 3or6"] | None = None
+    mask: Bool[ArrayLike, "n_node n_freedom"] | None = None
     nodes: Int[ArrayLike, " n"] | None = None
     clamps: Int[ArrayLike, " n"] | None = None
     chosen: Int[ArrayLike, " n"] | None = None

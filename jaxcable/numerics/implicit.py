@@ -5,6 +5,10 @@ With ``R(x, p) = 0`` the derivative of ``x`` is ``dx = -K^-1 R_p dp``, whatever 
 modes follow from `lax.custom_linear_solve`.
 """
 
+from __future__ import annotations
+
+from typing import Any, TypeAlias, TypeVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,10 +16,16 @@ from jax import lax
 
 from .. import linear
 from ..common.tree import fill, thaw
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..linear.sparse import Factored
 from .rooted import rooted
 
+Tree = TypeVar("Tree")
+System: TypeAlias = Any
+"""`mechanics.assembly.System`, which stands on this room."""
 
-def gate(open_, tree):
+
+def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
     """Let derivatives of `tree` through only where `open_`; values pass always.
 
     A select, so that a NaN on its way back is stopped and not multiplied by zero.
@@ -29,12 +39,21 @@ def gate(open_, tree):
     return jax.tree.map(one, tree)
 
 
-def attach(system, x, valid):
+def attach(
+    system: System, x: Float[Array, "n_row n_motion"], valid: Bool[ArrayLike, ""]
+) -> Float[Array, "n_row n_motion"]:
     """Return `x` with the derivative of the equilibrium of `system`: `attach_apart` as one."""
     return attach_apart(system, x, valid)[0]
 
 
-def attach_apart(system, x, valid, factored=None, tol=0.0, limit=0):
+def attach_apart(
+    system: System,
+    x: Float[Array, "n_row n_motion"],
+    valid: Bool[ArrayLike, ""],
+    factored: Factored | None = None,
+    tol: Float[ArrayLike, ""] = 0.0,
+    limit: Int[ArrayLike, ""] = 0,
+) -> tuple[Float[Array, "n_row n_motion"], Float[Array, "n_row n_motion"], Float[Array, " n_row"]]:
     """Return `x` with the derivative of the equilibrium of `system`, and where it has none.
 
     Args:
@@ -85,7 +104,7 @@ def _solved(problem, linearized, rhs):
     return linear.solve_marked(build, rhs, linearized, factored, tol, limit)
 
 
-def undifferentiated(tree, parameters):
+def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
     """Return `tree` with derivative NaN with respect to every one of `parameters`.
 
     For results whose derivative was not asked for: an honest NaN instead of a silent zero.
@@ -100,7 +119,7 @@ def undifferentiated(tree, parameters):
     return jax.tree.map(one, tree)
 
 
-def first_order(tree):
+def first_order(tree: Tree) -> Tree:
     """Return `tree`; its first derivative passes, every higher one is NaN.
 
     For what is exact at first order only: an honest NaN instead of a silently wrong number.
@@ -112,17 +131,17 @@ def first_order(tree):
     return jax.tree.map(one, tree)
 
 
-def nan_unless(ok, tree, parameters):
+def nan_unless(ok: Bool[ArrayLike, ""], tree: Tree, parameters: PyTree[Any]) -> Tree:
     """Make `tree` NaN, in value and in derivative, unless `ok`."""
     return nan_beside(ok, tree, touch(parameters))
 
 
-def nan_beside(ok, tree, touched):
+def nan_beside(ok: Bool[ArrayLike, ""], tree: Tree, touched: Float[Array, ""]) -> Tree:
     """`nan_unless` with what `touch` gives, which is to be asked for outside of loops."""
     return jax.tree.map(lambda x: _poison(ok, x, touched), tree)
 
 
-def touch(parameters):
+def touch(parameters: PyTree[Any]) -> Float[Array, ""]:
     """Zero, with a derivative by every float in `parameters`: only that matters."""
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
     return _touch([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])

@@ -7,7 +7,11 @@ derivative; and the derivative is a primitive, too, so that reverse mode keeps w
 depends on, and nothing of how it is linearised (but in batches of changes, which are written out).
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 from functools import partial
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -16,11 +20,19 @@ from jax.extend.core import Primitive
 from jax.flatten_util import ravel_pytree
 from jax.interpreters import ad, batching, mlir
 
+from ..common.types import Array, Float, PyTree
+
+Tree = TypeVar("Tree")
 _ROOT = Primitive("rooted")
 _CHANGE = Primitive("root_change")  # of a root: linear in the changes of what it depends on
 
 
-def rooted(function, root, parameters, tangent_solve):
+def rooted(
+    function: Callable[[Float[Array, "*n"], PyTree[Any]], Float[Array, "*n"]],
+    root: Float[Array, "*n"],
+    parameters: PyTree[Any],
+    tangent_solve: Callable[..., Float[Array, "*n"]] | None,
+) -> Float[Array, "*n"]:
     """Return a root with derivatives of any order of what it is a root of.
 
     With ``f(x, p) = 0`` its derivative is ``-f_x^-1 f_p dp``.
@@ -43,11 +55,11 @@ def rooted(function, root, parameters, tangent_solve):
         _, linear = jax.linearize(lambda x: equation(x, *leaves), x)
         return tangent_solve(tree.unflatten(leaves), linear, rhs)
 
-    leaves = map(jnp.asarray, leaves)
-    return _ROOT.bind(lax.stop_gradient(root), *leaves, equation=equation, solver=solver)
+    arrays = map(jnp.asarray, leaves)
+    return _ROOT.bind(lax.stop_gradient(root), *arrays, equation=equation, solver=solver)
 
 
-def told(function, values, parameters):
+def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]) -> Tree:
     """Return what a function gives, which is known already; traced for derivatives only.
 
     Args:

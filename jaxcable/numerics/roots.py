@@ -1,16 +1,26 @@
 """The zero of a rising function of one number, with its derivative."""
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
+from ..common.types import Array, Float
 from .rooted import rooted
 
 _MAX_STEPS = 120  # bisection alone halves any bracket of floats to its last digit in these
 
 
-def rising_root(function, guess, low, high):
+def rising_root(
+    function: Callable[[Float[Array, ""]], Float[Array, ""]],
+    guess: Float[Array, ""],
+    low: Float[Array, ""],
+    high: Float[Array, ""],
+) -> Float[Array, ""]:
     """Zero of a function that rises where it is a number: Newton's method within a bracket.
 
     A step that leaves the bracket, or a value that is not a number, is answered by bisection. The

@@ -6,8 +6,12 @@ that all derivatives exist. Functions inside elements are free of cases altogeth
 compiled many times over.
 """
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 import numpy as np
+
+from ..common.types import Array, Float
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 _SMALL = 1e-4  # of a squared angle: the series below are then exact to rounding
@@ -28,12 +32,12 @@ _CROSS = _structure([[0, 3, -2], [-3, 0, 1], [2, -1, 0]])
 _PRODUCT = _structure([[1, 2, 3, 4], [2, -1, 4, -3], [3, -4, -1, 2], [4, 3, -2, -1]])
 
 
-def cross(a, b):
+def cross(a: Float[Array, " 3"], b: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Vector product of `a` and `b`, [3]."""
     return (jnp.asarray(_CROSS, b.dtype) @ b) @ a
 
 
-def product(p, q):
+def product(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """Rotation by `q`, then by `p`."""
     return (jnp.asarray(_PRODUCT, q.dtype) @ q) @ p
 
@@ -48,29 +52,29 @@ for _k in range(3):
     _MATRIX[_j, _i, 0, _k + 1], _MATRIX[_i, _j, 0, _k + 1] = 2.0, -2.0
 
 
-def matrix(q):
+def matrix(q: Float[Array, " 4"]) -> Float[Array, "3 3"]:
     """Matrix [3, 3] of the rotation `q`: ``matrix(q) @ v`` is ``rotate(q, v)``."""
     table = jnp.asarray(_MATRIX.reshape(9, 16), q.dtype)
     return (table @ jnp.outer(q, q).ravel()).reshape(3, 3)
 
 
-def inverse(q):
+def inverse(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """The rotation back."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0], q.dtype)
 
 
-def unit(q):
+def unit(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """`q` at length 1."""
     return q / jnp.sqrt(q @ q)
 
 
-def rotate(q, v):
+def rotate(q: Float[Array, " 4"], v: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """The vector `v` [3] turned by `q`."""
     t = 2 * cross(q[1:], v)
     return v + q[0] * t + cross(q[1:], t)
 
 
-def exp(spin):
+def exp(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
     """Rotation by the angle |spin| about the axis `spin`, [3]."""
     square = spin @ spin
     small = square < _SMALL
@@ -83,7 +87,7 @@ def exp(spin):
     return jnp.append(w[None], factor * spin)
 
 
-def stereographic(q):
+def stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
     """A rotation as ``tan(angle / 4) axis``, [3]: smooth up to a full turn, zero for none."""
     q = jnp.where(q[0] < 0, -q, q)  # q and -q are one rotation
     return q[1:] / (1 + q[0])
@@ -96,7 +100,7 @@ def _angle_over(t):
     return value, slope
 
 
-def from_stereographic(r):
+def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Rotation vector [3] of a small rotation ``r = tan(angle / 4) axis``, without cases.
 
     ``4 r atan(|r|)/|r|``, cut after the fourth power of ``|r|^2``: the angle itself to 1e-15 at 10,
@@ -105,7 +109,7 @@ def from_stereographic(r):
     return _angle_over(r @ r)[0] * r
 
 
-def moment_of_spin(r, moment):
+def moment_of_spin(r: Float[Array, " 3"], moment: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Moment that does on spins the work of `moment` on changes of ``from_stereographic(r)``, [3].
 
     A spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4`` (Schaub and Junkins 1996).
@@ -116,19 +120,21 @@ def moment_of_spin(r, moment):
     return 0.25 * ((1 - t) * own + 2 * cross(r, own) + 2 * (r @ own) * r)
 
 
-def exp_stereographic(r):
+def exp_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
     """Rotation by ``r = tan(angle / 4) axis``, quaternion [4], of any angle below a full turn."""
     t = r @ r
     return jnp.append((1 - t)[None], 2 * r) / (1 + t)
 
 
-def moment_of_stereographic(r, moment):
+def moment_of_stereographic(
+    r: Float[Array, " 3"], moment: Float[Array, " 3"]
+) -> Float[Array, " 3"]:
     """Moment that does on changes of r the work of a spatial `moment` on spins, [3]."""
     t = r @ r
     return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
 
 
-def angles(r):
+def angles(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Rotation vector [3] of ``r = tan(angle / 4) axis``, of any angle below a full turn."""
     t = r @ r
     small = t < _SMALL
@@ -137,12 +143,14 @@ def angles(r):
     return jnp.where(small, series, 4 * jnp.arctan(size) / size) * r
 
 
-def middle(p, q):
+def middle(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
     """The rotation halfway between `p` and `q`."""
     return unit(p + jnp.where(p @ q < 0, -q, q))
 
 
-def shortest(a, b, change):
+def shortest(
+    a: Float[Array, " 3"], b: Float[Array, " 3"], change: Float[Array, " 3"]
+) -> Float[Array, " 4"]:
     """The smallest rotation that takes the unit vector `a` to `b`; not for opposite ones.
 
     `change` is ``b - a``, more exact than the subtraction where they are close.
@@ -150,17 +158,19 @@ def shortest(a, b, change):
     return unit(jnp.append((1 + a @ b)[None], cross(a, change)))
 
 
-def turned(motion, step):
+def turned(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Array, " 7"]:
     """A node's displacement and rotation [7] after a step: translation and spin [6]."""
     return jnp.concatenate([motion[:3] + step[:3], unit(product(exp(step[3:]), motion[3:]))])
 
 
-def turning(motion, step, order=5):
+def turning(
+    motion: Float[Array, " 7"], step: Float[Array, " 6"], order: int = 5
+) -> Float[Array, " 7"]:
     """`turned` near a zero step, where derivatives are taken: the same up to an order, 1 or 5."""
     return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:], order), motion[3:])])
 
 
-def turn_by(spin, order=5):
+def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
     """`exp` near a zero spin, where derivatives are taken: the same up to an order, 1 or 5."""
     if order == 1:
         return jnp.append(jnp.ones_like(spin[:1]), 0.5 * spin)
@@ -168,7 +178,9 @@ def turn_by(spin, order=5):
     return jnp.append((1 - t / 8 * (1 - t / 48))[None], 0.5 * (1 - t / 24 * (1 - t / 80)) * spin)
 
 
-def conjugate(spin, moment, order=5):
+def conjugate(
+    spin: Float[Array, " 3"], moment: Float[Array, " 3"], order: int = 5
+) -> Float[Array, " 3"]:
     """Moment that does the work of the spatial `moment` on changes of the rotation vector `spin`.
 
     At ``exp(spin)`` a change d of the vector is a spin ``T d`` with ``T = sum_k [spin x]^k /

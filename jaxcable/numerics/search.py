@@ -5,10 +5,15 @@ line a convex energy has growing ``g``, and ``g <= 0`` means that it fell all th
 is taken unless it overshoots; then the zero of ``g`` is bracketed.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
+
 import jax.numpy as jnp
 from jax import lax
 
 from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int
 
 SHORT = 0.5  # in a bracket, come at least this close from below
 _OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
@@ -26,21 +31,21 @@ class Search:
         count: lengths refused so far.
     """
 
-    length: object
-    slope: object
-    low: object
-    g_low: object
-    high: object
-    g_high: object
-    count: object
+    length: Float[Array, ""]
+    slope: Float[Array, ""]
+    low: Float[Array, ""]
+    g_low: Float[Array, ""]
+    high: Float[Array, ""]
+    g_high: Float[Array, ""]
+    count: Int[Array, ""]
 
     @classmethod
-    def init(cls, slope):
+    def init(cls, slope: Float[Array, ""]) -> Search:
         """A search that tries the whole step first."""
         one = jnp.ones((), slope.dtype)
         return cls(one, slope, 0 * one, slope, one, jnp.inf * one, jnp.int32(0))
 
-    def update(self, g):
+    def update(self, g: Float[Array, ""]) -> tuple[Search, Bool[Array, ""], Bool[Array, ""]]:
         """What the derivative `g` at the length tried says.
 
         Returns:
@@ -62,7 +67,12 @@ class Search:
         return after, ~too_far & ~again, again
 
 
-def search(evaluate, step, slope, usable):
+def search(
+    evaluate: Callable[[Float[Array, ""]], tuple[Float[Array, " n"], Float[Array, ""]]],
+    step: Float[Array, " n"],
+    slope: Float[Array, ""],
+    usable: Bool[Array, ""],
+) -> tuple[Float[Array, ""], Float[Array, " n"], Float[Array, ""], Bool[Array, ""]]:
     """Find a step length a in (0, 1].
 
     Args:

@@ -19,7 +19,7 @@ HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in par
 
 
 def supports(
-    fixed: Bool[np.ndarray, "n_node 3or6"],
+    fixed: Bool[np.ndarray, "n_node n_freedom"],
     turns: Bool[np.ndarray, " n_node"] | None = None,
     normal: Float[np.ndarray, " 3"] | None = None,
 ) -> Bool[np.ndarray, "3 n_node"]:

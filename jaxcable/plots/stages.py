@@ -33,7 +33,7 @@ class Stage:
         positions: Float[np.ndarray, "n_node 3"],
         ghost: Float[np.ndarray, "n_node 3"],
         forces: Forces,
-        fixed: Bool[np.ndarray, "n_node 3or6"],
+        fixed: Bool[np.ndarray, "n_node n_freedom"],
     ):
         self.title, self.positions, self.ghost = title, positions, ghost
         self.forces, self.fixed = forces, fixed

@@ -38,13 +38,13 @@ class State(NamedTuple):
     tension: PyTree[Float[ArrayLike, " n_elem"]]
     peak_tension: PyTree[Float[ArrayLike, " n_elem"]]
     reactions: Float[ArrayLike, "n_node 3"]
-    fixed: Bool[np.ndarray, "n_row 3or6"]
+    fixed: Bool[np.ndarray, "n_row n_freedom"]
 
 
 def reactions(
     structure: Structure,
     state: results.State,
-    fixed: Bool[np.ndarray, "n_row 3or6"],
+    fixed: Bool[np.ndarray, "n_row n_freedom"],
     states: Mapping[str, State],
 ) -> Table:
     """Reactions at the end, and the largest resultant over cases or phases with its case.

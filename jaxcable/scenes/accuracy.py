@@ -1,8 +1,11 @@
 """The cable of the paper's accuracy study."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.types import Float
 from ..elements import Cables
 from ..loads import NodalLoads
 from ..model.structure import Structure
@@ -13,7 +16,12 @@ LENGTH = 15.0  # m, unstressed
 SPAN = 14.90  # m, identified, see `accuracy_cable`
 
 
-def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), *, increments=(1, 1)):
+def accuracy_cable(
+    n_elements: int = 5,
+    loads: tuple[float, float] = (10.0, 1000.0),
+    *,
+    increments: tuple[int, int] = (1, 1),
+) -> Scene:
     """Cable between two level supports, four equal loads at its fifth points.
 
     A 500 mm2, E 105 kN/mm2, unstressed length 15 m. The span stood in a figure; of all level spans
@@ -65,7 +73,9 @@ def accuracy_cable(n_elements=5, loads=(10.0, 1000.0), *, increments=(1, 1)):
     )
 
 
-def inextensible_polygon(span, length, n_links):
+def inextensible_polygon(
+    span: float, length: float, n_links: int
+) -> Float[np.ndarray, "n_links+1 3"]:
     """Corners [n_links + 1, 3] of `n_links` equal links under equal loads at the inner corners.
 
     All links carry the same horizontal force H; link k stands at ``tan = V_k / H`` with

@@ -1,9 +1,15 @@
 """Single cables: the isolated cable of the literature, a cable hung by a stated sag."""
 
+from __future__ import annotations
+
+from typing import Any
+
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.types import ArrayLike
 from ..elements import Cables, Catenaries
+from ..elements.element import Element
 from ..forms.hanging import hanging_chain
 from ..loads import LineLoads, NodalLoads, SelfWeight
 from ..model.structure import Structure
@@ -13,7 +19,9 @@ from .nets import Scene
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254
 
 
-def isolated_cable(n=0, load=8000 * POUND, *, increments=(1, 1)):
+def isolated_cable(
+    n: int = 0, load: float = 8000 * POUND, *, increments: tuple[int, int] = (1, 1)
+) -> Scene:
     """Cable between supports 1000 ft apart with a point load at 400 ft; EA/N up to 800.
 
     Area 0.85 in2, 19 000 ksi, 3.16 lb/ft, unstressed lengths 412.8837 ft and 613.0422 ft on both
@@ -40,9 +48,11 @@ def isolated_cable(n=0, load=8000 * POUND, *, increments=(1, 1)):
     """
     lengths = np.array([412.8837, 613.0422]) * FOOT
     corners = np.array([[0.0, 0, 0], [400.0, 0, -30.0], [1000.0, 0, 0]]) * FOOT
-    shared = {"axial_stiffness": 0.85 * 19e6 * POUND, "weight": 3.16 * POUND / FOOT}
+    shared: dict[str, Any] = {"axial_stiffness": 0.85 * 19e6 * POUND, "weight": 3.16 * POUND / FOOT}
     if n < 0:
         raise ValueError(f"n = {n}: a number of elements, or 0 for catenaries")
+    nodes: ArrayLike
+    group: Element
     if n == 0:
         nodes, group = corners, Catenaries([[0, 1], [1, 2]], rest_length=lengths, **shared)
     else:
@@ -60,16 +70,16 @@ def isolated_cable(n=0, load=8000 * POUND, *, increments=(1, 1)):
 
 
 def suspended_cable(
-    span=120.0,
-    rise=12.0,
+    span: float = 120.0,
+    rise: float = 12.0,
     *,
-    sag=9.0,
-    n=0,
-    axial_stiffness=60e6,
-    weight=30.0,
-    ice=20.0,
-    increments=(1, 2),
-):
+    sag: float = 9.0,
+    n: int = 0,
+    axial_stiffness: float = 60e6,
+    weight: float = 30.0,
+    ice: float = 20.0,
+    increments: tuple[int, int] = (1, 2),
+) -> Scene:
     """Cable between two points at different heights that hangs by a stated sag, then iced.
 
     Phase 1 is self-weight with the unstressed length that gives the sag; phase 2 adds ice as a line
@@ -94,12 +104,14 @@ def suspended_cable(
         -9.000000 m
     """
     ends = np.array([[0.0, 0.0, 0.0], [span, 0.0, rise]])
-    shared = {"axial_stiffness": axial_stiffness, "weight": weight}
+    shared: dict[str, Any] = {"axial_stiffness": axial_stiffness, "weight": weight}
+    nodes: ArrayLike
+    group: Element
     if n == 0:
         nodes, group = ends, Catenaries([[0, 1]], **shared)
         first = Phase(sag=sag, loads=SelfWeight(), increments=increments[0])
     else:
-        nodes, rest_length = hanging_chain(*ends, n, sag, weight, axial_stiffness)
+        nodes, rest_length = hanging_chain(ends[0], ends[1], n, sag, weight, axial_stiffness)
         group = Cables(_chain(n), rest_length=rest_length, **shared)
         first = Phase(loads=SelfWeight(), increments=increments[0])
     structure = Structure(nodes, group, pinned([0, len(nodes) - 1]))

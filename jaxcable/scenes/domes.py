@@ -1,10 +1,13 @@
 """Cable domes of Geiger's and Levy's kind: struts that stand on hoops, in a net of cables."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.types import ArrayLike, Float, Int
 from ..elements import Bars, Cables
 from ..forms.feasible import feasible_prestress
 from ..loads import NodalLoads
@@ -25,26 +28,26 @@ class DomeParts(NamedTuple):
         areas: roof area in plan that hangs on each of them, m2.
     """
 
-    nodes: object
-    links: dict
-    groups: dict
-    tops: object
-    areas: object
+    nodes: Float[np.ndarray, "n_node 3"]
+    links: dict[str, Int[np.ndarray, "n_elem 2"]]
+    groups: dict[str, Int[np.ndarray, " n_elem"]]
+    tops: Int[np.ndarray, " n_top"]
+    areas: Float[np.ndarray, " n_top"]
 
 
 def geiger_dome(
-    span=60.0,
-    rise=4.5,
+    span: float = 60.0,
+    rise: float = 4.5,
     *,
-    sectors=12,
-    rings=2,
-    struts=6.0,
-    pretension=500e3,
-    load=300.0,
-    cable_stiffness=300e6,
-    strut_stiffness=1e9,
-    increments=(1, 4),
-):
+    sectors: int = 12,
+    rings: int = 2,
+    struts: Float[ArrayLike, ""] | Float[ArrayLike, " rings+1"] = 6.0,
+    pretension: float = 500e3,
+    load: float = 300.0,
+    cable_stiffness: float | dict[str, float] = 300e6,
+    strut_stiffness: float = 1e9,
+    increments: tuple[int, int] = (1, 4),
+) -> Scene:
     """Cable dome after Geiger: radial ridge and diagonal cables, hoops, struts, in vertical planes.
 
     The top nodes lie on a sphere through the anchors. From the foot of every strut a diagonal runs
@@ -95,18 +98,18 @@ def geiger_dome(
 
 
 def levy_dome(
-    span=60.0,
-    rise=4.5,
+    span: float = 60.0,
+    rise: float = 4.5,
     *,
-    sectors=12,
-    rings=2,
-    struts=6.0,
-    pretension=500e3,
-    load=300.0,
-    cable_stiffness=300e6,
-    strut_stiffness=1e9,
-    increments=(1, 4),
-):
+    sectors: int = 12,
+    rings: int = 2,
+    struts: Float[ArrayLike, ""] | Float[ArrayLike, " rings+1"] = 6.0,
+    pretension: float = 500e3,
+    load: float = 300.0,
+    cable_stiffness: float | dict[str, float] = 300e6,
+    strut_stiffness: float = 1e9,
+    increments: tuple[int, int] = (1, 4),
+) -> Scene:
     """Cable dome after Levy: as `geiger_dome`, but triangulated.
 
     Every ring is turned by half a sector against its neighbours; two ridges and two diagonals run

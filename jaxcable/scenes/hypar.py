@@ -6,9 +6,12 @@ agreement with them is an identification and not a validation. Heights cannot be
 vertical deflections; the plan is flat.
 """
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.types import Float, Int
 from ..elements import Cables
 from ..loads import NodalLoads
 from ..model.structure import Structure
@@ -41,7 +44,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 """
 
 
-def plan():
+def plan() -> tuple[Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]]:
     """The identified plan: nodes [26, 3], links [31, 2], free node numbers [12]."""
     places, links, free = grid(3, 4)
     nodes = np.zeros((len(places), 3))
@@ -51,7 +54,7 @@ def plan():
     return nodes, links, free
 
 
-def disturbance(places):
+def disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
     """How the default scene disturbs the plan: up to 30 mm in plan and 40 mm in height, [n, 3], m.
 
     ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)`` at column i and row j.
@@ -66,7 +69,7 @@ def disturbance(places):
     )
 
 
-def hypar_net(disturbed=True, increments=(100, 10)):
+def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -> Scene:
     """Hyperbolic paraboloid net, 31 links, 26 nodes, 12 of them free.
 
     EA 100.72 kN. Phase 1 holds 200 N in every link (`jacking`) and so finds the form, whatever it

@@ -1,11 +1,14 @@
 """Structures of cables and beams: a guyed mast, an arch that a net of cables stiffens."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
 from ..elements import Beams, Cables
 from ..loads import NodalLoads, SelfWeight
 from ..materials import Elastic, steel
+from ..materials.law import Law
 from ..model.structure import Structure
 from ..model.supports import clamped, pinned
 from ..sections import Section
@@ -15,16 +18,16 @@ STEEL_WEIGHT = 77e3  # N/m3 (7 850 kg/m3)
 
 
 def guyed_mast(
-    height=60.0,
-    levels=3,
+    height: float = 60.0,
+    levels: int = 3,
     *,
-    per_level=4,
-    reach=0.5,
-    pretension=40e3,
-    wind=1000.0,
-    law=None,
-    increments=(4, 10),
-):
+    per_level: int = 4,
+    reach: float = 0.5,
+    pretension: float = 40e3,
+    wind: float = 1000.0,
+    law: Law | None = None,
+    increments: tuple[int, int] = (4, 10),
+) -> Scene:
     """Guyed mast: a steel tube clamped at its foot, three guys at every level.
 
     Tube 406.4 x 8.8 mm of S355 steel fibres with elastic unloading; guys of 24 mm spiral strand, EA
@@ -99,8 +102,15 @@ def guyed_mast(
 
 
 def strung_arch(
-    span=20.0, rise=4.0, *, n=16, pretension=20e3, load=5e3, one_sided=True, increments=(4, 10)
-):
+    span: float = 20.0,
+    rise: float = 4.0,
+    *,
+    n: int = 16,
+    pretension: float = 20e3,
+    load: float = 5e3,
+    one_sided: bool = True,
+    increments: tuple[int, int] = (4, 10),
+) -> Scene:
     """Parabolic arch stiffened by a prestressed net of cables under it.
 
     The feet of the arch (tube 168.3 x 8 mm, linear) are clamped. From every second node between the

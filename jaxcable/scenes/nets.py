@@ -1,10 +1,13 @@
 """Orthogonal nets: the flat net of the paper and parametric saddles."""
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.types import Int
 from ..elements import Cables
 from ..loads import NodalLoads
 from ..model.structure import Structure
@@ -26,10 +29,12 @@ class Scene(NamedTuple):
     """
 
     structure: Structure
-    phases: list
+    phases: list[Phase]
 
 
-def grid(n_x, n_y):
+def grid(
+    n_x: int, n_y: int
+) -> tuple[Int[np.ndarray, "n_node 2"], Int[np.ndarray, "n_elem 2"], Int[np.ndarray, " n_free"]]:
     """Topology of an orthogonal net without corners, `n_x` by `n_y` free nodes.
 
     Returns:
@@ -46,7 +51,7 @@ def grid(n_x, n_y):
     return np.array(places), np.array(rows + columns), np.array(free)
 
 
-def flat_net(load=150.0, increments=(1, 10)):
+def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scene:
     """Flat net of 3 x 3 cells, 12 links, four free nodes.
 
     Cell 0.4 m, EA 97.97 kN, pretension 200 N in phase 1; phase 2 loads every free node.
@@ -80,16 +85,16 @@ def flat_net(load=150.0, increments=(1, 10)):
 
 
 def saddle(
-    n_x,
-    n_y,
-    spacing=1.0,
-    rise=0.1,
+    n_x: int,
+    n_y: int,
+    spacing: float = 1.0,
+    rise: float = 0.1,
     *,
-    axial_stiffness=16e6,
-    pretension=20e3,
-    load=500.0,
-    increments=(1, 1),
-):
+    axial_stiffness: float = 16e6,
+    pretension: float = 20e3,
+    load: float = 500.0,
+    increments: tuple[int, int] = (1, 1),
+) -> Scene:
     """Saddle net with straight edges in plan, anchored all round.
 
     The initial surface is ``z = rise (L_x (2x/L_x - 1)^2 - L_y (2y/L_y - 1)^2)``.

@@ -1,11 +1,14 @@
 """The large saddle net of the paper: its topology and section, a geometry of our own."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
 from ..elements import Cables
 from ..loads import NodalLoads
 from ..materials import Elastic
+from ..materials.law import Law
 from ..model.structure import Structure
 from ..model.supports import pinned
 from ..sections import Section
@@ -15,15 +18,15 @@ DIAMETER = 0.05  # m: the paper's area is 19.63 cm2
 
 
 def saddle_net(
-    law=None,
-    spacing=10.0,
+    law: Law | None = None,
+    spacing: float = 10.0,
     *,
-    rise=0.1,
-    pretension=30e3,
-    load=90e3,
-    increments=(500, 435),
-    shape=(10, 10),
-):
+    rise: float = 0.1,
+    pretension: float = 30e3,
+    load: float = 90e3,
+    increments: tuple[int, int] = (500, 435),
+    shape: tuple[int, int] = (10, 10),
+) -> Scene:
     """Saddle net of 201 links and 132 nodes, 15 x 6 free ones, of discs meshed in fibres.
 
     E 210 kN/mm2, circular section of 50 mm meshed by 10 x 10 quadrilaterals. Phase 1 pulls all

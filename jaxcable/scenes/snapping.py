@@ -1,5 +1,9 @@
 """Structures that snap: the truss of von Mises, the toggle of Williams, the frame of Lee."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..analysis.phases import Phase
@@ -13,8 +17,14 @@ from .nets import Scene
 
 
 def von_mises_truss(
-    rise=0.1, half_span=1.0, *, axial_stiffness=1e6, load=500.0, hanger=None, sway=False
-):
+    rise: float = 0.1,
+    half_span: float = 1.0,
+    *,
+    axial_stiffness: float = 1e6,
+    load: float = 500.0,
+    hanger: float | None = None,
+    sway: bool = False,
+) -> Scene:
     """Two bars that meet in a shallow apex under a vertical load, in the x-z plane.
 
     Equilibrium at the height z of the apex over its feet: ``P = 2 EA (l0 - l)/l0 z/l``; limit point
@@ -54,7 +64,7 @@ def von_mises_truss(
     return Scene(structure, [Phase(loads=NodalLoads([3], (0.0, 0.0, -load)))])
 
 
-def toggle_frame(n=8, load=80.0):
+def toggle_frame(n: int = 8, load: float = 80.0) -> Scene:
     """Two beams, clamped at their feet and joined rigidly at the apex, pushed down there.
 
     Half-span 12.943, rise 0.386, section 0.753 by 0.243, E 1.03e7: inches and pounds.
@@ -85,7 +95,7 @@ def toggle_frame(n=8, load=80.0):
     return Scene(structure, [Phase(loads=NodalLoads([n], (0.0, 0.0, -load)))])
 
 
-def lee_frame(n=5, load=30.0):
+def lee_frame(n: int = 5, load: float = 30.0) -> Scene:
     """Column and beam joined rigidly, both hinged at their far ends, loaded a fifth along the beam.
 
     Lengths 120, A 6, I 2, E 720 (consistent units). The path has two limit points and snaps back in
@@ -117,14 +127,14 @@ def lee_frame(n=5, load=30.0):
     return Scene(structure, [Phase(loads=NodalLoads([6 * n], (0.0, 0.0, -load)))])
 
 
-def solid(area, inertia, modulus):
+def solid(area: float, inertia: float, modulus: float) -> Section:
     """Section with exactly this area and these second moments: four fibres, one a quadrant."""
     arm = np.sqrt(inertia / area)
     y, z = arm * np.array([-1.0, 1.0, 1.0, -1.0]), arm * np.array([-1.0, -1.0, 1.0, 1.0])
-    return Section(y, z, np.full(4, area / 4), Elastic(modulus))
+    return Section(y, z, np.full(4, area / 4), [Elastic(modulus)])
 
 
-def in_plane(n_node, pinned=(), clamped=()):
+def in_plane(n_node: int, pinned: Sequence[int] = (), clamped: Sequence[int] = ()) -> Supports:
     """Supports that keep all nodes in the x-z plane, turning about y only."""
     held = np.zeros((n_node, 6), bool)
     held[:, [1, 3, 5]] = True

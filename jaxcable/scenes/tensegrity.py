@@ -1,5 +1,7 @@
 """The simplest tensegrity: three struts that do not touch, held apart by nine cables."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
@@ -14,16 +16,16 @@ TWIST = np.pi / 6
 
 
 def simplex(
-    radius=1.0,
-    height=1.5,
+    radius: float = 1.0,
+    height: float = 1.5,
     *,
-    twist=TWIST,
-    pretension=1e3,
-    load=20.0,
-    cable_stiffness=1e6,
-    strut_stiffness=20e6,
-    increments=(1, 4),
-):
+    twist: float = TWIST,
+    pretension: float = 1e3,
+    load: float = 20.0,
+    cable_stiffness: float = 1e6,
+    strut_stiffness: float = 20e6,
+    increments: tuple[int, int] = (1, 4),
+) -> Scene:
     """Simplex (triplex, three-strut prism): two equal triangles, one above the other and turned.
 
     A vertical cable joins lower node k to upper node k, ahead by the twist, a strut lower node k to

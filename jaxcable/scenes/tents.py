@@ -1,5 +1,7 @@
 """The edge of a tent: a cable between two guyed pylons, pulled by the membrane."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
@@ -11,20 +13,20 @@ from .nets import Scene
 
 
 def tent_edge(
-    span=20.0,
-    sag=2.0,
+    span: float = 20.0,
+    sag: float = 2.0,
     *,
-    n=16,
-    height=8.0,
-    lean=2.0,
-    reach=6.0,
-    pressure=3e3,
-    uplift=1.5e3,
-    edge_stiffness=60e6,
-    guy_stiffness=40e6,
-    pylon_stiffness=400e6,
-    increments=(1, 4),
-):
+    n: int = 16,
+    height: float = 8.0,
+    lean: float = 2.0,
+    reach: float = 6.0,
+    pressure: float = 3e3,
+    uplift: float = 1.5e3,
+    edge_stiffness: float = 60e6,
+    guy_stiffness: float = 40e6,
+    pylon_stiffness: float = 400e6,
+    increments: tuple[int, int] = (1, 4),
+) -> Scene:
     """Edge cable of a tent between the tops of two pylons, each held by two guys.
 
     The membrane (not part of it) lies behind the edge, towards +y, and pulls it: a pressure in its

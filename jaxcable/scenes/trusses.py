@@ -1,5 +1,7 @@
 """Plane cable trusses: a bearing and a stabilising cable, prestressed against each other."""
 
+from __future__ import annotations
+
 import numpy as np
 
 from ..analysis.phases import Phase
@@ -14,19 +16,19 @@ LOADED = ("full", "half")
 
 
 def cable_truss(
-    form="biconcave",
-    span=40.0,
+    form: str = "biconcave",
+    span: float = 40.0,
     *,
-    sags=(2.4, 1.6),
-    gap=1.0,
-    panels=10,
-    pretension=300e3,
-    load=3e3,
-    loaded="full",
-    cable_stiffness=200e6,
-    tie_stiffness=40e6,
-    increments=(1, 4),
-):
+    sags: tuple[float, float] = (2.4, 1.6),
+    gap: float = 1.0,
+    panels: int = 10,
+    pretension: float = 300e3,
+    load: float = 3e3,
+    loaded: str = "full",
+    cable_stiffness: float = 200e6,
+    tie_stiffness: float = 40e6,
+    increments: tuple[int, int] = (1, 4),
+) -> Scene:
     """Cable truss of two parabolas in the plane y = 0, tied by verticals.
 
     A parabola ``z = 4 f x^2 / L^2`` whose tension has the horizontal part H pulls every node with
@@ -83,9 +85,9 @@ def cable_truss(
     if isinstance(panels, bool) or int(panels) != panels or panels < 3:
         raise ValueError(f"panels = {panels!r}: expected a whole number of at least 3")
     concave = form == "biconcave"
-    for name, value in (("span", span), ("sags[0]", sags[0]), ("sags[1]", sags[1])):
-        if not value > 0:
-            raise ValueError(f"{name} = {value}: must be positive")
+    for name, size in (("span", span), ("sags[0]", sags[0]), ("sags[1]", sags[1])):
+        if not size > 0:
+            raise ValueError(f"{name} = {size}: must be positive")
     if not (gap > 0 or (gap == 0 and not concave)):
         raise ValueError(f"gap = {gap}: must be positive (or 0 in a biconvex truss)")
     if not pretension > 0:

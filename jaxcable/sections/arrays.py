@@ -1,19 +1,24 @@
 """Arrays of sections that are NumPy as long as nothing in them is traced."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
+from ..common.types import ArrayLike, Float
 
 
-def stack(*values):
+def stack(*values: Float[ArrayLike, ""]) -> Float[ArrayLike, " n"]:
     """Scalars as one array [n]."""
     if any(checks.concrete(v) is None for v in values):
         return jnp.stack([jnp.asarray(v) for v in values])
     return np.array([float(v) for v in values])
 
 
-def concatenate(arrays):
+def concatenate(arrays: Sequence[Float[ArrayLike, "_ ..."]]) -> Float[ArrayLike, "n ..."]:
     """Arrays one after the other."""
     traced = any(checks.concrete(a) is None for a in arrays)
     return (jnp if traced else np).concatenate(arrays)

@@ -1,10 +1,21 @@
 """What a section can carry: the interaction surface of axial force and two moments."""
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
+from ..common.types import Array, Float
+from .fibres import Fibres
 
-def interaction(section, n_angle=24, n_axial=21):
+
+def interaction(
+    section: Fibres, n_angle: int = 24, n_axial: int = 21
+) -> tuple[
+    Float[Array, "n_axial n_angle"],
+    Float[Array, "n_axial n_angle"],
+    Float[Array, "n_axial n_angle"],
+]:
     """Points of the interaction surface N-My-Mz at which the first fibre reaches its curve's end.
 
     Strains are scaled up along directions that cover all ratios of elongation to curvature and all

@@ -1,15 +1,28 @@
 """Several sections side by side as one."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
 from ..common.rules import or_nan, positive
+from ..common.types import ArrayLike, Float
 from .arrays import concatenate, stack
+from .fibres import Fibres
 from .torsion import are_round
 
+Made = TypeVar("Made", bound=Any)  # `Section`, which imports this
 
-def composite(cls, sections, torsion=None):
+
+def composite(
+    cls: type[Made],
+    sections: Iterable[Fibres],
+    torsion: Float[ArrayLike, "#n_law"] | None = None,
+) -> Made:
     """Several sections side by side as one; overlapping parts are not subtracted.
 
     A concrete-filled tube is a disc and a ring; a strand with a soft core a disc and a ring too.
@@ -76,7 +89,9 @@ def composite(cls, sections, torsion=None):
         ),
         _summed(sections, parts, kinds) if torsion is None else _stated(torsion, len(kinds)),
         concatenate([section.points for section in sections]) if meshed else None,
-        np.concatenate([s.cells[part] + starts[id(s)] for s, _, part, _ in parts])
+        np.concatenate(
+            [s.cells[part] + starts[id(s)] for s, _, part, _ in parts]  # type: ignore[index]  # all
+        )
         if meshed
         else None,
         join("own") if known else None,

@@ -1,15 +1,23 @@
-"""Where the axis of a section is, its second moments and its initial stiffness.
+"""Where the axis of a section is, its second moments, and its stiffness in torsion.
 
 The functions are methods of `Section`.
 """
 
+from __future__ import annotations
+
+from typing import TypeVar
+
 import jax.numpy as jnp
 
 from ..common.tree import copy
+from ..common.types import Array, ArrayLike, Float
 from .arrays import stack
+from .fibres import Fibres
+
+Own = TypeVar("Own", bound=Fibres)
 
 
-def shifted(section, y=0.0, z=0.0):
+def shifted(section: Own, y: Float[ArrayLike, ""] = 0.0, z: Float[ArrayLike, ""] = 0.0) -> Own:
     """The section moved by `y`, `z`, m, against the axis of the element; no beam warns of that.
 
     Example:
@@ -21,7 +29,7 @@ def shifted(section, y=0.0, z=0.0):
     return copy(section, y=section.y + y, z=section.z + z, points=points, placed=True)
 
 
-def centroid(section):
+def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Centroid ``(y, z)``, m: of the area, or of ``E A`` where laws of several moduli meet.
 
     Elongation of the axis through it (at the initial moduli) takes no moment.
@@ -39,7 +47,7 @@ def centroid(section):
     return weight @ section.y / total, weight @ section.z / total
 
 
-def centred(section):
+def centred(section: Own) -> Own:
     """The section with its axis at its `centroid`.
 
     Example:
@@ -58,7 +66,7 @@ def centred(section):
     return shifted(section, -y, -z)
 
 
-def inertia(section):
+def inertia(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Second moments of area about the axes: ``Iy, Iz, Iyz``, the integrals of z^2, y^2, yz, m4.
 
     Exact for all shapes, whatever their mesh; of fibres given one by one the sums of
@@ -74,33 +82,11 @@ def inertia(section):
     total = [jnp.sum(section.area * v) for v in (z * z, y * y, y * z)]
     if section.own is not None:
         total = [v + jnp.sum(own) for v, own in zip(total, section.own.T, strict=True)]
-    return tuple(total)
+    Iy, Iz, Iyz = total
+    return Iy, Iz, Iyz
 
 
-def stiffness(section):
-    """Initial stiffness, N, N m and N m2: forces per (e0, ky, kz), [3, 3].
-
-    Exact if all laws are linear; else that of the fibres, of second order in their size (ten layers
-    have 1 % less than a rectangle), because forces are theirs.
-
-    Example:
-        >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
-        >>> EA, EIy, EIz = jnp.diagonal(section.stiffness()) / 1e6
-        >>> print(f"{EA:.0f} MN, {EIy:.2f} MN m2, {EIz:.2f} MN m2")
-        4000 MN, 13.33 MN m2, 3.33 MN m2
-    """
-    lever = section._levers()
-    modulus = section._per_fibre([law.modulus for law in section.laws])
-    total = lever.T @ ((section.area * modulus)[:, None] * lever)
-    if section.own is None or not section.is_elastic:
-        return total
-    z2, y2, yz = modulus @ section.own
-    zero = jnp.zeros_like(z2)
-    rows = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
-    return total + jnp.stack([jnp.stack(row) for row in rows])
-
-
-def torsional_stiffness(section, poisson=0.3):
+def torsional_stiffness(section: Fibres, poisson: Float[ArrayLike, ""] = 0.3) -> Float[Array, ""]:
     """Initial torsional stiffness ``sum G J`` with ``G = E / 2 (1 + poisson)``.
 
     Args:

@@ -1,9 +1,13 @@
 """A section whose laws are all linear, as an analysis needs it: without fibres, its stiffness."""
 
+from __future__ import annotations
+
 import jax.numpy as jnp
 
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float
 from ..materials import Elastic
+from ..materials.law import Law
 
 
 @pytree
@@ -15,31 +19,37 @@ class Linear:
         torsion: torsional stiffness, N m2, or None if it is not known.
     """
 
-    matrix: object
-    torsion: object
+    matrix: Float[Array, "3 3"]
+    torsion: Float[Array, ""] | None
 
     is_elastic = True
     breaks = False
     remembers = False
 
     @property
-    def laws(self):
+    def laws(self) -> tuple[Law]:
         """The one law that axial force sees, over an area of 1 m2."""
         return (Elastic(self.matrix[0, 0]),)
 
-    def axial(self):
+    def axial(self) -> tuple[Float[Array, ""], Law]:
         """An area, m2, and the law over it: together the axial stiffness."""
         return jnp.ones_like(self.matrix[0, 0]), *self.laws
 
-    def stiffness(self):
+    def stiffness(self) -> Float[Array, "3 3"]:
         """Forces N, My, Mz per (e0, ky, kz), [3, 3]."""
         return self.matrix
 
-    def torsional_stiffness(self):
+    def torsional_stiffness(self) -> Float[Array, ""] | None:
         """Torsional stiffness, N m2."""
         return self.torsion
 
-    def energy(self, e0, ky, kz, memory=None):
+    def energy(
+        self,
+        e0: Float[ArrayLike, "*shape"],
+        ky: Float[ArrayLike, "*shape"],
+        kz: Float[ArrayLike, "*shape"],
+        memory: None = None,
+    ) -> Float[Array, "*shape"]:
         """Stored energy per length, J/m."""
         strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
         return 0.5 * jnp.sum(strain * (strain @ self.matrix), axis=-1)

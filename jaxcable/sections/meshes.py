@@ -4,12 +4,19 @@ A cell is a quadrilateral, or a triangle that names its last point twice. Its fi
 area and sits at its centroid.
 """
 
+from __future__ import annotations
+
 import itertools
+from collections.abc import Sequence
 
 import numpy as np
 
+from ..common.types import ArrayLike, Float, Int
 
-def square(n_y, n_z):
+
+def square(
+    n_y: int, n_z: int
+) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
     """Square from -1 to 1 in `n_y` by `n_z` cells."""
     y, z = np.meshgrid(np.linspace(-1, 1, n_y + 1), np.linspace(-1, 1, n_z + 1), indexing="ij")
     number = np.arange(y.size).reshape(y.shape)
@@ -17,7 +24,7 @@ def square(n_y, n_z):
     return np.column_stack([y.ravel(), z.ravel()]), np.stack(corners, -1).reshape(-1, 4)
 
 
-def disc(n_y, n_z):
+def disc(n_y: int, n_z: int) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
     """Disc of diameter 1 and of exactly its area, the square bent round.
 
     Squares about the centre become circles with equal angles between the points (Shirley and Chiu
@@ -34,7 +41,9 @@ def disc(n_y, n_z):
     return points * np.sqrt(np.pi / 4 / areas(points, cells).sum()), cells
 
 
-def ring(n_radial, n_round):
+def ring(
+    n_radial: int, n_round: int
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"], Int[np.ndarray, "n_cell 4"]]:
     """Ring: place between the inner and the outer edge [n] from 0 to 1, direction [n, 2], cells.
 
     The directions are longer than 1 by what gives the polygon the exact area.
@@ -50,7 +59,9 @@ def ring(n_radial, n_round):
     return place.ravel(), direction, np.stack(corners, -1).reshape(-1, 4)
 
 
-def polygon(outline, holes, size):
+def polygon(
+    outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]], size: float
+) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
     """Any polygon with holes in cells not larger than `size`, of exactly its area.
 
     Cut into strips of constant height at every corner; in a strip the edges do not cross, and the
@@ -82,7 +93,7 @@ def polygon(outline, holes, size):
     return np.array(points), np.array(cells)
 
 
-def triangles(cells):
+def triangles(cells: Int[np.ndarray, "n_cell 4"]) -> Int[np.ndarray, "n_triangle 4"]:
     """Every quadrilateral as two triangles; the diagonal alternates."""
     a, b, c, d = cells.T
     alternate = (np.arange(len(cells)) % 2 == 0)[:, None]
@@ -92,12 +103,16 @@ def triangles(cells):
     return out[(out[:, 0] != out[:, 1]) & (out[:, 1] != out[:, 2]) & (out[:, 0] != out[:, 2])]
 
 
-def areas(points, cells):
+def areas(
+    points: Float[ArrayLike, "n_point 2"], cells: Int[np.ndarray, "m 4"]
+) -> Float[ArrayLike, " m"]:
     """Area of every cell, [m]."""
     return moments(points, cells)[0]
 
 
-def moments(points, cells):
+def moments(
+    points: Float[ArrayLike, "n_point 2"], cells: Int[np.ndarray, "m 4"]
+) -> tuple[Float[ArrayLike, " m"], Float[ArrayLike, "m 2"], Float[ArrayLike, "m 3"]]:
     """Area [m], centroid [m, 2] and own second moments [m, 3] of every cell, either way round.
 
     The second moments, ``z^2, y^2, y z`` over the cell, are about axes through its own centroid and

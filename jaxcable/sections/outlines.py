@@ -1,9 +1,15 @@
 """What is wrong with the outlines of a section: an edge that crosses, a hole outside, no area."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 
+from ..common.types import Float
 
-def crossed(outline):
+
+def crossed(outline: Float[np.ndarray, "n 2"]) -> str | None:
     """Say what is wrong with a closed line [n, 2] without area or that crosses itself, or None."""
     if _flat(outline):
         return "points: all on one line, which has no area"
@@ -13,7 +19,7 @@ def crossed(outline):
     return None
 
 
-def fault(outline, holes):
+def fault(outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]]) -> str:
     """Say what is wrong with a polygon and its holes, [n, 2] each, whose areas do not add up."""
     named = {"points": outline} | {f"holes[{k}]": hole for k, hole in enumerate(holes)}
     for name, ring in named.items():

@@ -1,12 +1,17 @@
 """Sections of one kind with equal numbers of fibres, for elements that share a program."""
 
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
 import jax
 import numpy as np
 
 from ..common.tree import copy, joined
+from .section import Section
 
 
-def sort(section):
+def sort(section: Section) -> Hashable:
     """What sections have in common that can be made of equal shape, hashable."""
     laws = [jax.tree.flatten(law) for law in section.laws]
     # plastic strains are results by fibre: such a section keeps its own
@@ -15,7 +20,7 @@ def sort(section):
     return counts, own, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
 
 
-def evened(sections):
+def evened(sections: Sequence[Section]) -> list[Section]:
     """Sections of one `sort` with equal numbers of fibres, without the meshes of their pictures."""
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
     return [_padded(section, counts) for section in sections]

@@ -1,25 +1,25 @@
-"""A fibre section: forces from strains, energy, and what its fibres remember.
+"""A fibre section: how it is made, its numbers, its equilibrium; `fibres` has its law."""
 
-Plane sections: ``e = e0 + ky z - kz y`` with the section's axes y and z, hence
-``N = sum s A``, ``My = sum s A z``, ``Mz = -sum s A y``. Fibre sums converge at second order in the
-size of the fibres; where all laws are linear, sums are integrals and exact.
-"""
+from __future__ import annotations
 
-import jax
+from collections.abc import Sequence
+
 import jax.numpy as jnp
-import numpy as np
 
 from ..common import checks
-from ..common.rules import positive, refuse
-from ..common.tree import Indices, copy, pytree
-from ..materials import Elastic, Parallel
-from ..materials.law import uniaxial
+from ..common.rules import Rule, positive, refuse
+from ..common.tree import Indices, pytree
+from ..common.types import Array, ArrayLike, Float, Int
+from ..materials import Parallel
+from ..materials.law import Law, uniaxial
 from . import capacity, composites, geometry, shapes, strains
+from .fibres import Fibres, Memory
 from .linear import Linear
+from .strains import SectionState
 
 
 @pytree(static=("counts", "placed"), indices=("cells",))
-class Section:
+class Section(Fibres):
     """A cross-section made of fibres; the constructors below make its mesh.
 
     Fibres of one law follow each other. Coordinates are from the point through which the axis of an
@@ -58,15 +58,15 @@ class Section:
         412.3 MN
     """
 
-    y: object
-    z: object
-    area: object
-    laws: object
-    counts: tuple = None
-    torsion: object = None
-    points: object = None
-    cells: object = None
-    own: object = None
+    y: Float[ArrayLike, " n_fibre"]
+    z: Float[ArrayLike, " n_fibre"]
+    area: Float[ArrayLike, " n_fibre"]
+    laws: Sequence[Law]
+    counts: tuple[int, ...] = None  # type: ignore[assignment]  # put in by the constructor
+    torsion: Float[ArrayLike, " n_law"] | None = None
+    points: Float[ArrayLike, "n_point 2"] | None = None
+    cells: Int[ArrayLike, "n_fibre 4"] | None = None
+    own: Float[ArrayLike, "n_fibre 3"] | None = None
     placed: bool = True
 
     def __post_init__(self):
@@ -94,7 +94,7 @@ class Section:
                 raise ValueError(f"cells: expected four of {count} points for every fibre")
             put(self, "cells", Indices(cells))
 
-    def rules(self):
+    def rules(self) -> list[Rule]:
         """What its numbers keep, see `_rules`; its laws have their own."""
         return [positive("area", self.area, "a fibre's area must be positive")]
 
@@ -114,21 +114,15 @@ class Section:
     # --- numbers
 
     @property
-    def n_fibre(self):
-        """Number of fibres."""
-        return len(self.y)
-
-    @property
-    def total_area(self):
+    def total_area(self) -> Float[Array, ""]:
         """Area, m2."""
         return jnp.sum(self.area)
 
     centroid = geometry.centroid
     inertia = geometry.inertia
-    stiffness = geometry.stiffness
     torsional_stiffness = geometry.torsional_stiffness
 
-    def axial(self):
+    def axial(self) -> tuple[Float[Array, ""], Law]:
         """Area, m2, and the one law that axial force sees (all fibres at the same strain).
 
         Example:
@@ -138,160 +132,29 @@ class Section:
             1963.5 mm2, 210 GPa
         """
         areas = [jnp.sum(self.area[part]) for part in self._parts()]
-        area = sum(areas)
+        area: Array = sum(areas)  # type: ignore[assignment]  # not 0: there is a law
         if len(self.laws) == 1:
             return area, self.laws[0]
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
-    # --- the law of the section
-
-    @property
-    def is_elastic(self):
-        """Whether all its laws are linear; then three numbers a strain are all there is."""
-        return all(isinstance(law, Elastic) for law in self.laws)
-
-    @property
-    def breaks(self):
-        """Whether a fibre can fail."""
-        return any(law.breaks for law in self.laws)
-
-    @property
-    def remembers(self):
-        """Whether a fibre remembers anything."""
-        return any(law.n_memory for law in self.laws)
-
-    def virgin(self, shape=()):
-        """What an unused section remembers, per law [*shape, n_fibre, n_memory] or None."""
-        dtype = jnp.asarray(self.area).dtype
-        return tuple(
-            jnp.zeros((*shape, count, law.n_memory), dtype) if law.n_memory else None
-            for law, count in zip(self.laws, self.counts, strict=True)
-        )
-
-    def fibre_strain(self, e0, ky, kz):
-        """Strain of every fibre, [..., n_fibre]."""
-        e0, ky, kz = (jnp.asarray(v)[..., None] for v in (e0, ky, kz))
-        shape = (1,) * (jnp.broadcast_shapes(e0.shape, ky.shape, kz.shape).__len__() - 1) + (-1,)
-        return e0 + ky * self.z.reshape(shape) - kz * self.y.reshape(shape)
-
-    def fibre_stress(self, e0, ky, kz, memory=None):
-        """Stress of every fibre, ``s(e0 + ky z - kz y)``.
-
-        Args:
-            e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: plastic strains of the fibres, as from `virgin`; needed where laws remember
-                some.
-
-        Returns:
-            [..., n_fibre], Pa; zero beyond the end of a curve.
-
-        Example:
-            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(1, 4))
-            >>> stress = section.fibre_stress(0.0, 0.01, 0.0)  # 0.01/m about y: E ky z
-            >>> print(jnp.round(stress / 1e6, 1))  # MPa
-            [-150.  -50.   50.  150.]
-        """
-        return self._stress(self.fibre_strain(e0, ky, kz), memory)
-
-    def _stress(self, strain, memory):
-        each = self._each(strain, memory)
-        return jnp.concatenate([law.stress_at(e, p) for law, e, p in each], axis=-1)
-
-    def forces(self, e0, ky, kz, memory=None):
-        """Axial force and bending moments.
-
-        Args:
-            e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: plastic strains of the fibres, as from `virgin`, or None.
-
-        Returns:
-            ``N, My, Mz``, N, N m, N m. Fibres beyond their curve count zero.
-
-        Example:
-            A strain of 1e-4 and a curvature of 0.01/m in a rectangle whose EI is 13.3 MN m2:
-
-            >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
-            >>> N, My, Mz = section.forces(1e-4, 0.01, 0.0)
-            >>> print(f"{N / 1e3:.1f} kN, {My / 1e3:.1f} kN m, {abs(Mz):.1f} N m")
-            400.0 kN, 133.3 kN m, 0.0 N m
-        """
-        if self.is_elastic:
-            strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
-            return tuple(jnp.moveaxis(strain @ self.stiffness(), -1, 0))
-        if memory is None and self.remembers:
-            memory = self.virgin(jnp.shape(jnp.asarray(e0) + ky + kz))
-        force = self.fibre_stress(e0, ky, kz, memory)
-        return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._levers()), -1, 0))
-
-    def linearized(self, e0, ky, kz, memory=None):
-        """Forces ``N, My, Mz``, [..., 3], and their tangent, [..., 3, 3], as of `forces`."""
-        shape = jnp.shape(jnp.asarray(e0) + ky + kz)
-        if self.is_elastic:
-            force = jnp.stack(self.forces(e0, ky, kz), axis=-1)
-            return force, jnp.broadcast_to(self.stiffness(), (*shape, 3, 3))
-        if memory is None and self.remembers:
-            memory = self.virgin(shape)
-        strain = self.fibre_strain(e0, ky, kz)
-        # a fibre's stress depends on its own strain only: one derivative along all of them at once
-        stress, modulus = jax.jvp(
-            lambda e: self._stress(e, memory), (strain,), (jnp.ones_like(strain),)
-        )
-        lever = self._levers()
-        weighted = self.area[:, None] * lever
-        outer = (weighted[:, :, None] * lever[:, None, :]).reshape(-1, 9)
-        return stress @ weighted, (modulus @ outer).reshape(*shape, 3, 3)
-
-    def size(self, e0, ky, kz, memory):
-        """Sum of the absolute forces of all fibres and their parts, N."""
-        strain = self.fibre_strain(e0, ky, kz)
-        areas = [self.area[part] for part in self._parts()]
-        each = self._each(strain, memory)
-        return sum(law.size_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
-
-    def energy(self, e0, ky, kz, memory=None):
-        """Stored energy per length, J/m, at a given memory."""
-        if self.is_elastic:
-            strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
-            return 0.5 * jnp.sum(strain * (strain @ self.stiffness()), axis=-1)
-        strain = self.fibre_strain(e0, ky, kz)
-        areas = [self.area[part] for part in self._parts()]
-        if memory is None and self.remembers:
-            memory = self.virgin(strain.shape[:-1])
-        each = self._each(strain, memory)
-        return sum(law.energy_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
-
-    def settle(self, e0, ky, kz, memory, duration=0.0):
-        """What it remembers after an increment of a duration, s, that ended at these strains."""
-        each = self._each(self.fibre_strain(e0, ky, kz), memory)
-        return tuple(None if p is None else law.settle(e, p, duration) for law, e, p in each)
-
-    def beyond(self, e0, ky, kz):
-        """Whether any fibre is beyond its curve."""
-        each = self._each(self.fibre_strain(e0, ky, kz), None)
-        return jnp.any(jnp.concatenate([law.beyond(e) for law, e, _ in each], axis=-1), axis=-1)
-
-    def reduced(self):
+    def reduced(self) -> Section | Linear:
         """The section as an analysis has it: a linear one without fibres, else `continued`."""
         if not self.is_elastic:
             return self.continued()
         torsion = None if self.torsion is None else self.torsional_stiffness()
         return Linear(self.stiffness(), torsion)
 
-    def continued(self):
-        """The section for an iteration: its laws go on beyond their ends."""
-        return copy(self, laws=tuple(law.continued() for law in self.laws))
-
-    def corner_distance(self, e0, ky, kz, memory=None):
-        """Smallest distance in strain of any fibre from a corner of its law."""
-        strain = self.fibre_strain(e0, ky, kz)
-        if memory is None and self.remembers:
-            memory = self.virgin(strain.shape[:-1])
-        each = [law.corner_distance(e, p) for law, e, p in self._each(strain, memory)]
-        return jnp.min(jnp.concatenate(each, axis=-1), axis=-1)
-
     # --- equilibrium of the section
 
-    def strains(self, N, My, Mz, memory=None, tol=None, max_steps=100):
+    def strains(
+        self,
+        N: Float[ArrayLike, "*shape"],
+        My: Float[ArrayLike, "*shape"],
+        Mz: Float[ArrayLike, "*shape"],
+        memory: Memory | None = None,
+        tol: Float[ArrayLike, ""] | None = None,
+        max_steps: int = 100,
+    ) -> SectionState:
         """Strains from forces, by iteration to the equilibrium of the section.
 
         Forces of any shape are taken in turn. Differentiable by the implicit function theorem.
@@ -320,7 +183,13 @@ class Section:
         """
         return strains.equilibrium(self, N, My, Mz, memory, tol, max_steps)
 
-    def interaction(self, n_angle=24, n_axial=21):
+    def interaction(
+        self, n_angle: int = 24, n_axial: int = 21
+    ) -> tuple[
+        Float[Array, "n_axial n_angle"],
+        Float[Array, "n_axial n_angle"],
+        Float[Array, "n_axial n_angle"],
+    ]:
         """Interaction surface N-My-Mz: where the first fibre reaches the end of its curve.
 
         Args:
@@ -343,27 +212,3 @@ class Section:
             -2.00 MN, 2.00 MN
         """
         return capacity.interaction(self, n_angle, n_axial)
-
-    # --- helpers
-
-    def _levers(self):
-        """What a fibre's force adds to N, My, Mz, [n_fibre, 3]."""
-        return jnp.stack([jnp.ones_like(self.y), self.z, -self.y], axis=-1)
-
-    def _parts(self):
-        ends = np.cumsum(self.counts)
-        return [slice(int(e) - n, int(e)) for e, n in zip(ends, self.counts, strict=True)]
-
-    def _per_fibre(self, values):
-        return jnp.concatenate(
-            [jnp.full(n, v) for n, v in zip(self.counts, values, strict=True)]
-        ).astype(jnp.asarray(self.y).dtype)
-
-    def _each(self, strain, memory):
-        """Law, strain of its fibres and what they remember."""
-        memory = (None,) * len(self.laws) if memory is None else memory
-        parts = self._parts()
-        return [
-            (law, strain[..., part], p)
-            for law, part, p in zip(self.laws, parts, memory, strict=True)
-        ]

@@ -4,20 +4,32 @@ Their meshes are made on the host; their dimensions may be traced, so that deriv
 to a diameter or a width exist.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, or_nan, positive
+from ..common.types import ArrayLike, Float, Int
+from ..materials.law import Law
 from . import meshes, outlines
 from .arrays import stack
-from .composites import composite
+from .composites import Made, composite
 from .torsion import rectangle_torsion
 
 _CELLS = ("quadrilaterals", "triangles")
 _AXES = np.array([1.0, 1.0, 0.0])  # of second moments: the two about axes, not the product
 
 
-def disc(cls, diameter, law, shape=(10, 10), cells="quadrilaterals"):
+def disc(
+    cls: type[Made],
+    diameter: Float[ArrayLike, ""],
+    law: Law,
+    shape: tuple[int, int] = (10, 10),
+    cells: str = "quadrilaterals",
+) -> Made:
     """Solid circle; area and torsion constant, ``pi d^4 / 32``, are exact.
 
     Args:
@@ -44,7 +56,14 @@ def disc(cls, diameter, law, shape=(10, 10), cells="quadrilaterals"):
     return _from_mesh(cls, diameter * points, quads, law, 2 * inertia, round_inertia=inertia)
 
 
-def ring(cls, diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
+def ring(
+    cls: type[Made],
+    diameter: Float[ArrayLike, ""],
+    thickness: Float[ArrayLike, ""],
+    law: Law,
+    shape: tuple[int, int] = (4, 32),
+    cells: str = "quadrilaterals",
+) -> Made:
     """Circular tube; area and torsion constant, ``pi (d^4 - d_i^4) / 32``, are exact.
 
     Args:
@@ -74,7 +93,14 @@ def ring(cls, diameter, thickness, law, shape=(4, 32), cells="quadrilaterals"):
     return _from_mesh(cls, points, _cells(quads, cells), law, 2 * inertia, round_inertia=inertia)
 
 
-def rectangle(cls, width, height, law, shape=(10, 10), cells="quadrilaterals"):
+def rectangle(
+    cls: type[Made],
+    width: Float[ArrayLike, ""],
+    height: Float[ArrayLike, ""],
+    law: Law,
+    shape: tuple[int, int] = (10, 10),
+    cells: str = "quadrilaterals",
+) -> Made:
     """Rectangle; its torsion constant is Saint-Venant's series.
 
     Args:
@@ -103,7 +129,15 @@ def rectangle(cls, width, height, law, shape=(10, 10), cells="quadrilaterals"):
     return _from_mesh(cls, points, _cells(quads, cells), law, rectangle_torsion(width, height))
 
 
-def i_shape(cls, height, width, web, flange, law, shape=(8, 2, 12)):
+def i_shape(
+    cls: type[Made],
+    height: Float[ArrayLike, ""],
+    width: Float[ArrayLike, ""],
+    web: Float[ArrayLike, ""],
+    flange: Float[ArrayLike, ""],
+    law: Law,
+    shape: tuple[int, int, int] = (8, 2, 12),
+) -> Made:
     """Doubly symmetric I without fillets.
 
     The torsion constant is that of thin walls, ``sum b t^3 / 3``; warping is not modelled.
@@ -141,7 +175,14 @@ def i_shape(cls, height, width, web, flange, law, shape=(8, 2, 12)):
     return composite(cls, [top.shifted(z=z), middle, top.shifted(z=-z)], torsion).shifted()
 
 
-def polygon(cls, points, holes, law, size, cells="quadrilaterals"):
+def polygon(
+    cls: type[Made],
+    points: Float[ArrayLike, "n 2"],
+    holes: Sequence[Float[ArrayLike, "_ 2"]] | None,
+    law: Law,
+    size: float,
+    cells: str = "quadrilaterals",
+) -> Made:
     """Polygon with holes; its axis is at the origin of the points (`Section.centred` moves it).
 
     The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
@@ -189,7 +230,12 @@ def polygon(cls, points, holes, law, size, cells="quadrilaterals"):
     return _from_mesh(cls, made[0], quads, law, placed=False)
 
 
-def mesh(cls, points, cells, laws):
+def mesh(
+    cls: type[Made],
+    points: Float[ArrayLike, "n_point 2"],
+    cells: Int[ArrayLike, "n_cell 3or4"],
+    laws: Law | Sequence[Law],
+) -> Made:
     """Section from a mesh of your own; its axis is at the origin of the points, as of `polygon`.
 
     Args:

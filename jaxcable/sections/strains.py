@@ -6,6 +6,8 @@ The curves go on elastically beyond their ends, so that every force has strains,
 then lies beyond its curve says that the force is beyond the capacity.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -13,8 +15,10 @@ from jax import lax
 from .. import linear
 from ..common import status
 from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, Int
 from ..numerics import implicit
 from ..numerics.search import search
+from .fibres import Fibres, Memory
 
 
 @pytree
@@ -37,13 +41,21 @@ class SectionState:
         converged: 0.002000 1/m
     """
 
-    strain: object
-    status: object
-    residual: object
-    steps: object
+    strain: tuple[Float[Array, "*shape"], Float[Array, "*shape"], Float[Array, "*shape"]]
+    status: Int[Array, "*shape"]
+    residual: Float[Array, "*shape"]
+    steps: Int[Array, "*shape"]
 
 
-def equilibrium(section, N, My, Mz, memory=None, tol=None, max_steps=100):
+def equilibrium(
+    section: Fibres,
+    N: Float[ArrayLike, "*shape"],
+    My: Float[ArrayLike, "*shape"],
+    Mz: Float[ArrayLike, "*shape"],
+    memory: Memory | None = None,
+    tol: Float[ArrayLike, ""] | None = None,
+    max_steps: int = 100,
+) -> SectionState:
     """Strains ``(e0, ky, kz)`` that balance the forces.
 
     Forces of any shape are taken in turn, so that none waits for the slowest of them: on a CPU five

@@ -1,14 +1,22 @@
 """Torsion constants: rectangles, closed cells of thin walls, and which sections are round."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
 from ..common.rules import or_nan, positive
+from ..common.types import ArrayLike, Bool, Float
 from . import outlines
 
 
-def rectangle_torsion(width, height):
+def rectangle_torsion(
+    width: Float[ArrayLike, ""], height: Float[ArrayLike, ""]
+) -> Float[ArrayLike, ""]:
     """Torsion constant, m4: Saint-Venant's series (Timoshenko and Goodier, art. 109)."""
     pack = np if isinstance(width, float) and isinstance(height, float) else jnp
     short, long = pack.minimum(width, height), pack.maximum(width, height)
@@ -18,7 +26,9 @@ def rectangle_torsion(width, height):
     return long * short**3 / 3 * (1 - 192 / np.pi**5 * short / long * (series + rest))
 
 
-def bredt_torsion(points, thickness):
+def bredt_torsion(
+    points: Float[ArrayLike, "n 2"], thickness: Float[ArrayLike, "#n"]
+) -> Float[ArrayLike, ""]:
     """Torsion constant of a closed cell of thin walls, ``4 A^2 / sum(l / t)``.
 
     ``A`` is the area inside of the middle line of the walls. What the walls have by themselves,
@@ -76,7 +86,7 @@ def bredt_torsion(points, thickness):
     return 4 * area**2 / pack.sum(length / thickness)
 
 
-def are_round(parts):
+def are_round(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
     """Whether all parts are discs and rings about one centre; traced if their numbers are.
 
     A section has the torsion constant of a circle, the polar moment of its area, only if it is one

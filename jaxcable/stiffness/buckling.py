@@ -48,7 +48,7 @@ def buckling_factor(
     reference: Solution | State | None = None,
     n: int = 1,
     *,
-    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Buckling:
     """Factors on the loads of a state at which it buckles, by linear theory.
 

@@ -21,7 +21,7 @@ def flexibility(
     state: Solution | State,
     nodes: Int[ArrayLike, " n"],
     axes: str = "xyz",
-    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "m m"]:
     """Displacements by unit forces at chosen freedoms of a loaded state: part of ``K^-1``.
 

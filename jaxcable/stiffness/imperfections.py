@@ -46,7 +46,7 @@ def modes(
     structure: Structure,
     state: Solution | State,
     n: int = 6,
-    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Modes:
     """Lowest eigenmodes of the tangent stiffness at the state of a solution.
 

@@ -25,7 +25,7 @@ _Indices: TypeAlias = "list[np.ndarray]"
 def tangent_of(
     structure: Structure,
     state: Solution | State,
-    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "n_free n_free"]:
     """Dense tangent stiffness at the state of a solution: autodiff of the element forces.
 
@@ -80,7 +80,7 @@ def displaced_by(
 def prepared(
     structure: Structure,
     state: Solution | State,
-    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> tuple[_Frame, _Indices, Freedoms]:
     """What the tangent is made of: (nodes, groups, carry) thawed, index arrays, freedoms."""
     state = state.last if isinstance(state, Solution) else state

@@ -64,7 +64,7 @@ def natural_frequencies(
     n: int = 6,
     *,
     masses: Float[ArrayLike, " n_node"] | Float[ArrayLike, ""] | None = None,
-    fixed: Bool[ArrayLike, "n_row 3or6"] | None = None,
+    fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
     gravity: Float[ArrayLike, ""] = STANDARD_GRAVITY,
     distribution: Literal["lumped", "consistent", "mean"] | None = None,
 ) -> Vibration:
