@@ -60,7 +60,6 @@ class TurningSprings(Element):
 
     per_element = ("stiffness",)
     rotates = True
-    n_freedom, n_motion = 6, 7
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):

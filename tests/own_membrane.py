@@ -11,7 +11,8 @@ import numpy as np
 import jaxcable as jc
 from jaxcable.common import checks
 from jaxcable.common.tree import Indices, copy, pytree
-from jaxcable.elements.element import ElementState, Prestressable, Result
+from jaxcable.elements.abilities import Prestressable
+from jaxcable.elements.element import ElementState, Result
 
 
 @pytree

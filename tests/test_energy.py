@@ -72,7 +72,7 @@ def system(name, held=False, seed=0, supports=None, rigid=None):
     chord = np.asarray(group.chord(nodes[group.links.array]))
     rest = chord * rng.uniform(0.8, 1.2, len(chord))
     force = jnp.asarray(rng.uniform(1, 2, len(chord))) if held else None
-    memory = jax.tree.map(lambda p: 0.05 * rng.normal(size=p.shape), group.virgin())
+    memory = jax.tree.map(lambda p: 0.05 * rng.normal(size=p.shape), group.initial_memory())
     state = AxialState(jnp.asarray(rest), jnp.asarray(chord - rest), force, memory=memory)
     fixed = np.zeros((n, group.n_freedom), bool)
     fixed[:2] = True
@@ -85,7 +85,7 @@ def system(name, held=False, seed=0, supports=None, rigid=None):
     nodes = jnp.asarray(nodes if rows is None else nodes[rows.node])
     load, held_at = rng.normal(size=(2, count, 3))
     load[n:] = 0.0
-    group = copy(group, links=group.links.array).continued()
+    group = copy(group, links=group.links.array).extended()
     if name == "catenary":
         load_along = rng.normal(size=(len(chord), 3))
         load_along[::4] = 0.0  # there it is a straight cable, or a slack one without force

@@ -245,11 +245,11 @@ def test_no_method_is_deleted_by_a_subclass():
 
 def test_what_is_asked_of_a_group_is_in_the_contract():
     """Attributes of what is called ``group``, outside of elements and what makes scenes of them."""
-    from jaxcable.elements import element
+    from jaxcable.elements import abilities, element
 
     known = set()
-    for cls in vars(element).values():
-        if isinstance(cls, type) and cls.__module__ == element.__name__:
+    for cls in (*vars(element).values(), *vars(abilities).values()):
+        if isinstance(cls, type) and cls.__module__ in (element.__name__, abilities.__name__):
             known |= set(dir(cls)) | set(cls.__annotations__)
     known |= {"links", "_index_fields", "_static_fields"}  # of every pytree of the package
     asked = set()

@@ -50,7 +50,7 @@ def test_continued_law_goes_on_with_the_initial_slope(name):
     expected = np.interp(at, strain, stress) + float(law.modulus) * (at - inside)
     if strain[0] == 0:  # slack, not failed
         expected = np.where(at < 0, 0.0, expected)
-    got, _, energy, gradient, *_ = evaluate(law.continued(), at)
+    got, _, energy, gradient, *_ = evaluate(law.extended(), at)
     assert np.abs(got - expected).max() <= rounding(law)
     assert np.abs(gradient - got).max() <= rounding(law)
     beyond = np.where((strain[0] == 0) & (at < 0), 0.0, at - inside)

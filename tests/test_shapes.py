@@ -550,6 +550,10 @@ BAD = {
         lambda: Section([0.0], [0.0], [1.0], (ONE, ONE), (1,)),
         r"counts = \(1,\): must give every law its number of fibres",
     ),
+    "ratios": (
+        lambda: Section.disc(0.1, jc.materials.steel()).interaction(n_axial=1),
+        "n_axial = 1: expected at least 2",
+    ),
     "interaction": (
         lambda: Section.disc(0.1, ONE).interaction(),
         "interaction: no fibre of this section ever fails",

@@ -14,7 +14,8 @@ from ..common.rules import Rule, kept, not_negative, positive, refuse
 from ..common.selection import Only, Selection
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from ..elements.element import Element, Jacked, Prestressable, Sagging
+from ..elements.abilities import Jacked, Prestressable, Sagging
+from ..elements.element import Element
 from ..elements.prestress import Stated, of_each
 from ..loads import as_list
 from ..loads.load import Load
@@ -271,7 +272,7 @@ def keeps_rules(inputs: Sequence[dict[str, Stated]], groups: Sequence[Element]) 
 
 
 def _sign_rules(name, values, group):
-    """Rules of a statement of prestress by themselves, see `_rules`."""
+    """Rules of a statement of prestress by themselves, see `common.rules`."""
     if name == "rest_length":
         return [positive(name, values, "an unstressed length must be positive")]
     if name == "prestrain":

@@ -14,7 +14,8 @@ from ..common import checks, status
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.element import Element, Secant
+from ..elements.abilities import Secant
+from ..elements.element import Element
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import as_list
@@ -259,7 +260,7 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
         loads=loads,
         amounts=[*carry.amounts, *(stack.idle(begun, dtype) for stack in schedule.loads)],
     )
-    groups = [group.continued() for group in groups]
+    groups = [group.extended() for group in groups]
     return nodes, groups, carry, schedule
 
 

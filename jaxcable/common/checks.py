@@ -1,4 +1,4 @@
-"""Argument checks shared by the constructors: types and shapes; of values see `_rules`."""
+"""Argument checks shared by the constructors: types and shapes; of values see `common.rules`."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from ..analysis.solver import solve
 from ..common.selection import only
 from ..common.tree import replace
 from ..common.types import Array, ArrayLike, Float, PyTree
-from ..elements.element import Prestressable
+from ..elements.abilities import Prestressable
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import NodalLoads, as_list

@@ -23,19 +23,9 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
 from ..materials.law import Law, uniaxial
 from ..sections import Section
+from .abilities import Jacked, Rounding, Secant
 from .axial import Axial
-from .element import (
-    SECTION_STRAIN,
-    TENSION,
-    Ends,
-    Forces,
-    Jacked,
-    Motion,
-    Result,
-    Rounding,
-    Scalar,
-    Secant,
-)
+from .element import SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
 from .prestress import AxialState, Prestressed, checked_links, jacked_or, stretch
 
 # of the mass, at an end and between both; the mean of both kinds is of order 4 in the length
@@ -93,7 +83,7 @@ class Straight(Axial, Prestressed):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`."""
+        """What its numbers keep, see `common.rules`."""
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
@@ -176,7 +166,7 @@ class Straight(Axial, Prestressed):
 
     # --- the group
 
-    def virgin(self) -> Float[Array, "n_elem n_memory"] | None:
+    def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:
         """What unused elements remember, [n_elem, n_memory], or None."""
         if not self.remembers:
             return None
@@ -184,13 +174,13 @@ class Straight(Axial, Prestressed):
         count = sum(law.n_memory for law in self._laws)
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
-    def continued(self) -> Self:
+    def extended(self) -> Self:
         """The group for an iteration: its law goes on beyond its ends."""
         if self.section is not None:
             return copy(self, section=changed(lambda own: own.reduced(), self.section))
         if self.law is None:
             return self
-        return copy(self, law=changed(lambda own: own.continued(), self.law))
+        return copy(self, law=changed(lambda own: own.extended(), self.law))
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
         """Axial stiffness EA where its law is a line, [n_elem], N; None if it is not."""

@@ -25,16 +25,8 @@ from ..common.tree import Indices, changed, copy, kind, plain, pytree, replace
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
 from ..sections import Section
-from .element import (
-    PEAK_TENSION,
-    SECTION_FORCES,
-    SECTION_STRAIN,
-    TENSION,
-    Bending,
-    Ends,
-    Rounding,
-    Scalar,
-)
+from .abilities import Bending, Rounding
+from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Scalar
 from .member import Member
 from .prestress import AxialState, Prestressed, checked_links, of_each
 
@@ -141,7 +133,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`."""
+        """What its numbers keep, see `common.rules`."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
@@ -231,7 +223,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     # --- the group
 
-    def balls(self) -> Bool[np.ndarray, "n_elem 2"] | None:
+    def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
         """Ends that turn freely in all directions, with a row of their own, [n_elem, 2], or None.
 
         Ends that springs hold, or that are free in some directions only, are joints with inner
@@ -241,7 +233,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             return None
         return self.hinges.array.all(axis=2)
 
-    def idle(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
+    def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
         """Columns of its inner rows that an element does not use, [n_elem, n_inner_row, 3]."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
@@ -286,13 +278,13 @@ class Beams(Member, Prestressed, Bending, Rounding):
         """Whether a fibre can be strained beyond its curve."""
         return kind(self.section).breaks
 
-    def virgin(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
+    def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
         """What unused elements remember, per law, or None."""
         if not self.remembers:
             return None
-        return kind(self.section).virgin((len(self.links), self.points))
+        return kind(self.section).initial_memory((len(self.links), self.points))
 
-    def continued(self) -> Self:
+    def extended(self) -> Self:
         """The group for an iteration: its laws go on beyond their ends."""
         return copy(self, section=changed(lambda own: own.reduced(), self.section))
 

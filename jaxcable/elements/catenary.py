@@ -16,8 +16,9 @@ import jax.numpy as jnp
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import hanging
+from .abilities import Sagging
 from .cable import TensionOnly
-from .element import PEAK_TENSION, Ends, Motion, Sagging, Scalar
+from .element import PEAK_TENSION, Ends, Motion, Scalar
 from .prestress import AxialState, stretch
 
 

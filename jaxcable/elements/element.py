@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Self, TypeAlias
 
 import jax
@@ -22,7 +22,6 @@ from ..common.rules import Rule
 from ..common.tree import Each
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..sections import Section
-from .stated import Stated
 
 Scalar: TypeAlias = 'Float[Array, ""]'
 Ends: TypeAlias = 'Float[Array, "n_end 3"]'
@@ -96,7 +95,6 @@ class Element(abc.ABC):
         results: what an analysis records of it, a tuple of `Result`.
         outline: ends through which pictures draw it, by number; default one after the other.
         rotates: whether it gives its nodes rotations.
-        n_freedom, n_motion: columns of its end forces, and of the motion that it sees.
         inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
             take after those of the ends (`inner`).
         weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
@@ -119,8 +117,6 @@ class Element(abc.ABC):
     results: ClassVar[tuple[Result, ...]] = ()
     outline: tuple[int, ...] | None = None
     rotates: bool = False
-    n_freedom: int = 3
-    n_motion: int = 3
     inner: tuple[tuple[int, int], ...] = ()
     n_inner_row: int = 0
     weight: Float[ArrayLike, " n_elem"] | None = None
@@ -139,10 +135,20 @@ class Element(abc.ABC):
     shaped_by_load: bool = False
     slides: bool = False
 
+    @property
+    def n_freedom(self) -> int:
+        """Columns of its end forces: forces, and moments if it gives its nodes rotations."""
+        return 6 if self.rotates else 3
+
+    @property
+    def n_motion(self) -> int:
+        """Columns of the motion that it sees: displacements, and unit quaternions likewise."""
+        return 7 if self.rotates else 3
+
     # --- the group
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`."""
+        """What its numbers keep, see `common.rules`."""
         return []
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
@@ -189,19 +195,19 @@ class Element(abc.ABC):
         """The group with its axes kept as they are at initial positions [n_node, 3]."""
         return self
 
-    def balls(self) -> Bool[np.ndarray, "n_elem 2"] | None:
+    def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
         """Ends with a rotation of their own, [n_elem, 2] bool, or None."""
         return None
 
-    def idle(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
+    def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
         """Columns of its inner rows that no number stands in, [n_elem, n_inner_row, 3] bool."""
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
-    def virgin(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
+    def initial_memory(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
         """Memory of unused elements, or None."""
         return None
 
-    def continued(self) -> Self:
+    def extended(self) -> Self:
         """The group for an iteration, whose laws have no ends."""
         return self
 
@@ -294,102 +300,3 @@ class Element(abc.ABC):
     def has_result(self, name: str, state: OwnState) -> bool:
         """Whether it has a result of a name, with a state of the group."""
         return name in ("end_forces", "is_slack", *(result.name for result in self.results))
-
-
-class Prestressable(Element):
-    """Its state can be changed by what a phase states (`Phase`).
-
-    Attributes:
-        statements: names of what can be stated for it.
-    """
-
-    statements: ClassVar[tuple[str, ...]] = ()
-
-    @abc.abstractmethod
-    def restate(
-        self,
-        state: OwnState,
-        ends: Float[Array, "n_elem n_end 3"],
-        inputs: Mapping[str, Stated],
-    ) -> ElementState:
-        """State of the group after statements, names to `Stated`; ends [n_elem, ...]."""
-
-    def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
-        """State of the group in a phase that takes it from one to another.
-
-        What does not change keeps every digit, and the end is met.
-        """
-        return jax.tree.map(lambda a, b: b - (1 - factor) * (b - a), start, end)
-
-
-class Jacked(Prestressable):
-    """Its force can be held by a jack, by the statement "jacking".
-
-    The state then has `jack_force` and `jacked`.
-    """
-
-    @abc.abstractmethod
-    def lock(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
-        """State of one anchored jack: what gives the held force here."""
-
-
-class Sagging(Prestressable):
-    """It hangs under its weight, by the statement "sag"."""
-
-    @abc.abstractmethod
-    def strain_at_sag(
-        self,
-        ends: Float[Array, "n_elem n_end 3"],
-        sag: Float[Array, " n_elem"],
-        warmth: float | Float[Array, " n_elem"] = 1.0,
-    ) -> Float[Array, " n_elem"]:
-        """Strains of the initial chords with which a group hangs by `sag`, [n_elem], m."""
-
-    @abc.abstractmethod
-    def depth(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """How far its middle hangs below that of its chord, m."""
-
-    @abc.abstractmethod
-    def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
-        """Tensions at the first and the second end, [2], N."""
-
-    @abc.abstractmethod
-    def curve(
-        self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
-    ) -> Float[Array, "n 3"]:
-        """Places along it, [n, 3], m, at parts [n] of its unstressed length."""
-
-
-class Secant(Element):
-    """It has a stiffness between two states, which the secant scheme takes."""
-
-    @abc.abstractmethod
-    def secant(
-        self, state: OwnState, ends: Ends, before: Motion, motion: Motion
-    ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Symmetric matrix, as `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
-
-
-class Rounding(Element):
-    """It may be without force and yet have the rounding of its stiffness."""
-
-    @abc.abstractmethod
-    def rounding(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """What the rounding of displacements leaves of the end forces, as these."""
-
-
-class Bending(Element):
-    """It gives its nodes rotations and has section forces."""
-
-    rotates = True
-    n_freedom, n_motion = 6, 7
-
-    @abc.abstractmethod
-    def section_forces(
-        self,
-        state: OwnState,
-        ends: Ends,
-        motion: Motion,
-        places: Float[ArrayLike, " n"] | None = None,
-    ) -> Float[Array, "n 6"]:
-        """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, [n, 6], N and N m."""

@@ -13,7 +13,8 @@ import numpy as np
 from ..common.tree import kind
 from ..common.types import Array, ArrayLike, Float, Int
 from ..sections import Section
-from .element import Bending, Forces, Motion
+from .abilities import Bending
+from .element import Forces, Motion
 from .prestress import AxialState
 
 # places of a_1, a_2 and of b about y, z among the inner rows, by the number of these rows

@@ -13,7 +13,8 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .element import ElementState, Ends, Motion, Pressures, Prestressable, Scalar
+from .abilities import Prestressable
+from .element import ElementState, Ends, Motion, Pressures, Scalar
 from .stated import Stated
 
 
@@ -99,7 +100,11 @@ class Prestressed(Prestressable):
             rest_length, elongation = self.rest_length, chord - self.rest_length
         warmth = None if self.expansion is None else jnp.ones_like(rest_length)
         return AxialState(
-            rest_length, elongation, loaded_length=rest_length, warmth=warmth, memory=self.virgin()
+            rest_length,
+            elongation,
+            loaded_length=rest_length,
+            warmth=warmth,
+            memory=self.initial_memory(),
         )
 
     def restate(

@@ -15,8 +15,9 @@ from ..common import checks
 from ..common.rules import Rule
 from ..common.tree import Indices, plain, pytree
 from ..common.types import Array, ArrayLike, Float
+from .abilities import Jacked
 from .cable import TensionOnly
-from .element import Element, Ends, Forces, Jacked, Motion, Scalar
+from .element import Element, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jacked_or
 
 

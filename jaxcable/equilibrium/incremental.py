@@ -86,7 +86,7 @@ class Incremental:
         linear.check(self.linear_solver)
 
     def rules(self) -> list[Rule]:
-        """What its number keeps, see `_rules`; a NaN does not: no residual would exceed it."""
+        """What its number keeps, see `rules`; a NaN does not: no residual would exceed it."""
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 

@@ -95,7 +95,7 @@ class Newton:
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`; a NaN keeps none: no residual would exceed it."""
+        """What its numbers keep, see `rules`; a NaN keeps none: no residual would exceed it."""
         large = "relative to the forces: from 1 on any state would pass"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),

@@ -98,7 +98,7 @@ class OnForm:
                 continue
             for number, group in _loaded(load, self.groups):
                 part = None if load.part is None else load.part[number]
-                own = group.properties(), group.virgin(), states[number], part
+                own = group.properties(), group.initial_memory(), states[number], part
                 yield _on_element(load, number, group), own, group.links
 
     @property
@@ -146,12 +146,12 @@ def _on_face(load):
 def _on_element(load, number, group):
     """Force on both ends of an element, [2, 3], as a function of these and its properties."""
 
-    def force(ends, properties, virgin, string, part):
+    def force(ends, properties, memory, string, part):
         vector = ends[1] - ends[0]
         length = jnp.sqrt(vector @ vector)
         # springs of strings are about the length 0 here: forces are held, or densities
         axial = string.force + string.stiffness * length
-        strain = element(group, properties).strain_at(axial, virgin)
+        strain = element(group, properties).strain_at(axial, memory)
         # beyond its law the form has a status; here it must not become NaN
         strain = jnp.where(jnp.isfinite(strain) & (strain > -1), strain, 0.0)
         rest_length = (length / (1 + strain))[None]
@@ -173,6 +173,6 @@ def carries(
     fine = jnp.ones((), bool)
     for group, tension in zip(groups, tensions, strict=True):
         low, high = group.capacity()
-        strain = group.strain_at(tension, group.virgin())
+        strain = group.strain_at(tension, group.initial_memory())
         fine = fine & jnp.all((tension >= low) & (tension <= high) & (strain > -1))
     return fine

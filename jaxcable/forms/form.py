@@ -102,7 +102,7 @@ def make_form(
         ends = positions[group.links]
         lengths.append(jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1))
         if rests is None:
-            cut.append(lengths[-1] / (1 + group.strain_at(tension, group.virgin())))
+            cut.append(lengths[-1] / (1 + group.strain_at(tension, group.initial_memory())))
     densities = [force / length for force, length in zip(tensions, lengths, strict=True)]
     rests = cut if rests is None else rests
     values = positions, tensions, lengths, rests, densities

@@ -11,7 +11,7 @@ from ..common import checks
 from ..common.rules import or_nan, positive
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging
-from ..elements.element import Sagging
+from ..elements.abilities import Sagging
 from ..elements.prestress import element
 from ..mechanics.elementwise import motion_of
 from ..mechanics.ramp import make_system

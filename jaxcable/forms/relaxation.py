@@ -166,7 +166,7 @@ class _Members:
         return d, jnp.sqrt(jnp.sum(d * d, axis=-1))
 
     def _law(self, strain, function):
-        memory = self.group.virgin()
+        memory = self.group.initial_memory()
         return jax.vmap(lambda p, e, own: function(element(self.group, p), e, own))(
             self.group.properties(), strain, memory
         )
@@ -238,7 +238,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
     nodes, members, loads, start = lax.stop_gradient(cast(parameters, dtype))
-    members = [copy(m, group=m.group.continued() if m.group.breaks else m.group) for m in members]
+    members = [copy(m, group=m.group.extended() if m.group.breaks else m.group) for m in members]
     load = total(loads, nodes.shape, dtype)
     rests = [m.unstressed(nodes) for m in members]
     limit = jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
@@ -323,7 +323,7 @@ def _ended(members, rests, end, code, parameters):
     cut = []
     for (m, length, rest), force in zip(found, forces, strict=True):
         if m.force is not None:
-            strain = m.group.strain_at(force, m.group.virgin())
+            strain = m.group.strain_at(force, m.group.initial_memory())
             rest = jnp.where(m.held, length / (1 + strain), rest)
         cut.append(rest)
     groups = [m.group for m in members]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from ..analysis.solution import Solution, State
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
-from ..elements.element import Sagging
+from ..elements.abilities import Sagging
 from ..elements.prestress import element
 from ..mechanics.elementwise import each
 from ..mechanics.ramp import make_system

@@ -240,11 +240,14 @@ def solve(
             own = _without(analysed, values[g], loose[g])
             if usable[g] and len(mine) == 1:
                 old = analysed.factor(stale[g], True)
-                answer = old and conjugate_gradients(
-                    analysed.times(own), old.solve, rhs[mine[0]], tol[g], int(limit[g])
-                )
+                answer = None
+                if old is not None:
+                    times = analysed.times(own)
+                    answer = conjugate_gradients(
+                        times, old.solve, rhs[mine[0]], tol[g], int(limit[g])
+                    )
                 if answer is not None:
-                    x[mine], regular[mine] = answer, True  # type: ignore[assignment]  # no factor
+                    x[mine], regular[mine] = answer, True
                     continue
             factor = analysed.factor(own, False)
             if factor is not None:

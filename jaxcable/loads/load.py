@@ -56,7 +56,7 @@ class Load(abc.ABC):
         """The load times `factor`."""
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`."""
+        """What its numbers keep, see `common.rules`."""
         return []
 
     def __str__(self) -> str:

@@ -85,7 +85,7 @@ class CablePressure(Following):
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`."""
+        """What its numbers keep, see `common.rules`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 

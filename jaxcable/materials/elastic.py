@@ -39,7 +39,7 @@ class Elastic(Law):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """What its number keeps, see `_rules`."""
+        """What its number keeps, see `common.rules`."""
         return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property

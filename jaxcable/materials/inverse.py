@@ -31,7 +31,7 @@ def inverse(
         axis=-1,
     )
     at = jnp.sort(jnp.clip(jnp.concatenate([corners, ends], -1), ends[..., :1], ends[..., 2:]))
-    curve = law.continued().stress_at(at, None if memory is None else memory[..., None, :])
+    curve = law.extended().stress_at(at, None if memory is None else memory[..., None, :])
     target = stress[..., None]
     pull = target >= 0
     # The corner at which the target is first reached, going away from zero: to a rounding, so that

@@ -99,7 +99,7 @@ class Law(abc.ABC):
         """What it remembers after an increment of a duration, s, that ended at `strain`."""
         return memory
 
-    def continued(self) -> Law:
+    def extended(self) -> Law:
         """The law for an iteration, which goes on elastically beyond its ends.
 
         So the way to an answer may lead through there; the answer itself may not

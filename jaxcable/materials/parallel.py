@@ -94,8 +94,8 @@ class Parallel(Law):
         corners = self._corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
         at = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
         at = jnp.where(jnp.isfinite(at), at, 0.0)
-        virgin = jnp.zeros((len(at), self.n_memory)) if self.n_memory else None
-        stress = self._bare().stress_at(at, virgin)
+        memory = jnp.zeros((len(at), self.n_memory)) if self.n_memory else None
+        stress = self._bare().stress_at(at, memory)
         least, most = jnp.min(stress), jnp.max(stress)
         least = jnp.where(jnp.isfinite(low), least, -jnp.inf)
         most = jnp.where(jnp.isfinite(high), most, jnp.inf)
@@ -120,7 +120,7 @@ class Parallel(Law):
 
     def _bare(self):
         """The laws alone, for an iteration: without spring, in compression too."""
-        return copy(self.continued(), spring=None, one_sided=False)
+        return copy(self.extended(), spring=None, one_sided=False)
 
     def _with_spring(self, strain, memory=None):
         """Strain of the whole at a strain of the laws."""
@@ -284,9 +284,9 @@ class Parallel(Law):
 
     # --- the same, changed
 
-    def continued(self) -> Parallel:
+    def extended(self) -> Parallel:
         """The law for an iteration."""
-        return copy(self, laws=tuple(law.continued() for law in self.laws))
+        return copy(self, laws=tuple(law.extended() for law in self.laws))
 
     def tension_only(self) -> Parallel:
         """The laws as those of a cable: slack where the sum of all would be a compression."""

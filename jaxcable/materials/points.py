@@ -12,7 +12,7 @@ from ..common.types import ArrayLike, Float
 def rules(
     strain: Float[ArrayLike, " n"], stress: Float[ArrayLike, " n"], unloading: str
 ) -> list[Rule]:
-    """Rules of the points [n] each, see `_rules`; the first that is broken says what is wrong."""
+    """Rules of the points [n] each, see `common.rules`; the first broken one says what is wrong."""
     both = strain, stress
     found = [
         Rule("strain", strain, lambda e: abs(e) == np.inf, "must be finite"),

@@ -43,7 +43,7 @@ class Polygonal(Law):
             away from the origin, not below zero); if it has two branches, their slopes must be the
             same, their corners may differ.
         one_sided: whether compression is left out; set by `tension_only`.
-        endless: whether the law goes on elastically beyond its ends; set by `continued`.
+        endless: whether the law goes on elastically beyond its ends; set by `extended`.
         rising, n_memory: worked out from the points where these are not traced.
 
     Raises:
@@ -107,7 +107,7 @@ class Polygonal(Law):
             put(self, "n_memory", int(n_corner))
 
     def rules(self) -> list[Rule]:
-        """What its points keep, see `_rules`."""
+        """What its points keep, see `common.rules`."""
         return points.rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve
@@ -235,7 +235,7 @@ class Polygonal(Law):
 
     # --- the same material, changed
 
-    def continued(self) -> Polygonal:
+    def extended(self) -> Polygonal:
         """The law for an iteration: goes on with its initial slope beyond its ends."""
         return copy(self, endless=True)
 

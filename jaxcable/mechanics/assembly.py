@@ -16,7 +16,8 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
-from ..elements.element import Element, ElementState, Rounding
+from ..elements.abilities import Rounding
+from ..elements.element import Element, ElementState
 from ..elements.prestress import element
 from ..spaces import Space
 from ..spaces.freedoms import Freedoms, carriers

@@ -17,7 +17,7 @@ from scipy import sparse
 from ..common import checks
 from ..common.tree import Indices
 from ..common.types import ArrayLike, Bool, Float, Int
-from ..elements.element import Bending
+from ..elements.abilities import Bending
 
 _STRAIGHT = 1e-9  # of the length of a piece, off its line
 
@@ -81,7 +81,7 @@ def _pieces(structure):
         if not isinstance(group, Bending):
             continue
         links = given.links.array
-        loose = given.balls()
+        loose = given.hinged_ends()
         loose = np.zeros(links.shape, bool) if loose is None else loose
         pairs.append(links)
         joined.append(~loose)

@@ -34,7 +34,7 @@ def is_group(x: object) -> bool:
 
 
 def place_rules(nodes, group, where=""):
-    """What initial positions [n_node, 3] keep beside the numbers of a group, see `_rules`."""
+    """What initial positions [n_node, 3] keep beside the numbers of a group, see `common.rules`."""
     links = plain(group.links)
 
     def same(ends, _):
@@ -188,7 +188,7 @@ class Structure:
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:
-                loose = group.balls()
+                loose = group.hinged_ends()
                 rigid = np.ones(group.links.shape, bool) if loose is None else ~loose
                 joined[group.links.array[rigid]] = True
         return joined
@@ -211,7 +211,7 @@ class Structure:
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
         for group in self.groups:
             links = group.links.array
-            loose = group.balls()
+            loose = group.hinged_ends()
             if loose is not None:
                 links = links.copy()
                 ends = np.argwhere(loose)
@@ -220,7 +220,7 @@ class Structure:
                 links[ends[:, 0], ends[:, 1]] = count + np.arange(len(ends))
                 count += len(ends)
             if group.n_inner_row:
-                own = group.idle()  # [n_elem, n_inner_row, 3]
+                own = group.unused_columns()  # [n_elem, n_inner_row, 3]
                 extra = count + np.arange(len(links) * group.n_inner_row)
                 nodes.append(np.repeat(group.links.array[:, 0], group.n_inner_row))
                 inner.append(np.ones(len(extra), bool))

@@ -64,7 +64,7 @@ def topology_of(structure):
             group.results,
             group.hinges,
             (tuple(group.inner), group.n_inner_row),
-            str(jax.tree.map(jnp.shape, group.virgin())),
+            str(jax.tree.map(jnp.shape, group.initial_memory())),
         )
         for name, group in structure.named_groups()
     )

@@ -19,7 +19,7 @@ class Settings:
     through: Bool[ArrayLike, ""]
 
     def rules(self) -> list[Rule]:
-        """What they keep, see `_rules`; a NaN keeps none, and the path would have no end."""
+        """What they keep, see `common.rules`; a NaN keeps none, and the path would have no end."""
         text = "must be positive; the path starts at 0"
         below = "must be negative; the path starts at 0"
         steps = [

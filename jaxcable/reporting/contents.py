@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis import solution as results
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..design import utilisation
-from ..elements.element import Sagging
+from ..elements.abilities import Sagging
 from ..model.parts import columns, first_and_last, groups_by_name, per_group, pieces
 from ..model.structure import Structure
 from ..results.energy import energy_balance

@@ -9,7 +9,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import Rule, or_nan
 from ..common.types import Array, ArrayLike, Float, PyTree
-from ..elements.element import Bending
+from ..elements.abilities import Bending
 from ..elements.prestress import element
 from ..mechanics.ramp import make_system
 from ..model.structure import Structure

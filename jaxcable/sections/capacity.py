@@ -31,8 +31,11 @@ def interaction(
         ``N, My, Mz``, [n_axial, n_angle] each; infinite where no fibre ever fails.
 
     Raises:
-        ValueError: no law of the section has an end.
+        ValueError: no law of the section has an end; fewer than two ratios, or no direction.
     """
+    for name, count, least in (("n_angle", n_angle, 1), ("n_axial", n_axial, 2)):
+        if count < least:
+            raise ValueError(f"{name} = {count}: expected at least {least}")
     if not section.breaks:
         raise ValueError(
             "interaction: no fibre of this section ever fails; its capacity is endless"
@@ -53,7 +56,7 @@ def interaction(
             factors.append(jnp.where(e == 0, jnp.inf, factor))
         factor = jnp.min(jnp.concatenate(factors))
         ends = jnp.isfinite(factor)
-        forces = section.continued().forces(*(jnp.where(ends, factor, 0.0) * direction))
+        forces = section.extended().forces(*(jnp.where(ends, factor, 0.0) * direction))
         return tuple(jnp.where(ends, force, jnp.inf) for force in forces)
 
     return jax.vmap(lambda t: jax.vmap(lambda a: point(t, a))(angle))(turn)

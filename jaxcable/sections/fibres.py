@@ -78,7 +78,7 @@ class Fibres:
         rows = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
         return total + jnp.stack([jnp.stack(row) for row in rows])
 
-    def virgin(self, shape: tuple[int, ...] = ()) -> Memory:
+    def initial_memory(self, shape: tuple[int, ...] = ()) -> Memory:
         """What an unused section remembers, per law [*shape, n_fibre, n_memory] or None."""
         dtype = jnp.asarray(self.area).dtype
         return tuple(
@@ -108,8 +108,8 @@ class Fibres:
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: plastic strains of the fibres, as from `virgin`; needed where laws remember
-                some.
+            memory: plastic strains of the fibres, as from `initial_memory`; needed where laws
+                remember some.
 
         Returns:
             [..., n_fibre], Pa; zero beyond the end of a curve.
@@ -137,7 +137,7 @@ class Fibres:
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: plastic strains of the fibres, as from `virgin`, or None.
+            memory: plastic strains of the fibres, as from `initial_memory`, or None.
 
         Returns:
             ``N, My, Mz``, N, N m, N m. Fibres beyond their curve count zero.
@@ -154,7 +154,7 @@ class Fibres:
             strain = jnp.stack(jnp.broadcast_arrays(e0, ky, kz), axis=-1)
             return tuple(jnp.moveaxis(strain @ self.stiffness(), -1, 0))
         if memory is None and self.remembers:
-            memory = self.virgin(jnp.shape(jnp.asarray(e0) + ky + kz))
+            memory = self.initial_memory(jnp.shape(jnp.asarray(e0) + ky + kz))
         force = self.fibre_stress(e0, ky, kz, memory)
         return tuple(jnp.moveaxis(force @ (self.area[:, None] * self._levers()), -1, 0))
 
@@ -171,7 +171,7 @@ class Fibres:
             force = jnp.stack(self.forces(e0, ky, kz), axis=-1)
             return force, jnp.broadcast_to(self.stiffness(), (*shape, 3, 3))
         if memory is None and self.remembers:
-            memory = self.virgin(shape)
+            memory = self.initial_memory(shape)
         strain = self.fibre_strain(e0, ky, kz)
         # a fibre's stress depends on its own strain only: one derivative along all of them at once
         stress, modulus = jax.jvp(
@@ -209,7 +209,7 @@ class Fibres:
         strain = self.fibre_strain(e0, ky, kz)
         areas = [self.area[part] for part in self._parts()]
         if memory is None and self.remembers:
-            memory = self.virgin(strain.shape[:-1])
+            memory = self.initial_memory(strain.shape[:-1])
         each = self._each(strain, memory)
         return sum(law.energy_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
 
@@ -235,9 +235,9 @@ class Fibres:
         each = self._each(self.fibre_strain(e0, ky, kz), None)
         return jnp.any(jnp.concatenate([law.beyond(e) for law, e, _ in each], axis=-1), axis=-1)
 
-    def continued(self) -> Self:
+    def extended(self) -> Self:
         """The section for an iteration: its laws go on beyond their ends."""
-        return copy(self, laws=tuple(law.continued() for law in self.laws))
+        return copy(self, laws=tuple(law.extended() for law in self.laws))
 
     def corner_distance(
         self,
@@ -249,7 +249,7 @@ class Fibres:
         """Smallest distance in strain of any fibre from a corner of its law."""
         strain = self.fibre_strain(e0, ky, kz)
         if memory is None and self.remembers:
-            memory = self.virgin(strain.shape[:-1])
+            memory = self.initial_memory(strain.shape[:-1])
         each = [law.corner_distance(e, p) for law, e, p in self._each(strain, memory)]
         return jnp.min(jnp.concatenate(each, axis=-1), axis=-1)
 

@@ -95,7 +95,7 @@ class Section(Fibres):
             put(self, "cells", Indices(cells))
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `_rules`; its laws have their own."""
+        """What its numbers keep, see `common.rules`; its laws have their own."""
         return [positive("area", self.area, "a fibre's area must be positive")]
 
     # --- shapes
@@ -138,9 +138,9 @@ class Section(Fibres):
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
     def reduced(self) -> Section | Linear:
-        """The section as an analysis has it: a linear one without fibres, else `continued`."""
+        """The section as an analysis has it: a linear one without fibres, else `extended`."""
         if not self.is_elastic:
-            return self.continued()
+            return self.extended()
         torsion = None if self.torsion is None else self.torsional_stiffness()
         return Linear(self.stiffness(), torsion)
 
@@ -161,8 +161,8 @@ class Section(Fibres):
 
         Args:
             N, My, Mz: arrays of one shape, N, N m, N m.
-            memory: plastic strains of the fibres, as from `virgin`: one state for all forces, or
-                with the axes of the forces in front; None for an unused section.
+            memory: plastic strains of the fibres, as from `initial_memory`: one state for all
+                forces, or with the axes of the forces in front; None for an unused section.
             tol: largest residual relative to the sum of absolute fibre forces and the load; default
                 64 eps.
             max_steps: iterations allowed.

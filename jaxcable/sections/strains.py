@@ -64,8 +64,8 @@ def equilibrium(
     Args:
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
-        memory: plastic strains of the fibres as from `Section.virgin`: one state for all forces,
-            or with the axes of the forces in front.
+        memory: plastic strains of the fibres as from `Section.initial_memory`: one state for
+            all forces, or with the axes of the forces in front.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
             over the radius of gyration); default 64 eps, which costs one iteration more than 1e-4.
         max_steps: iterations allowed.
@@ -77,7 +77,7 @@ def equilibrium(
     if N.ndim:
         return _batch(section, (N, My, Mz), memory, tol, max_steps)
     if memory is None and section.remembers:
-        memory = section.virgin()
+        memory = section.initial_memory()
     target, radius = jnp.stack([N, My, Mz]), _radius(section)
     parameters = (section, target, memory)
     frozen = lax.stop_gradient(parameters)
@@ -90,10 +90,10 @@ def equilibrium(
     radius = lax.stop_gradient(radius)  # it scales the unknowns and is no part of the answer
 
     def unbalanced(v):
-        return _forces(section.continued(), v, radius, memory) - target / radius
+        return _forces(section.extended(), v, radius, memory) - target / radius
 
     def tangent_solve(linearized, rhs):
-        matrix = _tangent(frozen[0].continued(), found, radius, frozen[2])
+        matrix = _tangent(frozen[0].extended(), found, radius, frozen[2])
         matrix = jnp.where(ok, matrix, jnp.eye(3, dtype=found.dtype))
         return linear.factorize(matrix).solve(rhs, linearized)
 
@@ -138,7 +138,7 @@ def _tangent(section, scaled, radius, memory):
 
 def _iterate(section, target, memory, radius, tol, max_steps):
     """Newton with line search from zero strain: strains, steps, residual, success."""
-    section = section.continued()
+    section = section.extended()
     eps = jnp.finfo(target.dtype).eps
     tol = jnp.maximum(64 * eps, jnp.asarray(64 * eps if tol is None else tol))
     load = jnp.max(jnp.abs(target / radius))

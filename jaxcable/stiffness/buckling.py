@@ -13,7 +13,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.element import Sagging
+from ..elements.abilities import Sagging
 from ..mechanics.ramp import make_system, unloaded
 from ..model.structure import Structure
 from .tangent import displaced_by, filled, prepared, tangent_at

@@ -16,7 +16,7 @@ from ..common import checks
 from ..common.rules import not_negative, or_nan, positive
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
-from ..elements.element import Sagging
+from ..elements.abilities import Sagging
 from ..elements.prestress import element
 from ..mechanics.elementwise import each, motion_of
 from ..mechanics.ramp import make_system
