@@ -46,7 +46,13 @@ def kept(
 class Analysed:
     """A pattern made ready for a solver, with the factors of the last matrices on it."""
 
-    def __init__(self, solver, symmetric, indptr, indices):
+    def __init__(
+        self,
+        solver: Solver,
+        symmetric: bool,
+        indptr: Int[np.ndarray, " n+1"],
+        indices: Int[np.ndarray, " n_value"],
+    ):
         self.n, self.symmetric = len(indptr) - 1, symmetric
         self.iterates = symmetric and solver.iterates
         self.indptr, self.indices = indptr.copy(), indices.copy()

@@ -32,7 +32,9 @@ class Banded(solver.Solver):
 class _Analysis(solver.Analysis):
     """An order of small bandwidth for a pattern."""
 
-    def __init__(self, n, indptr, indices):
+    def __init__(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ):
         self.n = n
         pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), (n, n))
         self.order = reverse_cuthill_mckee(pattern, symmetric_mode=True)

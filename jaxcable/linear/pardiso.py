@@ -69,7 +69,9 @@ class Pardiso(solver.Solver):
 class _Analysis(solver.Analysis):
     """A pattern analysed once for each of the matrix types that are asked for."""
 
-    def __init__(self, n, indptr, indices):
+    def __init__(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ):
         self.arguments = n, indptr, indices
         self.handles = {}
 
@@ -92,7 +94,13 @@ class _Analysis(solver.Analysis):
 class _Handle:
     """PARDISO's own memory for a pattern and a matrix type."""
 
-    def __init__(self, kind, n, indptr, indices):
+    def __init__(
+        self,
+        kind: int,
+        n: int,
+        indptr: Int[np.ndarray, " n+1"],
+        indices: Int[np.ndarray, " n_value"],
+    ):
         self.kind, self.n = kind, n
         rows = np.repeat(np.arange(n), np.diff(indptr))
         # of a symmetric matrix PARDISO takes the upper triangle

@@ -125,7 +125,14 @@ def forgotten(factored: Factored | None) -> Factored | None:
 
 
 @custom_vmap
-def solve_next(matrix, rhs, factored, tol, limit, wanted):
+def solve_next(
+    matrix: Sparse,
+    rhs: Float[Array, " n"],
+    factored: Factored | None,
+    tol: Float[Array, ""],
+    limit: Int[Array, ""],
+    wanted: Bool[Array, ""],
+) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
     """See `linear.solve_next`; `matrix` is `Sparse`, `factored` a `Factored`, or None if dense."""
     p = matrix.pattern
     if p.solver.on_device:

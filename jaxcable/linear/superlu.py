@@ -31,7 +31,9 @@ class SuperLU(solver.Solver):
 class _Analysis(solver.Analysis):
     """The order of a pattern, found once."""
 
-    def __init__(self, n, indptr, indices):
+    def __init__(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ):
         self.n = n
         pattern = sp.csr_matrix((np.ones(len(indices)), indices, indptr), shape=(n, n))
         # minimum degree on a matrix that needs no pivots; only the ordering is kept
