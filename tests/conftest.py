@@ -1,5 +1,6 @@
 """Settings of the whole suite: double precision, strict shapes, one compile cache for all runs."""
 
+import gc
 import os
 import pathlib
 
@@ -19,8 +20,9 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # the suite compiles hundreds of small programs and runs each a few times
 jax.config.update("jax_disable_most_optimizations", True)
-
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+# tracing makes millions of objects and no garbage: looking for it took a third of the time
+gc.set_threshold(100_000, 20, 20)
 
 
 def pytest_configure(config):

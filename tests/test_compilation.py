@@ -1,5 +1,6 @@
 """What is compiled: nothing twice, nothing that a scene lacks, no freedom that is held."""
 
+import gc
 import re
 
 import jax
@@ -204,3 +205,42 @@ def test_a_scene_without_beams_has_nothing_of_them():
     phases = [jc.replace(phase, pretension=None) for phase in phases]
     with_beam, more = program(frame, phases)
     assert f"f64[{n},7]" in with_beam and more > 1.5 * count
+
+
+def test_nothing_is_collected_while_programs_are_traced():
+    """Neither in a solution nor in its gradient; afterwards all is as it was, also after errors."""
+    structure, phases = jc.scenes.flat_net()
+    counts = []
+
+    def seen(phase, info):
+        counts.append(phase)
+
+    def moved(nodes):
+        return jc.solve(jc.replace(structure, nodes=nodes), phases).displacement.sum()
+
+    before = gc.get_threshold()
+    gc.set_threshold(700, 10, 10)  # Python's default
+    try:
+        gc.callbacks.append(seen)
+        gradient = jax.jit(jax.grad(moved)).trace(jax.numpy.asarray(structure.nodes))
+        paused, counts[:] = len(counts), []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(gc, "disable", lambda: None)
+            jax.clear_caches()
+            jax.jit(jax.grad(moved)).trace(jax.numpy.asarray(structure.nodes))
+        assert gradient.jaxpr.eqns
+        assert paused < 0.6 * len(counts)  # what jax does on its way is not ours to pause
+    finally:
+        gc.callbacks.remove(seen)
+        gc.set_threshold(*before)
+    assert gc.isenabled()
+    with pytest.raises(ZeroDivisionError), compilation.without_collection():
+        raise ZeroDivisionError
+    assert gc.isenabled()
+    gc.disable()
+    try:
+        with compilation.without_collection():
+            pass
+        assert not gc.isenabled()  # as its owner wants it
+    finally:
+        gc.enable()

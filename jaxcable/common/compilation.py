@@ -1,8 +1,11 @@
-"""How programs are compiled: those of small analyses in half the time."""
+"""How programs are traced and compiled: those of small analyses in half the time."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import gc
+from collections.abc import Iterator
 
 import jax
 import jax.numpy as jnp
@@ -25,11 +28,29 @@ def program(function, static=()):
     @functools.wraps(function)
     def run(*arguments, size, **options):
         small = size <= _SMALL and _by_itself(arguments) and _has_quick()
-        return (quick if small else plain)(*arguments, **options)
+        with without_collection():
+            return (quick if small else plain)(*arguments, **options)
 
     run.sizes = lambda: plain._cache_size() + quick._cache_size()
     run.plain = plain
     return run
+
+
+@contextlib.contextmanager
+def without_collection() -> Iterator[None]:
+    """Python's collector of cyclic garbage does not run meanwhile.
+
+    To trace a program makes a million objects, hardly any of them garbage; the collector would take
+    up to a third of that time to find this out.
+    """
+    if not gc.isenabled():
+        yield
+        return
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 def _by_itself(arguments):

@@ -20,6 +20,7 @@ from jax.extend.core import Primitive
 from jax.flatten_util import ravel_pytree
 from jax.interpreters import ad, batching, mlir
 
+from ..common.compilation import without_collection
 from ..common.types import Array, Float, PyTree
 
 Tree = TypeVar("Tree")
@@ -135,6 +136,7 @@ def _change_of_change(primals, tangents, *, moving, **given):
     return out, jax.jvp(some, start, direction)[1]
 
 
+@without_collection()
 def _transposed(back, *arguments, moving, **given):
     count = len(arguments) - len(moving)
     if isinstance(back, ad.Zero):
