@@ -12,6 +12,7 @@ A claim is a pattern whose groups are figures, in a file, and a function that re
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,7 +32,7 @@ class Claim(NamedTuple):
 
     file: str
     pattern: str
-    figures: object
+    figures: Callable[[], tuple[str, ...]]
 
 
 def figure(value):
@@ -128,6 +129,117 @@ def first_calls():
     return span(scenes, "{:.1f}")
 
 
+# --- the studies: figures that stand in one line of their file
+
+
+def read(file, pattern, *forms):
+    """A claim's function: what the groups of a pattern hold in a result file.
+
+    Args:
+        file: its name, without ending.
+        pattern: regular expression that is there once.
+        forms: what becomes of each group, a function of its text; default as it is.
+    """
+
+    def figures():
+        text = (RESULTS / f"{file}.txt").read_text()
+        found = re.findall(pattern, text, re.M)
+        if len(found) != 1:
+            raise ValueError(f"{file}.txt: {len(found)} places match {pattern!r}")
+        groups = found[0] if isinstance(found[0], tuple) else found
+        return tuple(f(g) for f, g in zip(forms or [str] * len(groups), groups, strict=True))
+
+    return figures
+
+
+def rounded(digits):
+    """A function that writes a number with so many digits behind the point."""
+    return lambda text: f"{float(text):.{digits}f}"
+
+
+def power(text):
+    """A small number as one digit and a power of ten."""
+    return f"{float(text):.0e}".replace("e-0", "e-")
+
+
+def deviations():
+    """The smallest and the largest of the largest deviations from the published columns, mm."""
+    return span(
+        [float(x) for x in read("hypar_net", r"mm\n(?:.*\n)+?largest +(.+)$")()[0].split()],
+        "{:.2f}",
+    )
+
+
+def misfits():
+    """Of the published columns: largest misfits, mm, smallest and largest; steps likewise."""
+    text = (RESULTS / "identify_spacings.txt").read_text()
+    rows = re.findall(r"^\S.+? +(\d+) +(0\.\d+) +0\.\d+ +0\.", text, re.M)
+    steps, largest = zip(*((int(a), float(b)) for a, b in rows), strict=True)
+    return (*span(largest, "{:.2f}"), *span(steps))
+
+
+def gradient_ratios():
+    """Value and gradient over value, of the first solver of each net of gradient_cost."""
+    text = (RESULTS / "gradient_cost.txt").read_text().split("The first solver")[0]
+    found = {}
+    for line in text.splitlines():
+        cells = re.findall(r"([\d.]+) \([\d.]+-[\d.]+\)", line)
+        if len(cells) == 3:
+            found.setdefault(line.split()[0], f"{float(cells[2]):.1f}")
+    return tuple(found.values())
+
+
+def large_nets(column):
+    """A row of the table of nets: of every size PARDISO's, or below 1 200 the default's."""
+
+    def figures():
+        rows = {}
+        for unknowns, solver, numbers in scaling_rows():
+            if solver == ("default" if unknowns < 1200 else "pardiso"):
+                rows[unknowns] = column(numbers)
+        return tuple(rows.values())
+
+    return figures
+
+
+def three_digits(value):
+    """Milliseconds with two digits, or three from 100 on, thousands apart."""
+    if value < 10:
+        return f"{value:.1f}"
+    return (
+        f"{value:,.0f}".replace(",", " ")
+        if value < 1000
+        else f"{round(value, -1):,.0f}".replace(",", " ")
+    )
+
+
+def ratio(value):
+    """A ratio with one digit behind the point, two below 1; None was not run."""
+    return "not run" if value is None else f"{value:.1f}"
+
+
+def first_call_ratios():
+    """First calls of nets over those of the bare one, and that of the mast; runs, ms."""
+    text = (RESULTS / "first_call.txt").read_text()
+    plain = {line[:24].strip(): float(line[24:].split()[1]) for line in text.splitlines()[5:14]}
+    nets = [plain[name] for name in ("flat net", "hypar", "saddle 4 x 4")]
+    return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
+
+
+def compile_times():
+    """Seconds to compile the cantilever beside OpenSees, least and most."""
+    text = (RESULTS / "opensees_cantilever_times.txt").read_text().split("batch of 64")[0]
+    rows = re.findall(r"1?x? 40 +[\d.]+ +[\d.]+ +([\d.]+)  ", text)
+    return span([float(own) for own in rows])
+
+
+def valid_scenes():
+    """Random scenes that are no mistakes, and the percentage of them that do not converge."""
+    text = (RESULTS / "fuzz.txt").read_text()
+    return re.search(r"valid scenes: (\d+), of which (\d+) % end NOT_CONVERGED", text).groups()
+
+
+STUDIES = "experiments/README.md"
 CLAIMS = [
     *(
         Claim(
@@ -142,7 +254,85 @@ CLAIMS = [
     Claim("README.md", r"jaxcable is (\d+) to (\d+) times faster in batches", batch_ratios),
     Claim("README.md", r"and (\d+) to (\d+) times on single nets", ahead_of_opensees),
     Claim("README.md", r"costs\s(\d+) to\s(\d+) % of an analysis more", gradient_share),
-    Claim("experiments/README.md", r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),
+    Claim("README.md", r"Of (\d+) random scenes (\d+) % end", valid_scenes),
+    Claim(STUDIES, r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),
+    Claim(
+        STUDIES,
+        r"takes ([\d.]+) to ([\d.]+) times as long as that of the bare one.+\s.*mast (\d+) times",
+        first_call_ratios,
+    ),
+    Claim(STUDIES, r"seven\s+columns ([\d.]+) to ([\d.]+) mm", deviations),
+    Claim(
+        STUDIES,
+        r"misfit ([\d.]+) to\s+([\d.]+) mm \(.+\) in (\d+) to (\d+) steps",
+        misfits,
+    ),
+    Claim(
+        STUDIES,
+        r"\[(\d+) % less pretension\]",
+        read("least_pretension", r"the optimum has (\d+)% less"),
+    ),
+    Claim(
+        STUDIES,
+        r"same gradients: (\d+) of (\d+)\)",
+        lambda: read("least_pretension", r"same starts: (\d+) succeed.+?(\d+) of them within")()[
+            ::-1
+        ],
+    ),
+    Claim(
+        STUDIES,
+        r"tensions (\d+) % off, (\d+) % after one step",
+        lambda: (
+            *read("retensioning", r"tensions off by up to ([\d.]+) %", rounded(0))(),
+            *read("retensioning", r"matrix of the design +1 +(\d+) ")(),
+        ),
+    ),
+    Claim(
+        STUDIES,
+        r"over the value alone, ([\d.]+), ([\d.]+) and ([\d.]+) for 12, 300",
+        gradient_ratios,
+    ),
+    Claim(
+        STUDIES,
+        r"from the published\s+field to ([\d.]+) m rms, ([\d.]+) m at most",
+        lambda: (
+            *read("saddle_net", r"^  rms ([\d.]+) m", rounded(3))(),
+            *read("saddle_net", r"largest misfit ([\d.]+) m")(),
+        ),
+    ),
+    Claim(
+        STUDIES,
+        r"^\| jaxcable with PARDISO .+?, ms" + r" \| (.+?)" * 7 + r" \|$",
+        large_nets(lambda row: three_digits(row[0])),
+    ),
+    Claim(
+        STUDIES,
+        r"^\| OpenSees over it" + r" \| (.+?)" * 7 + r" \|$",
+        large_nets(lambda row: ratio(row[4])),
+    ),
+    Claim(
+        STUDIES,
+        r"^\| value and gradient over value" + r" \| (.+?)" * 7 + r" \|$",
+        large_nets(lambda row: f"{row[6]:.2f}"),
+    ),
+    Claim(
+        STUDIES,
+        r"converges in (\d+) steps and (\d+)\s+factorisations",
+        read("scaling", r"jaxcable +yes +[\d.]+ +(\d+) +(\d+) +124"),
+    ),
+    Claim(
+        STUDIES,
+        r"to ([\de-]+) m; straight elements are a quarter",
+        read("isolated_cable", r"^catenaries: ([\de-]+) m in"),
+    ),
+    Claim(
+        STUDIES,
+        r"in space, takes ([\d.]+) of OpenSees' time once compiled \((\d+) to (\d+) s\)",
+        lambda: (
+            *read("opensees_cantilever_times", r"space, n = 40, 4 x 40 .+ ([\d.]+)$")()[:1],
+            *compile_times(),
+        ),
+    ),
 ]
 
 

@@ -88,6 +88,8 @@ def main(count=10_000, seed=1):
         record(f"{family:10s} {dtype:8s} {seconds:5.0f} s  {ends}")
         total.update(here)
     record("\n" + "\n".join(f"{n:6d} {name}" for name, n in total.most_common()))
+    share = 100 * total["NOT_CONVERGED"] / scenes  # no mistake ends so: its status is another
+    record(f"valid scenes: {scenes}, of which {share:.0f} % end NOT_CONVERGED")
     record(f"\ndefects: {len(defects)}")
     for defect in defects:
         record(f"  {defect}")
