@@ -157,11 +157,6 @@ def rounded(digits):
     return lambda text: f"{float(text):.{digits}f}"
 
 
-def power(text):
-    """A small number as one digit and a power of ten."""
-    return f"{float(text):.0e}".replace("e-0", "e-")
-
-
 def deviations():
     """The smallest and the largest of the largest deviations from the published columns, mm."""
     return span(
@@ -215,13 +210,15 @@ def three_digits(value):
 
 def ratio(value):
     """A ratio with one digit behind the point, two below 1; None was not run."""
-    return "not run" if value is None else f"{value:.1f}"
+    if value is None:
+        return "not run"
+    return f"{value:.1f}" if value >= 1 else f"{value:.2f}"
 
 
 def first_call_ratios():
     """First calls of nets over those of the bare one, and that of the mast; runs, ms."""
     text = (RESULTS / "first_call.txt").read_text()
-    plain = {line[:24].strip(): float(line[24:].split()[1]) for line in text.splitlines()[5:14]}
+    plain = {line[:24].strip(): float(line[24:].split()[1]) for line in text.splitlines()[6:15]}
     nets = [plain[name] for name in ("flat net", "hypar", "saddle 4 x 4")]
     return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
 
@@ -254,7 +251,7 @@ CLAIMS = [
     Claim("README.md", r"jaxcable is (\d+) to (\d+) times faster in batches", batch_ratios),
     Claim("README.md", r"and (\d+) to (\d+) times on single nets", ahead_of_opensees),
     Claim("README.md", r"costs\s(\d+) to\s(\d+) % of an analysis more", gradient_share),
-    Claim("README.md", r"Of (\d+) random scenes (\d+) % end", valid_scenes),
+    Claim("README.md", r"of (\d+) random scenes (\d+) % end", valid_scenes),
     Claim(STUDIES, r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),
     Claim(
         STUDIES,
@@ -327,9 +324,17 @@ CLAIMS = [
     ),
     Claim(
         STUDIES,
+        r"displacement of 5.7 m \| ([\de-]+) m",
+        read("isolated_cable", r"^catenaries: ([\de-]+) m in"),
+    ),
+    Claim(
+        STUDIES,
         r"in space, takes ([\d.]+) of OpenSees' time once compiled \((\d+) to (\d+) s\)",
         lambda: (
-            *read("opensees_cantilever_times", r"space, n = 40, 4 x 40 .+ ([\d.]+)$")()[:1],
+            *read(
+                "opensees_cantilever_times",
+                r"^space, n = 40, 4 x 40 +[\d.]+ +[\d.]+ +[\d.]+ {20,}.+ ([\d.]+)$",
+            )()[:1],
             *compile_times(),
         ),
     ),
