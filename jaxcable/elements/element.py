@@ -177,7 +177,7 @@ class Element(abc.ABC):
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
         """Distance of the first two ends [n_elem, n_end, 3], [n_elem], m.
 
-        Steps are measured by it. Elements with one end have none: the array is empty, [0].
+        Steps are measured by this length. For elements with one end the array is empty, [0].
         """
         if ends.shape[1] < 2:
             return jnp.zeros(0, ends.dtype)
