@@ -33,7 +33,7 @@ from .prestress import AxialState, Prestressed, checked_links, of_each
 
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
 _MOST_POINTS = 1000  # integration points of an element; all fibres are evaluated at each
-_LEANING = 0.1  # sine of the angle to z below which an element needs `up`: its axes could jump
+_LEANING = 0.1  # sine below which an element that is not upright needs `up`: its axes could jump
 
 
 @pytree(indices=("links", "hinges"), static=("points",))

@@ -36,7 +36,7 @@ class AxialState(ElementState):
             None in a group without thermal expansion.
         memory: what the law remembers, such as plastic strains, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements that it bends or
-            sags, or along which it slides; else None.
+            makes sag, or along which it slides; else None.
         pressed: pressures that follow beams: for each length that they are per, by name, a list
             of pairs (pressure [n_elem], unit axis [n_elem, 3]), N/m; or None.
 
