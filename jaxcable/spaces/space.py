@@ -1,11 +1,11 @@
 """`Space`: what a `System` needs to know about the motion of its nodes.
 
-The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement;
-a force on a row, and a step of a row, begin with three numbers along its directions. The point
-``x`` of an iteration is the motion of all rows, [n_row, n_motion]. A *step* [n_free] from ``x`` has
-a number for every unknown, all of them lengths. It is *spread* to a step of every row, [n_row,
-n_freedom], which moves ``x``. Forces on rows are *collected* at the unknowns, by the work that they
-do on such a step.
+The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement.
+Forces on a row, and steps of a row, begin with three numbers along x, y, z. The point ``x`` of an
+iteration is the motion of all rows, [n_row, n_motion]. A *step* [n_free] from ``x`` has a number
+for every unknown, all of them lengths. It is *spread* to a step of every row, [n_row, n_freedom],
+which moves ``x``. Forces on rows are *collected* at the unknowns, by the work that they do on such
+a step.
 """
 
 from __future__ import annotations
