@@ -4,7 +4,7 @@ A mast on a ball joint with guys at its axis can spin: no force, no strain and n
 depends on the spin, but the tangent is singular. Such pieces are found on the host, from the
 geometry, and named in a warning. The analysis restrains one node of each piece softly if the spin
 is indeed without stiffness (`spaces.RigidNodes.regular`). Equilibrium is not affected: under a
-torque about the line there is none.
+torque about the line no equilibrium exists.
 """
 
 from __future__ import annotations
