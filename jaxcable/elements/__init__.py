@@ -1,8 +1,8 @@
 """Element laws, one a file: internal force from end state.
 
-`element` is the contract: `Element`, a base with what all have, and beside it classes for what some
-can do (`Prestressable`, `Jacked`, `Sagging`, `Secant`, `Rounding`, `Bending`). `prestress` has the
-state of elements with an unstressed length.
+`element` is the contract: the base class `Element`. `abilities` has further base classes for what
+only some elements can do (`Prestressable`, `Jacked`, `Sagging`, `Secant`, `Rounding`, `Bending`).
+`prestress` has the state of elements with an unstressed length.
 """
 
 from .bar import Bars

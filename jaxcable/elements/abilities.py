@@ -1,13 +1,13 @@
-"""What some elements can do beside what all can: a class each, which an element derives from.
+"""Abilities that only some elements have: one base class each, from which an element derives.
 
-Some of it is asked for by an attribute of `Element` instead, where a law or a load decides:
+Other abilities are stated by an attribute of `Element`, because a law or a load decides on them:
 
-| attribute | what it obliges an element to write |
+| attribute | methods that an element must then have |
 |---|---|
 | `remembers` | `settle`, `size`, `fibre_stress` of a strain and a memory; `initial_memory` |
 | `breaks` | `beyond` of a strain, `extended` |
-| `tension_only` | `is_slack`, `at_kink`; where `Prestressable`, `strain_at` of a force |
-| `slides` | `slid`, how much of the load along it goes from node to node |
+| `tension_only` | `is_slack`, `at_kink`; if `Prestressable`, `strain_at` of a force |
+| `slides` | `slid`: forces of the load along the element as it goes from node to node |
 | `inner`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
 """
 
@@ -26,10 +26,10 @@ from .stated import Stated
 
 
 class Prestressable(Element):
-    """Its state can be changed by what a phase states (`Phase`).
+    """Elements whose state is changed by statements of a phase (`Phase`).
 
     Attributes:
-        statements: names of what can be stated for it.
+        statements: names of the statements that the group accepts.
     """
 
     statements: ClassVar[tuple[str, ...]] = ()
@@ -41,13 +41,13 @@ class Prestressable(Element):
         ends: Float[Array, "n_elem n_end 3"],
         inputs: Mapping[str, Stated],
     ) -> ElementState:
-        """State of the group after statements, names to `Stated`; ends [n_elem, ...]."""
+        """State of the group after statements, by name; ends [n_elem, n_end, 3]."""
 
     def between(self, start: OwnState, end: OwnState, factor: Scalar) -> OwnState:
-        """State of the group in a phase that takes it from one to another.
+        """State of the group at a load `factor` of a phase that leads from `start` to `end`.
 
-        What does not change keeps every digit, and the end is met. Numbers that are no floats are
-        those of the end from the beginning.
+        Numbers that do not change keep every digit, and factor 1 gives `end` exactly. Arrays that
+        are not floating point are those of `end` from the beginning.
         """
 
         def one(a, b):
@@ -57,18 +57,18 @@ class Prestressable(Element):
 
 
 class Jacked(Prestressable):
-    """Its force can be held by a jack, by the statement "jacking".
+    """Elements whose force a jack can prescribe, by the statement "jacking".
 
-    The state then has `jack_force` and `jacked`.
+    Their state has `jack_force` and `jacked`.
     """
 
     @abc.abstractmethod
     def lock(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
-        """State of one anchored jack: what gives the held force here."""
+        """State of one element whose jack is anchored here: it keeps the jack force."""
 
 
 class Sagging(Prestressable):
-    """It hangs under its weight, by the statement "sag"."""
+    """Elements that hang under their weight, with the statement "sag"."""
 
     @abc.abstractmethod
     def strain_at_sag(
@@ -77,11 +77,11 @@ class Sagging(Prestressable):
         sag: Float[Array, " n_elem"],
         warmth: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Strains of the initial chords with which a group hangs by `sag`, [n_elem], m."""
+        """Strains of the initial chords at which elements hang by `sag` [n_elem], m."""
 
     @abc.abstractmethod
     def depth(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """How far its middle hangs below that of its chord, m."""
+        """Distance of the middle of the element below the middle of its chord, m."""
 
     @abc.abstractmethod
     def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:
@@ -91,29 +91,29 @@ class Sagging(Prestressable):
     def curve(
         self, state: OwnState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Places along it, [n, 3], m, at parts [n] of its unstressed length."""
+        """Positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
 
 
 class Secant(Element):
-    """It has a stiffness between two states, which the secant scheme takes."""
+    """Elements with a secant stiffness between two motions, which the secant scheme needs."""
 
     @abc.abstractmethod
     def secant(
         self, state: OwnState, ends: Ends, before: Motion, motion: Motion
     ) -> Float[Array, "n_end 3 n_end 3"]:
-        """Symmetric matrix, as `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
+        """Symmetric matrix, in the shape of `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
 
 
 class Rounding(Element):
-    """It may be without force and yet have the rounding of its stiffness."""
+    """Elements whose force may vanish while its rounding error does not."""
 
     @abc.abstractmethod
     def rounding(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """What the rounding of displacements leaves of the end forces, as these."""
+        """Error that the rounding of displacements leaves in the end forces, in their shape."""
 
 
 class Bending(Element):
-    """It gives its nodes rotations and has section forces."""
+    """Elements that give their nodes rotations and have section forces."""
 
     rotates = True
 
@@ -125,4 +125,4 @@ class Bending(Element):
         motion: Motion,
         places: Float[ArrayLike, " n"] | None = None,
     ) -> Float[Array, "n 6"]:
-        """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, [n, 6], N and N m."""
+        """``N, Vy, Vz, T, My, Mz`` at `places` along the axis, from 0 to 1, [n, 6], N and N m."""

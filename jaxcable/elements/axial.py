@@ -1,4 +1,4 @@
-"""Elements with one force, along the line through their two nodes."""
+"""Elements with a single force, along the line through their two nodes."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class Axial(Element):
         return self.tension(state, ends, motion) * vector / length
 
     def tangent(self, state: AxialState, ends: Ends, motion: Motion) -> Float[Array, "2 3 2 3"]:
-        """Tangent stiffness, [2, 3, 2, 3], N/m: autodiff of the end forces.
+        """Tangent stiffness, [2, 3, 2, 3], N/m, by autodiff of the end forces.
 
-        They depend on the relative displacement of the ends alone, so that a third of the
-        derivatives gives them all.
+        The end forces depend only on the relative displacement of the ends. Hence the derivatives
+        by the displacement of the second end give all of them.
         """
 
         def pull(second):
             return self._pull(state, ends, jnp.stack([motion[0], second]))
 
-        # a value of its own, which the four places that it goes to do not compute again
+        # the barrier keeps XLA from computing the block again for each of its four uses
         block = jax.lax.optimization_barrier(jax.jacfwd(pull)(motion[1]))
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])

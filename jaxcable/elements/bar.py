@@ -28,13 +28,13 @@ from .axial import Axial
 from .element import SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
 from .prestress import AxialState, Prestressed, checked_links, jacked_or, stretch
 
-# of the mass, at an end and between both; the mean of both kinds is of order 4 in the length
+# entries of the mass matrix over the mass, on and off the diagonal; "mean" is of order 4 in length
 _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
 
 
 @pytree(indices=("links",))
 class Straight(Axial, Prestressed):
-    """Straight two-node elements, whatever force answers their strain; fields as of `Bars`."""
+    """Straight two-node elements with any relation of strain and force; fields as of `Bars`."""
 
     links: Int[ArrayLike, "n_elem 2"]
     axial_stiffness: Float[ArrayLike, " n_elem"] | None = None
@@ -83,7 +83,7 @@ class Straight(Axial, Prestressed):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `common.rules`."""
+        """Rules that the numbers of the group keep, see `common.rules`."""
         above = ("axial_stiffness", "area", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
@@ -99,7 +99,7 @@ class Straight(Axial, Prestressed):
         return rules
 
     def _check_compliance(self):
-        """Raise ValueError where a spring in series has no one answer."""
+        """Raise ValueError for a compliance beside a law of points in several elements."""
         if len(self._laws) == 1 and len(self.links) > 1 and self.breaks:
             raise ValueError(
                 "compliance: beside a law of points only in groups of one element; give the law "
@@ -121,12 +121,15 @@ class Straight(Axial, Prestressed):
         return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
 
     def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Strain at an axial force, N; NaN above the law's peak."""
+        """Strain at an axial force, N; NaN above the peak of the law."""
         stiffness, law, area = self._section()
         return force / stiffness if law is None else law.strain_at(force / area, memory)
 
     def _section(self):
-        """Axial stiffness, or law and area, with the series compliance in it."""
+        """Triple (axial stiffness, law, area), softened by the compliance.
+
+        Either the stiffness is None, or law and area are.
+        """
         area, law = self.area, self.law
         if self.section is not None:
             area, law = self.section.axial()
@@ -139,14 +142,14 @@ class Straight(Axial, Prestressed):
 
     @property
     def _laws(self):
-        """The laws of its material, for what all elements have in common of them."""
+        """Laws of the material; if elements have one each, only static members can be read."""
         if self.section is not None:
             return kind(self.section).laws
         return () if self.law is None else (kind(self.law),)
 
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its law remembers anything."""
+        """Whether its law remembers earlier strains."""
         return any(law.n_memory for law in self._laws)
 
     @property
@@ -161,13 +164,13 @@ class Straight(Axial, Prestressed):
 
     def softened(self, compliance: Scalar) -> Self:
         """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
-        own = 0.0 if self.compliance is None else self.compliance
-        return copy(self, compliance=own + jnp.broadcast_to(compliance, len(self.links)))
+        present = 0.0 if self.compliance is None else self.compliance
+        return copy(self, compliance=present + jnp.broadcast_to(compliance, len(self.links)))
 
     # --- the group
 
     def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:
-        """What unused elements remember, [n_elem, n_memory], or None."""
+        """Memory of elements that have not been strained yet, [n_elem, n_memory], or None."""
         if not self.remembers:
             return None
         area = self.area if self.section is None else kind(self.section).area
@@ -175,15 +178,15 @@ class Straight(Axial, Prestressed):
         return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
 
     def extended(self) -> Self:
-        """The group for an iteration: its law goes on beyond its ends."""
+        """The group for an iteration, whose law goes on beyond its ends."""
         if self.section is not None:
-            return copy(self, section=changed(lambda own: own.reduced(), self.section))
+            return copy(self, section=changed(lambda part: part.reduced(), self.section))
         if self.law is None:
             return self
-        return copy(self, law=changed(lambda own: own.extended(), self.law))
+        return copy(self, law=changed(lambda part: part.extended(), self.law))
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Axial stiffness EA where its law is a line, [n_elem], N; None if it is not."""
+        """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         if self.axial_stiffness is not None:
             return self.axial_stiffness
         linear = self.law is not None and isinstance(self.law, Elastic)
@@ -207,15 +210,15 @@ class Straight(Axial, Prestressed):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "6 6"]:
-        """Of an element of so much `mass`, the same in every direction; see `Element`."""
+        """Mass matrix of an element, the same in every direction, kg; see `Element`."""
         if len(ends) != 2:
             return super().mass_matrix(state, ends, motion, mass, distribution)
-        own, other = _SHARES[distribution or "mean"]
-        shares = mass * jnp.array([[own, other], [other, own]], mass.dtype)
+        same, other = _SHARES[distribution or "mean"]
+        shares = mass * jnp.array([[same, other], [other, same]], mass.dtype)
         return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """Strains, where it has fibres, or a law that ends or remembers."""
+        """Whether it has a result; strains only with fibres, or a law that ends or remembers."""
         if name == "section_strain":
             return self.section is not None or self.breaks or self.remembers
         return super().has_result(name, state)
@@ -234,7 +237,7 @@ class Straight(Axial, Prestressed):
         )
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy, J; of a held force its work on the change of length."""
+        """Stored energy, J; under a jack the work of its force on the change of length."""
 
         def stored():
             strain = self.strain(state, ends, motion)
@@ -244,25 +247,27 @@ class Straight(Axial, Prestressed):
         return jacked_or(state, work, stored)
 
     def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Strain of its fibres, all the same; of a held force the strain that belongs to it."""
-        own = None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
-        return jacked_or(state, own, lambda: self.strain(state, ends, motion))
+        """Strain of the fibres, the same in all; under a jack the strain that gives its force."""
+        jacked = (
+            None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
+        )
+        return jacked_or(state, jacked, lambda: self.strain(state, ends, motion))
 
     def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Sum of the absolute forces of the law's parts, N: what rounding is relative to."""
+        """Sum of the absolute forces of the law's parts, N: rounding is relative to this sum."""
         _, law, area = self._section()
         return area * law.size_at(self.section_strain(state, ends, motion), state.memory)
 
     def settle(
         self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
     ) -> Float[Array, " n_memory"]:
-        """What it remembers after an increment of a duration, s, that ended at `strain`."""
+        """Memory after an increment of a `duration`, s, that ended at `strain`."""
         return self._section()[1].settle(strain, memory, duration)
 
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
-        """Stress of every fibre, [n_fibre], all of one law the same; without section scalar, Pa."""
+        """Stress of every fibre, [n_fibre], Pa, equal within a law; scalar without section."""
         law = self._section()[1]
         if self.section is None:
             return law.stress_at(strain, memory)
@@ -272,25 +277,25 @@ class Straight(Axial, Prestressed):
         return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
 
     def beyond(self, strain: Scalar) -> Bool[Array, ""]:
-        """Whether `strain` is beyond its curve."""
+        """Whether `strain` is beyond the curve of the law."""
         return self._section()[1].beyond(strain)
 
     # --- prestress
 
     def locked(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
-        """State that holds its force at a length which is `change` more than the initial one, m."""
-        strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # is held
+        """State with the jack force at `length`, m, which is `change` above the initial one."""
+        strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # not None
         rest_length = length / (1 + strain)
-        own = jnp.stack([rest_length, rest_length * strain - change])
-        own = jacked_or(state, own, lambda: jnp.stack([state.rest_length, state.elongation]))
-        return copy(state, rest_length=own[0], elongation=own[1], jack_force=None, jacked=None)
+        pair = jnp.stack([rest_length, rest_length * strain - change])
+        pair = jacked_or(state, pair, lambda: jnp.stack([state.rest_length, state.elongation]))
+        return copy(state, rest_length=pair[0], elongation=pair[1], jack_force=None, jacked=None)
 
 
 class Plain(Straight, Jacked, Secant):
-    """Straight elements whose force follows from their own strain alone."""
+    """Straight elements whose force depends only on their own strain."""
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State of an anchored jack: the unstressed length that gives the held force here."""
+        """State after anchoring the jack: its unstressed length gives the jack force here."""
         _, length, change, _ = stretch(ends, motion)
         return self.locked(state, length, change)
 
@@ -318,10 +323,10 @@ class Plain(Straight, Jacked, Secant):
             secant = (force_now - force_then) / jnp.where(apart, now - then, 1.0)
             return jnp.stack([force_then, force_now, jnp.where(apart, secant, tangent)])
 
-        held = None
+        prescribed = None
         if state.jack_force is not None:
-            held = jnp.stack([state.jack_force, state.jack_force, jnp.zeros_like(now)])
-        force_then, force_now, modulus = jacked_or(state, held, following)
+            prescribed = jnp.stack([state.jack_force, state.jack_force, jnp.zeros_like(now)])
+        force_then, force_now, modulus = jacked_or(state, prescribed, following)
         q_then, q_now = force_then / start, force_now / length
         c = (modulus / state.rest_length - q_then) / (length * (length + start))
         m = 2 * (ends[1] - ends[0]) + (before[1] - before[0]) + (motion[1] - motion[0])
@@ -334,23 +339,23 @@ class Bars(Plain, Rounding):
     """A group of straight two-node bars (struts, ties): tension and compression.
 
     ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
-    rotation.
+    rotation. Give `axial_stiffness`, or `area` and `law`, or `section`.
 
     Args:
         links: node numbers, [n_elem, 2].
-        axial_stiffness: EA, scalar or [n_elem], N; or instead of it
-        area, law: cross-section, scalar or [n_elem], m2, and a uniaxial law (see `materials`); or
-        section: fibre section shared by the group, of which only axial force is asked: its fibres
-            collapse to one area and one law.
+        axial_stiffness: EA, scalar or [n_elem], N.
+        area, law: cross-section, scalar or [n_elem], m2, and its uniaxial law (see `materials`).
+        section: fibre section shared by the group. Only its axial force is used: its fibres are
+            reduced to one area and one law.
         rest_length: unstressed length before any phase, scalar or [n_elem], m; default the
             initial chord.
-        weight: self-weight per unstressed length, scalar or [n_elem], N/m; acts where a phase
+        weight: self-weight per unstressed length, scalar or [n_elem], N/m; it acts where a phase
             has `SelfWeight`.
         expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
         strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
-        compliance: strain per force of a spring in series with the whole of an element, scalar or
-            [n_elem], 1/N (soft end fittings); the equilibrium iteration softens a net for a while
-            by it.
+        compliance: strain per force of a spring in series with every element, scalar or [n_elem],
+            1/N (soft end fittings). The equilibrium iteration uses it, too, to soften a net for
+            some iterations.
 
     Raises:
         ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,
@@ -371,7 +376,7 @@ class Bars(Plain, Rounding):
     """
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """What the rounding of its displacements leaves of its end forces, [2, 3], N."""
+        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
         vector, length, _, _ = stretch(ends, motion)
         strain = self.strain(state, ends, motion)
         one = jnp.ones_like(strain)
@@ -382,5 +387,5 @@ class Bars(Plain, Rounding):
 
 
 def _falling(stress):
-    """Whether stresses on the last axis, along a curve, fall."""
+    """Whether stresses along a curve, on the last axis, decrease anywhere."""
     return (stress[..., 1:] < stress[..., :-1]).any()

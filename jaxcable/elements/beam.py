@@ -1,14 +1,15 @@
 """Beam: two nodes with displacements and finite rotations, fibre sections along the axis.
 
-Corotational (Crisfield 1990; Battini and Pacoste 2002): `corotation` has the element's own frame,
-which follows its chord and the mean of the rotations of its ends, and the statics of what acts in
-it; `bending` has the strains along the axis, cubic deflections (Bernoulli) and what a load, or a
-neutral axis off the node axis, adds to them. A rigid motion of any size changes none of the
-strains. Shear flexibility and warping are not modelled.
+The formulation is corotational (Crisfield 1990; Battini and Pacoste 2002). `corotation` has the
+frame of the element, which follows its chord and the mean of the rotations of its ends, and the
+statics of forces in this frame. `bending` has the strains along the axis, from cubic deflections
+(Bernoulli) and from what a load, or a neutral axis off the node axis, adds to them. A rigid motion
+of any size changes none of the strains. Shear flexibility and warping are not modelled.
 
-An end joins its node rigidly, by a hinge that lets all rotations go (its rotation is a row of
-motion of its own, see `Structure.rows`), or by a joint that lets some go or holds them by springs:
-then its rotation against the node is among the element's inner numbers (`inner`).
+An end is joined to its node rigidly, by a hinge, or by a joint. A hinge releases all rotations; the
+end then has a further row of motion for its rotation (see `Structure.rows`). A joint releases some
+rotations, or restrains them by springs; the rotation of the end against its node is then among the
+inner numbers of the element (`inner`).
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from .member import Member
 from .prestress import AxialState, Prestressed, checked_links, of_each
 
 _UPRIGHT = 1e-3  # sine of the angle to z below which an element counts as vertical
-_MOST_POINTS = 1000  # along an element; each has a section of fibres to evaluate
-_LEANING = 0.1  # sine below which the default axes of an element that leans are not to be trusted
+_MOST_POINTS = 1000  # integration points of an element; all fibres are evaluated at each
+_LEANING = 0.1  # sine below which an element that is not upright needs `up`: its axes could jump
 
 
 @pytree(indices=("links", "hinges"), static=("points",))
@@ -50,15 +51,16 @@ class Beams(Member, Prestressed, Bending, Rounding):
             constant with Poisson's ratio 0.3.
         rest_length, weight, expansion, strength: as for `Bars`. Weight bends the element.
         hinges: True where an end turns against its node, [n_elem, 2] in all directions (ball and
-            socket), or [n_elem, 2, 3] about the element's own axes: along it (torsion), and the
+            socket), or [n_elem, 2, 3] about the axes of the element: along it (torsion), and the
             section's y and z as they are initially, carried along by the node.
-        points: number of places at which results along an element are given, ends included, and of
-            integration points of sections that are not linear; default 3, for those 5. With 3
-            the fibres of such sections see linear curvatures, without what loads along do.
-        springs: stiffness of the joint where an end turns (semi-rigid), scalar, [2, 3] or
-            [n_elem, 2, 3], N m per radian; default none. Where `hinges` is False it has no meaning.
-            Joints that springs hold, or that are free in some directions only, turn by less than a
-            full turn.
+        points: number of positions along an element, ends included, at which results are given;
+            also the number of integration points of sections that are not linear. Default 3, or 5
+            for sections that are not linear. With 3 the fibres of such sections see linear
+            curvatures, without the effect of loads along the element.
+        springs: rotational stiffness of a joint where `hinges` is True (semi-rigid), scalar,
+            [2, 3] or [n_elem, 2, 3], N m per radian; default none. It has no effect where `hinges`
+            is False. Joints with springs, or with hinges in some directions only, must turn by less
+            than a full turn.
 
     Raises:
         ValueError: wrong shapes, values that are not positive, `up` along an element or missing
@@ -133,13 +135,13 @@ class Beams(Member, Prestressed, Bending, Rounding):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `common.rules`."""
+        """Rules that the numbers of the group keep, see `common.rules`."""
         above = ("torsional_stiffness", "rest_length", "strength")
         rules = [positive(name, getattr(self, name)) for name in above]
         return rules + [not_negative(name, getattr(self, name)) for name in ("weight", "springs")]
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """What its numbers keep beside the positions of the nodes, [n_node, 3]."""
+        """The rule that `up` is not along an element, for positions [n_node, 3]."""
         if self.up is None:
             return []
         links = plain(self.links)
@@ -157,7 +159,10 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return [Rule("up", (self.up, chord), along, text)]
 
     def _check_hinges(self):
-        """Make `hinges` [n_elem, 2, 3], and `springs` likewise unless all hinges are balls."""
+        """Check `hinges` and `springs`, and make both [n_elem, 2, 3].
+
+        Without springs, and with all hinges in all directions, `springs` becomes None.
+        """
         count, put = len(self.links), object.__setattr__
         if self.hinges is not None and not isinstance(self.hinges, Indices):
             hinges = np.asarray(self.hinges)
@@ -190,7 +195,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
             refuse([_twisted(springs, hinges)])
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
-        """Raise ValueError if the axes of an element are not known, for [n_node, 3] positions."""
+        """Raise ValueError if positions [n_node, 3] leave default axes of an element unclear."""
         chord = nodes[self.links.array[:, 1]] - nodes[self.links.array[:, 0]]
         length = np.linalg.norm(chord, axis=1)
         if self.up is None:
@@ -205,7 +210,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
                 )
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
-        """As `Prestressed.start`; NaN where nobody can say which way the section stands."""
+        """State before the first phase; its lengths are NaN where the default axes are unclear."""
         state = super().start(ends)
         if self.up is not None:
             return state
@@ -217,29 +222,29 @@ class Beams(Member, Prestressed, Bending, Rounding):
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """`amount` [n_elem] in halves to the ends, [n_elem, n_end], nothing to inner rows."""
+        """Halves of `amount` [n_elem] at the two ends, zero at inner rows, [n_elem, n_end]."""
         halves = jnp.repeat((0.5 * amount)[:, None], 2, axis=1)
         return jnp.pad(halves, ((0, 0), (0, self.n_inner_row)))
 
     # --- the group
 
     def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
-        """Ends that turn freely in all directions, with a row of their own, [n_elem, 2], or None.
+        """Ends that turn freely in all directions and have a further row, [n_elem, 2], or None.
 
-        Ends that springs hold, or that are free in some directions only, are joints with inner
-        numbers instead.
+        Ends with springs, or with hinges in some directions only, are joints with inner numbers
+        instead.
         """
         if self.hinges is None or self.springs is not None:
             return None
         return self.hinges.array.all(axis=2)
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Columns of its inner rows that an element does not use, [n_elem, n_inner_row, 3]."""
+        """Columns of the inner rows that contain no number, [n_elem, n_inner_row, 3] bool."""
         count = len(self.links)
         idle = np.ones((count, self.n_inner_row, 3), bool)
         for row, column in self.field_places:
             idle[:, row, column] = False
-            if row == 1:  # layers on one line do not resist bending along it
+            if row == 1:  # fibres on one line do not resist bending along this line
                 places = checks.concrete((self.section.z, self.section.y)[column])
                 idle[:, row, column] = places is not None and np.ptp(places) == 0
         if self.springs is not None:
@@ -247,7 +252,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return idle
 
     def axes_of(self, nodes: Float[ArrayLike, "n_node 3"]) -> Float[Array, "n_elem 3 3"]:
-        """Axes of the elements at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
+        """Axes of elements at initial positions [n_node, 3]: along, y and z, [n_elem, 3, 3].
 
         Example:
             >>> section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
@@ -270,7 +275,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 
     @property
     def remembers(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its fibres remember anything."""
+        """Whether a law of the fibres remembers earlier strains."""
         return kind(self.section).remembers
 
     @property
@@ -279,14 +284,14 @@ class Beams(Member, Prestressed, Bending, Rounding):
         return kind(self.section).breaks
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem n_point n_fibre n_memory"]] | None:
-        """What unused elements remember, per law, or None."""
+        """Memory of elements that have not been strained yet, per law, or None."""
         if not self.remembers:
             return None
         return kind(self.section).initial_memory((len(self.links), self.points))
 
     def extended(self) -> Self:
-        """The group for an iteration: its laws go on beyond their ends."""
-        return copy(self, section=changed(lambda own: own.reduced(), self.section))
+        """The group for an iteration, whose laws go on beyond their ends."""
+        return copy(self, section=changed(lambda section: section.reduced(), self.section))
 
     def capacity(self) -> tuple[float | Scalar, float | Scalar]:
         """Smallest and largest axial force without bending, N."""
@@ -306,11 +311,11 @@ class Beams(Member, Prestressed, Bending, Rounding):
     # --- one element
 
     def bends_alike(self) -> Bool[Array, ""]:
-        """Whether it bends alike in all directions, so that its axes do not matter."""
+        """Whether the element bends alike in all directions, so that its axes do not matter."""
         return _alike(self.section)
 
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
-        """Initial axes of the element as rows: along, section's y, section's z, [3, 3]."""
+        """Initial axes of the element, [3, 3]: ``axes[0]`` along it, then the section's y and z."""
         chord = ends[1] - ends[0]
         along = chord / jnp.sqrt(chord @ chord)
         if self.up is None:
@@ -328,7 +333,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
 def _twisted(springs, hinges):
     """The rule that something keeps each element from spinning about its axis.
 
-    Which ends turn is known to the constructor alone: the core has rows of motion instead.
+    Only the constructor can check it: in the compiled core hinges are rows of motion instead.
     """
 
     def broken(springs, hinges):
@@ -347,7 +352,7 @@ def _twisted(springs, hinges):
 def _differs(section):
     """Whether a section is known not to bend alike in all directions."""
     if any(checks.concrete(leaf) is None for leaf in jax.tree.leaves(section)):
-        return False  # `start` sees to it
+        return False  # traced numbers are judged by `start`
     with jax.ensure_compile_time_eval():
         return not bool(_alike(section))
 

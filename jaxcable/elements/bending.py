@@ -1,4 +1,4 @@
-"""Strains along a beam in its own frame, and the forces that they make.
+"""Strains along a beam in the frame of the element, and the forces that they make.
 
 Along the axis, ``s`` from 0 to 1, with Legendre's polynomials on it, ``P1 = 2 s - 1`` and
 ``P2 = 6 s^2 - 6 s + 1``:
@@ -10,16 +10,16 @@ stretch of the chord; ``h`` the shortening of the deflected axis, its mean (or i
 
     h = sum_{y,z} (2 t_1^2 - t_1 t_2 + 2 t_2^2)/30 - b L (t_2 - t_1)/60 + (b L)^2/420.
 
-The deflection is that of the cubic and of ``b L^2 s^2 (1 - s)^2 / 2``, which is that of a clamped
-beam under a uniform load. With ``a_1, a_2`` the axial strain follows what bending does to the axis,
-where the neutral axis is not on it or moves, and the load along it. These four numbers (b is one
+The deflection is the sum of the cubic and ``b L^2 s^2 (1 - s)^2 / 2``, the deflection of a clamped
+beam under a uniform load. With ``a_1, a_2`` the axial strain follows the load along the axis, and
+bending where the neutral axis moves or is off the node axis. These four numbers (b is one number
 about y and one about z) belong to the element alone:
 
-- in a linear section they follow from the load and the ends without iteration: each order of
-  Legendre's balances by itself, ``N_1 = -q_x L/2``, ``N_2 = 0``, ``M_2 = L^2 (-q_z, q_y)/12``.
-  That is exact in linear theory, wherever the section's neutral axis is;
-- in a section of other laws they are unknowns of the analysis (`Beams.inner`), and the residual
-  says that the section's forces balance the load in the mean weighed by these shapes.
+- in a linear section they follow from the load and the ends without iteration, because the orders
+  of Legendre's polynomials are uncoupled: ``N_1 = -q_x L/2``, ``N_2 = 0``,
+  ``M_2 = L^2 (-q_z, q_y)/12``. This is exact in linear theory, wherever the neutral axis is;
+- in a section of other laws they are unknowns of the analysis (`Beams.inner`); their residual is
+  zero when the section's forces balance the load in the mean weighted by these shapes.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from .element import Scalar
 
 @pytree
 class Field:
-    """Strains along an element, and where they come from.
+    """Strains along an element, and their derivatives for the forces.
 
     Attributes:
         strain: coefficients of e0, ky, kz for 1, P1, P2, [3, 3].
         shortening: derivatives of h by ``t_1``, ``t_2`` and b, each about y and z, [3, 2].
         sag: b about y and z, [2], 1/m.
-        twist: rotation of the second end about the axis against the first, rad.
-        yielding: of a linear section, curvature by moment about the neutral axis, [2, 2], else
-            None.
+        twist: rotation of the second end about the axis relative to the first, rad.
+        yielding: curvature per moment about the neutral axis of a linear section, [2, 2]; None for
+            other sections and without load.
     """
 
     strain: Float[Array, "3 3"]
@@ -66,10 +66,10 @@ def field(
     Args:
         rotations: of the ends, [2, 3], rad.
         stretch: e.
-        length: unstressed, L, m.
+        length: unstressed length L, m.
         load: dead load per unstressed length along the turned axes, [3], N/m, or None.
-        stiffness: of a linear section, [3, 3].
-        inner: of another one, ``(a_1, a_2), (b_y, b_z)``, [2, 2], -, 1/m.
+        stiffness: stiffness of a linear section, [3, 3]; None for other sections.
+        inner: ``(a_1, a_2), (b_y, b_z)`` of a section that is not linear, [2, 2], -, 1/m, or None.
     """
     first, second = rotations[0, 1:], rotations[1, 1:]
     even, odd = (second - first) / length, 3 * (first + second) / length
@@ -77,9 +77,9 @@ def field(
     slopes = jnp.stack([4 * first - second, 4 * second - first, jnp.zeros_like(first)]) / 30
     yielding = None
     if stiffness is None:
-        (a_1, a_2), sag = inner  # type: ignore[misc]  # one of both is given
+        (a_1, a_2), sag = inner  # type: ignore[misc]  # given without `stiffness`
     else:
-        # curvature about the neutral axis first: far from the axis nothing cancels
+        # curvature about the neutral axis first, so that nothing cancels if it is far from the axis
         coupling = stiffness[0, 1:] / stiffness[0, 0]
         a_1, a_2, sag = -coupling @ odd, jnp.zeros_like(stretch), None
         if load is not None:
@@ -90,10 +90,10 @@ def field(
     if sag is None:
         sag = jnp.zeros_like(even)
     else:
-        turn = length * sag
-        bent = bent - turn * (second - first) / 2 + turn**2 / 14
-        by_end = turn / 60
-        by_sag = length * (turn / 210 - (second - first) / 60)
+        bow = length * sag
+        bent = bent - bow * (second - first) / 2 + bow**2 / 14
+        by_end = bow / 60
+        by_sag = length * (bow / 210 - (second - first) / 60)
         slopes = slopes + jnp.stack([by_end, -by_end, by_sag])
     axial = jnp.stack([stretch + jnp.sum(bent) / 30, a_1, a_2])
     strain = jnp.column_stack([axial, jnp.stack([even, odd, sag])])
@@ -101,22 +101,25 @@ def field(
 
 
 def _inverse(matrix):
-    """Of a matrix [2, 2]; zero for an axis about which layers on one line do not resist bending."""
+    """Inverse of a matrix [2, 2]; zero about an axis without bending stiffness.
+
+    Fibres on one line have no stiffness for bending along this line.
+    """
     (a, b), (c, d) = matrix
     whole = a * d - b * c
     regular = whole > 8 * jnp.finfo(whole.dtype).eps * a * d
-    own = [jnp.where(v > 0, 1 / jnp.where(v > 0, v, 1.0), 0.0) for v in (a, d)]
+    diagonal = [jnp.where(v > 0, 1 / jnp.where(v > 0, v, 1.0), 0.0) for v in (a, d)]
     inverse = jnp.stack([jnp.stack([d, -b]), jnp.stack([-c, a])]) / jnp.where(regular, whole, 1.0)
-    return jnp.where(regular, inverse, jnp.diag(jnp.stack(own)))
+    return jnp.where(regular, inverse, jnp.diag(jnp.stack(diagonal)))
 
 
 def across(load: Float[Array, " 3"]) -> Float[Array, " 2"]:
-    """What a load [3] bends with about y and z, [2]: moments per length and lever."""
+    """Bending effect of a load [3] about y and z, [2]: moment per length and lever arm."""
     return jnp.stack([-load[2], load[1]])
 
 
 def basis(places: Float[ArrayLike, " n"]) -> Float[Array, "n 3"]:
-    """1, P1 and P2 at places [n], [n, 3]."""
+    """1, P1 and P2 at positions s [n], [n, 3]."""
     place = jnp.asarray(places)
     return jnp.stack([jnp.ones_like(place), 2 * place - 1, 6 * place * (place - 1) + 1], axis=1)
 
@@ -142,7 +145,8 @@ def generalized(
         field, rotations, length, load: as of `field`.
         sums: integrals over s of N, My, Mz times 1, P1, P2, [3, 3], N and N m.
         torsion: torsional stiffness, N m2.
-        following: of a load that follows, how it does, as `corotation.pressed` says.
+        following: derivatives of a following load, the last two results of `corotation.pressed`,
+            or None.
 
     Returns:
         Axial force, N; moments on the ends [2, 3], N m; torque on the frame [3], N m; and residuals
@@ -163,7 +167,7 @@ def generalized(
         by_axial = by_axial + jnp.stack([load[0] * length**2 / 6, jnp.zeros_like(force)])
         pull = -length * displaced(field, rotations, length)
         if field.yielding is not None:
-            # b follows a load that turns against the frame
+            # b changes with a load that turns against the frame
             turned = length**2 / 12 * (field.yielding @ bend[2])
             pull = pull + jnp.stack([jnp.zeros_like(force), turned[1], -turned[0]])
         torque = cross(load, pull)
@@ -176,7 +180,7 @@ def generalized(
 
 
 def linear_sums(stiffness: Float[Array, "3 3"], strain: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """`generalized`'s sums in a linear section: each order by itself, [3, 3]."""
+    """Sums for `generalized` in a linear section, where the orders are uncoupled, [3, 3]."""
     return strain @ stiffness * jnp.array([1, 1 / 3, 1 / 5], strain.dtype)[:, None]
 
 
@@ -191,11 +195,11 @@ def curve(
 
     Args:
         field, rotations, length: as of `field`.
-        chord: its length, m.
-        places: s, [n].
+        chord: length of the chord, m.
+        places: positions s, [n].
 
     Returns:
-        Places [n, 3], m; integrals of these from 0 to s, [n, 3], m; rotation vectors [n, 3], rad.
+        Positions [n, 3], m; their integrals from 0 to s, [n, 3], m; rotation vectors [n, 3], rad.
     """
     s = jnp.asarray(places)[:, None]
     first, second, sag = rotations[:1, 1:], rotations[1:, 1:], length * field.sag[None]
@@ -217,7 +221,7 @@ def curve(
 
 
 def lobatto(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Gauss-Lobatto points from 0 to 1 and weights, [n] each (exact to degree 2 n - 3)."""
+    """Gauss-Lobatto points from 0 to 1 and their weights, [n] each (exact to degree 2 n - 3)."""
     legendre = np.polynomial.legendre.Legendre.basis(n - 1)
     points = np.concatenate([[-1.0], np.sort(legendre.deriv().roots().real), [1.0]])
     return 0.5 + 0.5 * points, 1 / (n * (n - 1) * legendre(points) ** 2)

@@ -1,8 +1,8 @@
 """Cable: a bar that carries tension only.
 
-At exactly zero strain the taut-side tangent holds: a flat net without prestress starts there and
-needs its axial stiffness. Hence ``where(e < 0, 0, ...)``, which also lets a NaN through instead of
-calling it slack.
+At exactly zero strain the tangent is that of a taut cable: a flat net without prestress starts
+there and needs its axial stiffness. Hence ``where(e < 0, 0, ...)``, which also passes a NaN on
+instead of calling the cable slack.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .prestress import AxialState, jacked_or
 
 
 class TensionOnly(Straight):
-    """Straight elements that go slack: zero where they would be compressed."""
+    """Straight elements that go slack: their force is zero where it would be a compression."""
 
     tension_only = True
 
@@ -29,9 +29,9 @@ class TensionOnly(Straight):
     def energy_per_length(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Scalar:
-        """Stored energy per unstressed length, J/m: none in a slack cable.
+        """Stored energy per unstressed length, J/m: zero in a slack cable without memory.
 
-        But for that of yielded parts of its law, which pull and push each other when it is slack.
+        Parts of a law that have yielded still pull and push each other in a slack cable.
         """
         energy = super().energy_per_length(strain, memory)
         return energy if memory is not None else self._cut(energy, strain, memory)
@@ -39,15 +39,15 @@ class TensionOnly(Straight):
     def fibre_stress(
         self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
     ) -> Float[Array, " n_fibre"] | Scalar:
-        """Stress of every fibre, Pa; their sum over the area is zero in a slack cable.
+        """Stress of every fibre, Pa; the sum of stress times area is zero in a slack cable.
 
-        So is each of them, but for those of several laws of which some have yielded: what they had
-        when it went slack stays in them, in balance.
+        Each stress is zero, too, unless the cable has several laws and some have yielded: then the
+        stresses at which it went slack remain, in balance.
         """
         return self._cut(super().fibre_stress(strain, memory), strain, memory)
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Shorter than its unstressed length, hence without force."""
+        """Whether the cable is shorter than its unstressed length and hence without force."""
         return jacked_or(
             state,
             jnp.zeros((), bool),
@@ -55,7 +55,7 @@ class TensionOnly(Straight):
         )
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether it is exactly unstressed, to rounding: between taut and slack."""
+        """Whether the cable is exactly unstressed, up to rounding: between taut and slack."""
 
         def unstressed():
             strain = self.strain(state, ends, motion)
@@ -65,7 +65,7 @@ class TensionOnly(Straight):
         return jacked_or(state, jnp.zeros((), bool), unstressed)
 
     def _cut(self, value, strain, memory):
-        """`value`, zero in a slack cable; several laws have cut it themselves, as a whole."""
+        """`value`, or zero in a slack cable; a `Parallel` law has done so itself."""
         if isinstance(self._section()[1], Parallel):
             return value
         return jnp.where(self._slack(strain, memory), 0.0, value)
@@ -73,8 +73,8 @@ class TensionOnly(Straight):
     def _slack(self, strain, memory):
         if memory is None:
             return strain < 0
-        # plastic strain has made it longer: the law knows where its stress ends, of several laws
-        # where their sum does
+        # plastic strain has lengthened the cable: the law (or several of them, by the sum of their
+        # stresses) says where the force ends
         return self._section()[1].is_slack(strain, memory)
 
     def _section(self):
@@ -87,9 +87,9 @@ class Cables(TensionOnly, Plain):
     """A group of straight two-node cables: as `Bars`, but in tension only.
 
     ``N = max(EA e, 0)`` or ``N = A s(e)`` with ``e = (l - L0) / L0``; at ``e = 0`` the tangent is
-    that of the taut cable. With a section of several laws ``N`` is the sum over all of them or, if
-    that would be a compression, zero: a cable goes slack as a whole. Arguments and errors are those
-    of `Bars`.
+    that of the taut cable. With a section of several laws ``N`` is the sum over all laws, or zero
+    if this sum is a compression: a cable goes slack as a whole. Arguments and errors are those of
+    `Bars`.
 
     Example:
         Two cables, prestressed so that 600 N hang in a 3-4-5 triangle:

@@ -1,8 +1,8 @@
 """Elastic catenary: one element for a whole span, exact under its own weight (see `hanging`).
 
-Between its ends it is what its potential energy says: ``-+F`` at the ends with the tension vector
+Its forces are the derivative of its potential energy: ``-+F`` at the ends, with the tension vector
 ``F`` in the middle, and half of the load at each end, which is exact. Its shape follows the dead
-load that acts along it at that moment (self-weight, line loads); without any it is a straight
+load along it at the present load factor (self-weight, line loads); without load it is a straight
 cable.
 """
 
@@ -26,14 +26,13 @@ from .prestress import AxialState, stretch
 class Catenaries(TensionOnly, Sagging):
     """A group of elastic catenaries, tension only; results per element are means over its ends.
 
-    It carries weight where a phase has `SelfWeight` and line loads where it has `LineLoads`, by the
-    factor of the moment: a slack one without any load has no force. `tension` in results is the
-    mean of the tensions at the two ends, which is at least half of the load on the element;
-    `peak_tension` is the larger of them, which strength is judged by, and `forms.end_tensions` has
-    both. Prestress is stated as for cables: a tension is that in the straight
-    element without load; a `sag` that under its whole weight, hanging down along -z. A taut one
-    without load takes its first load stiffly, not in proportion: `Incremental` needs small first
-    increments or corrections there.
+    It carries the weight of `SelfWeight` and the loads of `LineLoads`, at the present load factor;
+    a slack catenary without load has no force. The result `tension` is the mean of the tensions at
+    the two ends, which is at least half of the load on the element; `peak_tension` is the larger of
+    the two, which strength is compared with; `forms.end_tensions` gives both. Prestress is stated
+    as for cables: a tension is that of the straight element without load, a `sag` is that under the
+    whole weight along -z. A taut catenary without load takes its first load stiffly, not in
+    proportion: `Incremental` needs small first increments or corrections there.
 
     Args:
         links: node numbers, [n_elem, 2].
@@ -43,12 +42,12 @@ class Catenaries(TensionOnly, Sagging):
         expansion, strength, compliance: as of `Bars`.
 
     Raises:
-        ValueError: as of `Bars`; and for a law or a section, which have no closed form.
+        ValueError: as of `Bars`; also for a law or a section, because these have no closed form.
 
     Source: Irvine, Cable Structures (1981); Jayaraman and Knudson (1981).
 
     Example:
-        Two cables of 60 m that meet in the middle are one catenary: w s / H is the slope at an end.
+        Two cables of 60 m that meet in the middle form one catenary; its end slope is w s / H.
 
         >>> s, H, w, EA = 60.0, 6000.0, 30.0, 60e6  # m, N, N/m, N
         >>> x = H / w * np.arcsinh(w * s / H) + H * s / EA  # half of the span, m
@@ -69,7 +68,7 @@ class Catenaries(TensionOnly, Sagging):
         super().__post_init__()
 
     def _hang(self, state, ends, motion):
-        """F, tau, theta and the chord of one element."""
+        """Middle tension vector F, tau, theta (see `hanging`), and the chord of one element."""
         chord = (ends[1] - ends[0]) + (motion[1] - motion[0])
         force, tau, theta = hanging.hang(
             chord, excess(state, ends, motion), state.line_load, state.rest_length, self._stiffness
@@ -81,7 +80,7 @@ class Catenaries(TensionOnly, Sagging):
         return self._section()[0]
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """The largest tension along it, where there is a load."""
+        """Whether it has a result; a peak tension only where there is a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
@@ -98,7 +97,7 @@ class Catenaries(TensionOnly, Sagging):
         return self._hang(state, ends, motion)[0]
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy and the potential of the load along it, less what acts at the ends, J."""
+        """Stored energy and potential of the load along it, less its shares at the ends, J."""
         if state.line_load is None:
             return super().energy(state, ends, motion)
         force, tau, theta, chord = self._hang(state, ends, motion)
@@ -107,14 +106,14 @@ class Catenaries(TensionOnly, Sagging):
         )
 
     def is_slack(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Longer than its chord and without load."""
+        """Whether its unstressed length exceeds its chord and no load acts on it."""
         slack = self.strain(state, ends, motion) < 0
         if state.line_load is None:
             return slack
         return slack & jnp.all(state.line_load == 0)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Unstressed and without load; a load along it makes its force smooth."""
+        """Whether it is exactly unstressed and without load; a load makes its force smooth."""
         kink = super().at_kink(state, ends, motion)
         return kink if state.line_load is None else kink & jnp.all(state.line_load == 0)
 
@@ -125,13 +124,13 @@ class Catenaries(TensionOnly, Sagging):
         return _end_tensions(self._hang(state, ends, motion)[0], state)
 
     def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """The larger of the tensions at both ends, N; between them it is smaller."""
+        """The larger of the tensions at both ends, N; the tension between them is smaller."""
         return jnp.max(self.end_tensions(state, ends, motion))
 
     def reading(
         self, state: AxialState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Results by name: the shape, which takes an iteration, is found once for all of them."""
+        """Results by name; the shape, which takes an iteration, is found once for all of them."""
         if state.line_load is None:
             return super().reading(state, ends, motion, names)
         force, tau, *_ = self._hang(state, ends, motion)
@@ -144,15 +143,15 @@ class Catenaries(TensionOnly, Sagging):
         return others | {name: known[name] for name in names if name in known}
 
     def depth(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """How far the middle of the cable hangs below that of its chord, along the load, m."""
+        """Distance of the middle of the cable from the middle of its chord, along the load, m."""
         force, tau, theta, _ = self._hang(state, ends, motion)
-        load: Float[ArrayLike, " 3"] = state.line_load  # it has one, or would not hang
+        load: Float[ArrayLike, " 3"] = state.line_load  # not None under a load
         return hanging.depth(force, tau, theta, load, state.rest_length, self._stiffness)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
     ) -> Float[Array, "n 3"]:
-        """Places along the element, [n, 3], m, at parts [n] of its unstressed length."""
+        """Positions along the element, [n, 3], m, at parts [n] of its unstressed length."""
         first = ends[0] + motion[0]
         if state.line_load is None:
             return first[None] + jnp.outer(parts, ends[1] + motion[1] - first)
@@ -166,10 +165,11 @@ class Catenaries(TensionOnly, Sagging):
         sag: Float[Array, " n_elem"],
         warmth: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Strains of the chords with which the middles hang by `sag` [n_elem], m, below theirs.
+        """Strains of the chords at which the middles of elements hang by `sag` [n_elem], m.
 
-        Under the whole weight of the group along -z, between the initial ends [n_elem, 2, 3];
-        `warmth` as of `AxialState`: what is longer by heat weighs less per length.
+        Sags are measured from the middles of the chords between the initial ends [n_elem, 2, 3],
+        under the whole weight of the group along -z. `warmth` as of `AxialState`: an element that
+        heat has lengthened weighs less per length.
         """
 
         def one(ends, weight, stiffness, sag):
@@ -182,13 +182,13 @@ class Catenaries(TensionOnly, Sagging):
 
 
 def _end_tensions(force, state):
-    """Tensions at both ends, [2], N, of an element with a tension vector in the middle, [3]."""
+    """Tensions at both ends, [2], N, from the tension vector in the middle, [3]."""
     half = 0.5 * state.rest_length * state.line_load
     return jnp.sqrt(jnp.stack([jnp.sum((force + half) ** 2), jnp.sum((force - half) ** 2)]))
 
 
 def excess(state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-    """``|chord|^2 - L0^2`` without their difference, m2."""
+    """``|chord|^2 - L0^2``, computed without this subtraction, m2."""
     start, w = ends[1] - ends[0], motion[1] - motion[0]
     length = stretch(ends, jnp.zeros_like(ends))[3]
     return state.elongation * (length + state.rest_length) + (2 * start + w) @ w

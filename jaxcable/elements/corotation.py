@@ -1,22 +1,23 @@
-"""The frame that a straight element of two ends carries along, and the statics of what acts in it.
+"""The frame that follows a straight element with two ends, and the statics of forces in it.
 
 The frame follows the chord and the mean of the rotations of the ends (Crisfield 1990; Battini and
-Pacoste 2002). In it only small rotations of the ends remain, and a rigid motion of any size leaves
-none. Forces in the frame come from a law of the element (`beam`, `bending`); what they are at the
-nodes follows from virtual work, written out here instead of derived by autodiff, so that a tangent
-takes one derivative and not two.
+Pacoste 2002). Relative to it the rotations of the ends are small, and zero after a rigid motion of
+any size. Forces in the frame come from a law of the element (`beam`, `bending`). The nodal forces
+follow from virtual work, written out here instead of derived by autodiff, so that a tangent takes
+one derivative and not two.
 
 With the spins ``w_1, w_2`` of the ends, ``w_E`` of the frame and the relative translation ``v``,
 
     dW = N dl + M_1.(w_1 - w_E) + M_2.(w_2 - w_E) - T.w_E,   w_E = b x v / l + tau b,
 
-``b`` along the chord, ``T`` the moment of loads that do not turn with the frame. About the chord
-the frame follows the mean rotation, which takes the initial axis to ``a``, by the shortest way from
-``a`` to ``b``; that way has no spin along ``a + b``, hence with the spin ``w_m`` of the mean
+with ``b`` along the chord and ``T`` the moment of loads that do not turn with the frame. The mean
+rotation takes the initial axis to ``a``; the frame follows it, and then the smallest rotation from
+``a`` to ``b``. This one has no spin along ``a + b``, hence with the spin ``w_m`` of the mean
 
     (w_E - w_m).(a + b) = 0.
 
-The mean is halfway: with ``(c, h)`` the quaternion of half the rotation between the ends,
+The mean is halfway between the ends: with ``(c, h)`` the quaternion of half the rotation from the
+first to the second,
 ``w_m = (w_1 + w_2)/2 + (w_2 - w_1) x h / 2c``.
 """
 
@@ -44,17 +45,17 @@ from .prestress import stretch
 
 @pytree
 class Pose:
-    """Where an element is, as its own frame sees it.
+    """Position of an element, and its deformation in its frame.
 
     Attributes:
         length: of the chord, m.
-        change: of that length, without a subtraction of lengths, m.
+        change: change of the chord's length, computed without subtracting lengths, m.
         mean: direction a that the mean rotation gives the initial axis, [3].
         chord: direction b of the chord, [3].
-        axes: the element's axes as they are turned, rows, [3, 3].
+        axes: axes of the element after its rotation, [3, 3], one in each row of the matrix.
         half: half of the rotation between the ends, quaternion [4].
-        turns: rotations of the ends out of the frame, `stereographic`, along its axes, [2, 3].
-        rotations: the same as rotation vectors, [2, 3], rad.
+        turns: rotations of the ends relative to the frame, `stereographic`, along its axes, [2, 3].
+        rotations: `turns` as rotation vectors, [2, 3], rad.
     """
 
     length: Scalar
@@ -73,10 +74,10 @@ def pose(
     displacements: Float[Array, "2 3"],
     quaternions: Float[Array, "2 4"],
 ) -> Pose:
-    """`Pose` from initial axes (rows, [3, 3]), initial ends [2, 3] and their motion."""
+    """`Pose` from initial axes [3, 3], as of `Pose.axes`, initial ends [2, 3] and their motion."""
     vector, length, change, _ = stretch(ends, displacements)
     halfway = middle(*quaternions)
-    # small turns are differences of directions: each as its change from the initial one
+    # a small rotation is a difference of directions: take both as changes of the initial axis
     turned = 2 * cross(halfway[1:], axes[0])
     turned = halfway[0] * turned + cross(halfway[1:], turned)
     swung = (displacements[1] - displacements[0] - change * axes[0]) / length
@@ -94,7 +95,7 @@ def pose(
 def pressed(
     pose: Pose, pressures: Pressures, rest_length: Scalar
 ) -> tuple[Float[Array, " 3"], Float[Array, " 3"], Float[Array, "3 3"]]:
-    """Load of pressures on the chord per unstressed length, along the turned axes, [3], N/m.
+    """Load of pressures per unstressed length, along the turned axes, and its derivatives.
 
     Args:
         pose: of the element.
@@ -102,9 +103,9 @@ def pressed(
         rest_length: m.
 
     Returns:
-        The load; by how much it changes with the length of the chord, [3], N/m2, and [3, 3] the
-        torque on the frame that it has beside that of a dead load, by the derivative of the
-        potential by the load. Zero where a pressure has no potential.
+        The load, [3], N/m. Its derivative by the length of the chord, [3], N/m2. A matrix [3, 3]
+        that gives, times the derivative of the potential by the load, the torque on the frame
+        beyond that of a dead load; zero where a pressure has no potential.
     """
     load, longer = jnp.zeros_like(pose.chord), jnp.zeros_like(pose.chord)
     torque = jnp.zeros_like(pose.axes)
@@ -113,11 +114,11 @@ def pressed(
         none = jnp.zeros_like(x)
         change = pressure / rest_length * jnp.stack([none, z, -y])  # axis x chord
         load, longer = load + change * pose.length, longer + change
-        own = jnp.stack([none, none, none, y, -x, none, z, none, -x]).reshape(3, 3)
-        torque = torque + pressure * pose.length / rest_length * own
+        by_frame = jnp.stack([none, none, none, y, -x, none, z, none, -x]).reshape(3, 3)
+        torque = torque + pressure * pose.length / rest_length * by_frame
     for pressure, axis in pressures.get("unstressed", ()):
         _, y, z = pose.axes @ axis
-        seen = y**2 + z**2  # none of a chord along the axis
+        seen = y**2 + z**2  # zero for a chord along the axis
         across = jnp.stack([jnp.zeros_like(y), z, -y]) / jnp.sqrt(jnp.where(seen > 0, seen, 1.0))
         load = load + pressure * across
     return load, longer, torque
@@ -132,11 +133,11 @@ def end_forces(
         pose: of the element.
         force: work per change of length, N.
         moments: work per change of the rotation vectors of the ends, [2, 3], N m.
-        torque: work per spin of the frame that loads do not make, [3], N m; components, as of the
-            moments, along the turned axes.
+        torque: moment T of loads that do not turn with the frame, see the module, [3], N m. Its
+            components, and those of the moments, are along the turned axes.
     """
-    own = jax.vmap(moment_of_spin)(pose.turns, moments)
-    first, second = own @ pose.axes
+    by_spin = jax.vmap(moment_of_spin)(pose.turns, moments)
+    first, second = by_spin @ pose.axes
     onto = first + second + torque @ pose.axes
     along = (onto @ pose.chord) / (1 + pose.mean @ pose.chord)
     shared = along * (pose.mean + pose.chord)

@@ -1,10 +1,11 @@
-"""What a group of elements is: a base with what all have, and what some can do beside it.
+"""The contract of element groups: the base class `Element`, its state and its results.
 
-An `Element` is a group; inside of vmap over its `properties` it is one element
-(`prestress.element`). It knows nothing about nodes, numbering or solvers. Positions and motions are
-those of its ends: ``ends`` the initial positions [n_end, 3], m; ``motion`` their displacements
-[n_end, 3], or with rotations [n_end, 7], unit quaternions after them. A ``state`` is what phases
-change.
+An `Element` is a group of elements of one kind. Inside vmap over its `properties` the same object
+stands for one element (`prestress.element`). It knows nothing about nodes, numbering or solvers.
+Methods of one element take ``ends``, the initial positions of its ends [n_end, 3], m, and
+``motion``, the displacements of its ends [n_end, 3], or with rotations their displacements and unit
+quaternions [n_end, 7]. A ``state`` contains what phases change. Base classes for what only some
+elements can do are in `abilities`.
 """
 
 from __future__ import annotations
@@ -27,25 +28,24 @@ Scalar: TypeAlias = 'Float[Array, ""]'
 Ends: TypeAlias = 'Float[Array, "n_end 3"]'
 """Initial positions of the ends of one element, m."""
 Motion: TypeAlias = 'Float[Array, "n_end n_motion"]'
-"""What one element sees of the motion."""
+"""Motion of the ends of one element: displacements, and unit quaternions if it has rotations."""
 Forces: TypeAlias = 'Float[Array, "n_end n_freedom"]'
-"""Forces at the ends of one element, and steps of these."""
+"""Forces at the ends of one element, or a step of these ends."""
 OwnState: TypeAlias = Any
-"""An `ElementState` of the element's own class. To a type checker it is anything: a class that
-asks for its own state stands where any element may, as one that takes all states would."""
+"""The `ElementState` that belongs to a class of elements. Type checkers see it as Any: otherwise a
+method that takes only this state could not override one that takes every state."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
-    """What an element tells of itself: the method of this name, of its state, ends and motion.
-
-    Solutions, files, pictures and reports have it under this name.
+    """A result of an element: its method `name`, called with a state, ends and motion.
 
     Attributes:
-        name: of the method.
+        name: of the method; solutions, files, pictures and reports use it, too.
         unit: of its numbers.
-        components: names of the numbers on its last axis; none if it is one number an element.
-        ends, increments: whether it is kept at the ends of phases, and of every increment.
+        components: names of the entries of its last axis; empty if there are none to name.
+        ends, increments: whether the result is kept at the end of every phase, and of every
+            increment.
     """
 
     name: str
@@ -56,25 +56,26 @@ class Result:
 
 
 TENSION = Result("tension", "N")
-"""Axial force; of an element along which it varies the mean."""
+"""Axial force; its mean, if it varies along the element."""
 PEAK_TENSION = Result("peak_tension", "N")
-"""Axial force of largest size along an element, where that is another one."""
+"""Axial force of largest size along an element, where this differs from `TENSION`."""
 SECTION_STRAIN = Result("section_strain", "-, 1/m", ends=False)
-"""Strains of what has fibres, or a law that ends or remembers."""
+"""Strains of elements with fibres, or with a law that ends or remembers."""
 SECTION_FORCES = Result(
     "section_forces", "N, N m", ("N", "Vy", "Vz", "T", "My", "Mz"), increments=False
 )
-"""Forces at places along an element, [n, 6]."""
+"""Section forces at positions along an element, [n, 6]."""
 
 
 Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Array, "n_elem 3"]]]]'
-"""What presses on beams: by the name of the length that it is per, pressures and unit axes."""
+"""Pressures on beams: for "current" or "unstressed", the length that they are per, a list of pairs
+(pressure, unit axis)."""
 
 
 class ElementState:
-    """What phases change in a group: a pytree, its arrays with an axis [n_elem].
+    """What phases change in a group: a pytree whose arrays have a leading axis [n_elem].
 
-    What a kind of element has not is None; see `prestress.AxialState` for what these are.
+    A field is None if the kind of element has no use for it. `prestress.AxialState` describes them.
     """
 
     rest_length: Float[Array, " n_elem"] | None = None
@@ -92,24 +93,26 @@ class Element(abc.ABC):
     Attributes:
         links: node numbers, [n_elem, n_end].
         per_element: names of the arrays that have a value for every element, [n_elem, ...].
-        results: what an analysis records of it, a tuple of `Result`.
-        outline: ends through which pictures draw it, by number; default one after the other.
-        rotates: whether it gives its nodes rotations.
-        inner, n_inner_row: unknowns of its own, as (row, column), and the rows of motion that they
-            take after those of the ends (`inner`).
-        weight, expansion, strength, area, section, rest_length: as of `Bars`; None if it has none.
-            A weight may be per area; it is there where `weights` has any.
-        hinges, springs: as of `Beams`; None if it has none.
-        has_length: whether loads per length act along it; its state then has `rest_length` and
-            `loaded`, the length that these are per.
-        tension_only, rising: whether it holds only in tension; whether its force is known not to
-            fall with strain. Of groups of which both hold the energy is convex.
-        remembers: whether its state has a `memory`, of laws that know what has happened to them;
+        results: the results that an analysis records, a tuple of `Result`.
+        outline: numbers of the ends through which pictures draw an element; default all in order.
+        rotates: whether the elements give their nodes rotations.
+        inner, n_inner_row: indices (row, column) of the inner numbers of an element, and how many
+            rows of motion they take after those of the ends (`inner`).
+        weight, expansion, strength, area, section, rest_length: as of `Bars`; None if the group has
+            none. A weight may be per area; it is present where `weights` returns something.
+        hinges, springs: as of `Beams`; None if the group has none.
+        has_length: whether loads per length act along the elements; their state then has
+            `rest_length`, and `loaded`, the length that these loads are per.
+        tension_only: whether an element carries tension only.
+        rising: whether its force is known not to fall with strain. The energy of groups that are
+            `tension_only` and `rising` is convex.
+        remembers: whether its state has a `memory`, because its laws depend on earlier increments;
             then it has `settle(strain, memory, duration=0.0)`, `size` and `fibre_stress(strain,
-            memory)`, and tells `SECTION_STRAIN`.
+            memory)`, and `SECTION_STRAIN` among its results.
         breaks: whether a curve of its law can end; then it has `beyond(strain)`, a bool.
-        shaped_by_load: whether its state has the load along it; `slides`: whether that load goes
-            from node to node with it (then `slid` says how much does).
+        shaped_by_load: whether its state contains the load along it.
+        slides: whether this load slides from node to node with the element; then `slid` returns
+            the forces that this makes.
     """
 
     links: Int[ArrayLike, "n_elem n_end"]
@@ -137,30 +140,30 @@ class Element(abc.ABC):
 
     @property
     def n_freedom(self) -> int:
-        """Columns of its end forces: forces, and moments if it gives its nodes rotations."""
+        """Columns of the end forces: 3 forces, and 3 moments if its nodes rotate."""
         return 6 if self.rotates else 3
 
     @property
     def n_motion(self) -> int:
-        """Columns of the motion that it sees: displacements, and unit quaternions likewise."""
+        """Columns of the motion: 3 displacements, and a unit quaternion if its nodes rotate."""
         return 7 if self.rotates else 3
 
     # --- the group
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `common.rules`."""
+        """Rules that the numbers of the group keep, see `common.rules`."""
         return []
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """What they and the initial positions [n_node, 3] keep together."""
+        """Rules that its numbers keep together with the initial positions [n_node, 3]."""
         return []
 
     def check(self, nodes: Float[np.ndarray, "n_node 3"]) -> None:
-        """Raise ValueError where known positions [n_node, 3] leave something open."""
+        """Raise ValueError if known initial positions [n_node, 3] do not define the elements."""
         return None
 
     def properties(self) -> dict[str, PyTree[Float[ArrayLike, "n_elem ..."]]]:
-        """What has one value for every element, by name."""
+        """All values that differ from element to element, by name, each [n_elem, ...]."""
         values = {name: getattr(self, name) for name in self.per_element}
         values = {name: value for name, value in values.items() if value is not None}
         fields = dataclasses.fields(self)  # type: ignore[arg-type]  # a group is a `pytree`
@@ -172,9 +175,9 @@ class Element(abc.ABC):
         """`ElementState` before the first phase, from initial positions [n_elem, n_end, 3]."""
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Length between the first two ends [n_elem, n_end, 3], [n_elem], m.
+        """Distance of the first two ends [n_elem, n_end, 3], [n_elem], m.
 
-        A size to measure steps by; none, [0], of elements with one end.
+        Steps are measured by this length. For elements with one end the array is empty, [0].
         """
         if ends.shape[1] < 2:
             return jnp.zeros(0, ends.dtype)
@@ -183,7 +186,7 @@ class Element(abc.ABC):
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """Shares of the ends [n_elem, n_end, 3] in `amount` [n_elem] along it, [n_elem, n_end]."""
+        """Shares of the ends [n_elem, n_end, 3] in an `amount` [n_elem], [n_elem, n_end]."""
         n_end = ends.shape[1]
         return jnp.repeat((amount / n_end)[:, None], n_end, axis=1)
 
@@ -196,19 +199,19 @@ class Element(abc.ABC):
         return self
 
     def hinged_ends(self) -> Bool[np.ndarray, "n_elem 2"] | None:
-        """Ends with a rotation of their own, [n_elem, 2] bool, or None."""
+        """Ends whose rotation is not that of their node, [n_elem, 2] bool, or None."""
         return None
 
     def unused_columns(self) -> Bool[np.ndarray, "n_elem n_inner_row 3"]:
-        """Columns of its inner rows that no number stands in, [n_elem, n_inner_row, 3] bool."""
+        """Columns of the inner rows that contain no number, [n_elem, n_inner_row, 3] bool."""
         return np.zeros((len(self.links), self.n_inner_row, 3), bool)
 
     def initial_memory(self) -> PyTree[Float[Array, "n_elem ..."]] | None:
-        """Memory of unused elements, or None."""
+        """Memory of elements that have not been strained yet, or None."""
         return None
 
     def extended(self) -> Self:
-        """The group for an iteration, whose laws have no ends."""
+        """The group for an iteration, with laws that go on beyond their ends."""
         return self
 
     def softened(self, compliance: Scalar) -> Self:
@@ -220,28 +223,28 @@ class Element(abc.ABC):
         return -jnp.inf, jnp.inf
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Axial stiffness EA where its law is a line, [n_elem], N; None if it is not."""
+        """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         return None
 
     # --- one element
 
     @abc.abstractmethod
     def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:
-        """Internal force at each end, [n_end, 3], N, or with moments [n_end, 6].
+        """Internal force at each end, N, [n_end, 3], or [n_end, 6] with moments, N m.
 
-        Of inner numbers in the rows after them.
+        The rows after the ends contain the forces of inner numbers.
         """
 
     def end_forces_about(self, state: OwnState, ends: Ends, motion: Motion, step: Forces) -> Forces:
         """End forces conjugate to a step from a motion, both [n_end, n_freedom].
 
-        Where there are rotations a step has spins, which are not added.
+        Elements with rotations override it, because spins cannot be added to quaternions.
         """
         return self.end_forces(state, ends, motion + step)
 
     @abc.abstractmethod
     def energy(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy, J, written apart from the forces: they must be its gradient."""
+        """Stored energy, J. It is not used by `end_forces`, which must be its gradient."""
 
     def tangent(
         self, state: OwnState, ends: Ends, motion: Motion
@@ -252,14 +255,14 @@ class Element(abc.ABC):
     def finds_both(self, state: OwnState) -> bool:
         """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.
 
-        That compiles in less time, and computes tangents of points that may be rejected.
+        This takes less time to compile, but also computes tangents at points that may be rejected.
         """
         return False
 
     def linearized(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]]:
-        """End forces and tangent."""
+        """End forces and tangent of one element."""
         return self.end_forces(state, ends, motion), self.tangent(state, ends, motion)
 
     def mass_matrix(
@@ -270,33 +273,33 @@ class Element(abc.ABC):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "n n"]:
-        """Of an element of so much `mass`, kg, a matrix as its `tangent`, kg.
+        """Mass matrix of an element of the given `mass`, in the shape of its `tangent`, kg.
 
         Args:
             state, ends, motion: as of `end_forces`.
             mass: scalar, kg.
-            distribution: "lumped", "consistent", "mean" of both, or None for the one of highest
-                order, as far as it knows them; this one has shares at its ends (`at_ends`) where
-                these are, in any case.
+            distribution: "lumped", "consistent", "mean" of both, or None for the kind of highest
+                order that the element has. This base class always lumps the mass: at its ends, by
+                the shares of `at_ends` in the current positions.
         """
         places = ends + motion[:, :3]
         shares = self.at_ends(mass[None], places[None])[0]
         return jnp.diag(jnp.repeat(shares, 3))
 
     def is_slack(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether it has gone slack and holds nothing."""
+        """Whether the element is slack and carries no force."""
         return jnp.zeros((), bool)
 
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
-        """Whether it is between taut and slack, where its force has no derivative."""
+        """Whether the element is exactly unstressed, where its force has no derivative."""
         return jnp.zeros((), bool)
 
     def reading(
         self, state: OwnState, ends: Ends, motion: Motion, names: Sequence[str]
     ) -> dict[str, Array]:
-        """Results by the names of its methods, a dict; what they share may be found once."""
+        """Results by the names of methods, a dict; overriding methods compute shared parts once."""
         return {name: getattr(self, name)(state, ends, motion) for name in names}
 
     def has_result(self, name: str, state: OwnState) -> bool:
-        """Whether it has a result of a name, with a state of the group."""
+        """Whether the group has the result `name` in this state."""
         return name in ("end_forces", "is_slack", *(result.name for result in self.results))

@@ -8,17 +8,17 @@ the part ``V`` of ``F`` along the load and the part ``H`` across it,
     d_along  = L0 V (1/EA + 1/tau)
     d_across = L0 H (1/EA + A/tau),     A = theta coth(theta),   tanh(theta) = |q| L0 / (2 tau),
 
-and ``(V/tau)^2 + (H/tau)^2 cosh(theta)^2 = 1`` less the part of the first, ``1 - (V/tau)^2``:
-``H = tau sqrt(1 - (V/tau)^2) / cosh(theta)``. Both together leave one equation for ``tau``,
+and ``(V/tau)^2 + (H/tau)^2 cosh(theta)^2 = 1``, hence
+``H = tau sqrt(1 - (V/tau)^2) / cosh(theta)``. Together they give one equation for ``tau``,
 
     L0^2 (1 + e)^2 - d^2 = d_across^2 (r^2 - 1),
     e = tau/EA,   r = (1 + e) / (theta/sinh(theta) + e/cosh(theta)),
 
-whose left side rises and whose right side falls with ``tau``. It is regular from a slack cable to a
-straight one and from a level chord to a vertical one, and without weight it is the law of a
-straight cable. Nothing is subtracted that nearly cancels: ``L0^2 - d^2`` comes from the start
-elongation. (The closed forms are those of Irvine, Cable Structures, 1981; this reduction of two
-equations to one is ours.)
+whose left side rises and whose right side falls with ``tau``. This equation is regular from a slack
+cable to a straight one and from a level chord to a vertical one, and without weight it is the law
+of a straight cable. No nearly equal numbers are subtracted: ``L0^2 - d^2`` comes from the start
+elongation. (The closed forms are those of Irvine, Cable Structures, 1981; the reduction of two
+equations to one was derived for this package.)
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from ..numerics.roots import rising_root
 from .element import Scalar
 
 
-@jax.jit  # traced once, not at each of its many places in a program
+@jax.jit  # traced once, although a program calls it many times
 def hang(
     chord: Float[Array, " 3"],
     excess: Scalar,
@@ -39,11 +39,11 @@ def hang(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> tuple[Float[Array, " 3"], Scalar, Scalar]:
-    """Tension vector in the middle of a hanging cable, and what it is made of.
+    """Tension vector in the middle of a hanging cable, and the parameters of its shape.
 
     Args:
         chord: from the first end to the second, [3], m.
-        excess: ``|chord|^2 - L0^2``, better known than its parts, m2.
+        excess: ``|chord|^2 - L0^2``, m2; given, because the subtraction would lose digits.
         load: dead load per unstressed length, [3], N/m; may be zero.
         rest_length: unstressed length L0, m.
         stiffness: EA, N.
@@ -57,7 +57,7 @@ def hang(
     weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
     unit = load / jnp.where(heavy, weight, 1.0)
     across = chord - (chord @ unit) * unit
-    # of a chord along the load; small enough to change nothing, with a square that is a number
+    # for a chord along the load: negligible elsewhere, and its square does not underflow
     tiny = jnp.finfo(chord.dtype).tiny ** 0.45
     across2 = across @ across / rest_length**2 + tiny
     excess = excess / rest_length**2
@@ -80,15 +80,15 @@ def _least_tension(omega, across2, excess):
     """``(tau - |q| L0/2) / EA`` from ``|q| L0/EA``, ``(d_across/L0)^2`` and ``(d/L0)^2 - 1``.
 
     The unknown is a logarithm, because the horizontal force falls exponentially where a cable hangs
-    nearly vertically in a loop; of a taut cable it is the logarithm of what the load adds to its
-    straight strain, because that may be far below the rounding of the strain. Then both sides of
-    the equation, in logarithms, are nearly straight lines.
+    nearly vertically in a loop. For a taut cable it is the logarithm of the strain that the load
+    adds to that of the straight cable, because this may be far below the rounding of the strain.
+    Then both sides of the equation, in logarithms, are nearly straight lines.
     """
     straight = excess / (1 + jnp.sqrt(jnp.where(excess > 0, 1 + excess, 1.0)))
     taut = (excess >= 0) & (straight >= 0.5 * omega)
     base = jnp.where(taut, straight - 0.5 * omega, 0.0)
     gap = jnp.where(taut, 0.0, 0.5 * omega - straight)
-    floor = jnp.finfo(omega.dtype).tiny ** 0.2  # of the sag, where there is no load
+    floor = jnp.finfo(omega.dtype).tiny ** 0.2  # of the sag's term, for a cable without load
 
     def balance(u):
         added = jnp.exp(u)
@@ -96,7 +96,7 @@ def _least_tension(omega, across2, excess):
         strain = least + 0.5 * omega
         theta = 0.5 * jnp.log1p(omega / least)
         s, c = _sinhc_less_1(theta), _cosh_less_1(theta)
-        # r - 1, without the difference
+        # r - 1, computed without this subtraction
         more = (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
         left = jnp.where(
             excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
@@ -106,13 +106,16 @@ def _least_tension(omega, across2, excess):
     theta, strain, added = _first_guess(omega, across2, excess)
     added = jnp.where(taut, added, jnp.where(omega > 0, omega / jnp.expm1(2 * theta), strain))
     tiny = jnp.finfo(omega.dtype).tiny
-    low = jnp.log(jnp.full_like(omega, 1e3 * tiny))  # rounded, still a number
+    low = jnp.log(jnp.full_like(omega, 1e3 * tiny))  # above underflow after rounding
     high = jnp.log(2 + 2 * jnp.sqrt(jnp.maximum(1 + excess, 0.0)) + omega)
     return base + jnp.exp(rising_root(balance, jnp.log(jnp.maximum(added, 1e3 * tiny)), low, high))
 
 
 def _first_guess(omega, across2, excess):
-    """theta, strain and what the load adds to it, of a shallow cable; theta corrected if deep."""
+    """First guess of theta, of the strain, and of the part of the strain that the load adds.
+
+    From the closed form of a shallow cable; theta is corrected if the cable is deep.
+    """
     tiny = jnp.finfo(omega.dtype).tiny
     straight = excess / (1 + jnp.sqrt(jnp.maximum(1 + excess, 0.0)))
     # e^3 - straight e^2 = k, whose positive root Newton's method finds from above
@@ -120,7 +123,7 @@ def _first_guess(omega, across2, excess):
     slack = jnp.sqrt(k / jnp.maximum(-straight, tiny))
     strain = jnp.where(straight > 0, straight, 0.0) + jnp.cbrt(k)
     strain = jnp.where(straight < 0, jnp.minimum(strain, slack), strain)
-    strain = jnp.maximum(strain, tiny**0.3)  # whose cube is still a number
+    strain = jnp.maximum(strain, tiny**0.3)  # its cube does not underflow
 
     def cubic(_, strain):
         slope = 3 * strain**2 - 2 * straight * strain
@@ -129,13 +132,14 @@ def _first_guess(omega, across2, excess):
 
     strain = jax.lax.fori_loop(0, 4, cubic, strain)
     theta = jnp.minimum(0.5 * omega / strain, 1e6)
-    # inextensible: log(sinh(t)/t) = log(sqrt(L0^2 - d_along^2)/d_across), convex, from the right
+    # inextensible cable: log(sinh(t)/t) = log(sqrt(L0^2 - d_along^2)/d_across); the left side is
+    # convex, and Newton's method comes from the right
     ratio = 0.5 * jnp.log1p(jnp.maximum(-excess, 0.0) / across2)
 
     def inextensible(_, deep):
         t = jnp.maximum(deep, 1e-2)
         log_sinhc = t + jnp.log(-jnp.expm1(-2 * t) / (2 * t))
-        # within what the formula can be evaluated at; a guess, corrected by the iteration
+        # clipped to where the formula can be evaluated; the root search corrects the guess
         return jnp.clip(t - (log_sinhc - ratio) / (1 / jnp.tanh(t) - 1 / t), 1e-2, t)
 
     deep = jax.lax.fori_loop(0, 3, inextensible, theta)
@@ -177,9 +181,9 @@ def stored_energy(
 ) -> Scalar:
     """Energy of the chord, J: ``F.d`` minus the complementary energy of ``F``.
 
-    Its gradient by the chord is ``F``: stored energy and the potential of the load along the
-    cable, whose share at the ends is not in it. The complementary energy is the integral of
-    ``|T|^2/(2 EA) + |T|`` over the unstressed length.
+    Its gradient by the chord is ``F``. It is the stored energy plus the potential of the load along
+    the cable, without the shares of this load at the ends. The complementary energy is the integral
+    of ``|T|^2/(2 EA) + |T|`` over the unstressed length.
     """
     weight2 = load @ load
     heavy = weight2 > 0
@@ -200,7 +204,7 @@ def depth(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Scalar:
-    """How far the middle of the cable hangs from the middle of its chord, along the load, m.
+    """Distance of the middle of the cable from the middle of its chord, along the load, m.
 
     ``q L0^2/8EA + (tau - |F|)/q``, the second term from
     ``tau^2 - |F|^2 = (q L0 cosh(theta) H / 2 tau)^2``.
@@ -224,7 +228,7 @@ def places(
 ) -> Float[Array, "n 3"]:
     """Positions from the first end, [n, 3], m, at parts [n] of the unstressed length, 0 to 1.
 
-    Every piece of a catenary is one: between 0 and s the same equations hold.
+    Every piece of a catenary is a catenary: the same equations hold between 0 and s.
     """
     arc = (part * rest_length)[:, None]
     first = force + 0.5 * rest_length * load
@@ -254,16 +258,16 @@ def _rows(vectors):
 def strain_at_depth(
     chord: Float[Array, " 3"], load: Float[Array, " 3"], stiffness: Scalar, sag: Scalar
 ) -> Scalar:
-    """Chord over unstressed length, less 1, where the middle hangs `sag` below that of the chord.
+    """Chord over unstressed length, minus 1, of a cable whose middle hangs by `sag`.
 
-    The sag grows with the length, so that there is one; from the parabola
-    ``L0 (1 + H/EA) = d (1 + 8/3 (sag/d)^2)``, ``H = q d^2 / (8 sag)``, outwards.
+    The sag grows with the length, so that there is one solution. The search goes outwards from the
+    parabola ``L0 (1 + H/EA) = d (1 + 8/3 (sag/d)^2)``, ``H = q d^2 / (8 sag)``.
 
     Args:
         chord: [3], m.
         load: per unstressed length, [3], N/m, not along the chord; not zero.
         stiffness: EA, N.
-        sag: positive, m.
+        sag: distance of the middle from the middle of the chord, along the load, positive, m.
     """
     length2 = chord @ chord
     length = jnp.sqrt(length2)

@@ -1,8 +1,8 @@
-"""Inner numbers of a beam: unknowns of its own, beside the motion of its two ends.
+"""Inner numbers of a beam: unknowns of an element beside the motion of its two ends.
 
-An element whose section is not linear has some of the field of its section (`bending`), one whose
-ends turn against their nodes has those of its joints. They stand in rows of motion of its own,
-after those of the ends (`Structure.rows`), a number in a place (row, column).
+An element whose section is not linear has inner numbers for the field of its section (`bending`);
+one whose ends turn against their nodes has inner numbers for its joints. They are stored in rows of
+motion after those of the ends (`Structure.rows`), each at an index (row, column).
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from .abilities import Bending
 from .element import Forces, Motion
 from .prestress import AxialState
 
-# places of a_1, a_2 and of b about y, z among the inner rows, by the number of these rows
+# indices of a_1, a_2 and of b about y, z among the inner rows, by the number of these rows
 _FIELD = (), ((0, 0),), ((0, 0), (0, 1), (1, 0), (1, 1))
 
 
 class Inner(Bending):
-    """What a beam (`beam.Beams`) has to do with its inner numbers."""
+    """Inner numbers of beams (`beam.Beams`): their indices, and the forces at them."""
 
     section: Section
     points: int
@@ -30,10 +30,10 @@ class Inner(Bending):
 
     @property
     def inner(self) -> tuple[tuple[int, int], ...]:  # type: ignore[override]  # read only
-        """Inner numbers as (row after the ends, column), a tuple.
+        """Indices of the inner numbers as (row after the ends, column), a tuple.
 
-        Of a section that is not linear ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
-        middle that the cubic does not have; of joints the rotation of each end, times a length.
+        A section that is not linear has ``a_1 L, a_2 L`` and ``b L^2 / 32``, the deflection of the
+        middle beyond the cubic. Joints have the rotation of each end, times a length.
         """
         rows = self._n_field_row
         joints = () if self.springs is None else np.ndindex(2, 3)
@@ -41,17 +41,17 @@ class Inner(Bending):
 
     @property
     def field_places(self) -> tuple[tuple[int, int], ...]:
-        """Those of its inner numbers that belong to the field of its section."""
+        """Indices of the inner numbers for the field of the section."""
         return _FIELD[self._n_field_row]
 
     @property
     def n_inner_row(self) -> int:  # type: ignore[override]  # read only
-        """Rows of motion that an element has for its inner numbers."""
+        """Rows of motion that an element uses for its inner numbers."""
         return self._n_field_row + (0 if self.springs is None else 2)
 
     @property
     def _n_field_row(self) -> int:
-        """Those of its field: three points cannot tell P2 from its size, and leave it out."""
+        """Rows for the field of the section; three integration points cannot resolve P2."""
         if kind(self.section).is_elastic:
             return 0
         return 1 if self.points < 4 else 2
@@ -62,11 +62,11 @@ class Inner(Bending):
 
     @property
     def _places(self) -> tuple[Int[np.ndarray, " k"], ...]:
-        """Rows and columns of its inner numbers among the rows after its two ends."""
+        """Rows and columns of the inner numbers, counted from the row after the two ends."""
         return tuple(np.array(self.inner).T)
 
     def _spread(self, force: Float[Array, " 9+k"]) -> Forces:
-        """Forces of a step [9 + k] at all ends and inner rows, [n_end, 6]."""
+        """Forces [9 + k], as of `Member._step`, at the ends and inner rows, [n_end, 6]."""
         pull, first, second, inner = jnp.split(force, [3, 6, 9])
         at = jnp.stack([jnp.concatenate([-pull, first]), jnp.concatenate([pull, second])])
         if not self.inner:

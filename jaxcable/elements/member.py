@@ -1,9 +1,9 @@
 """One beam: forces, tangent, energy and results from the motion of its two ends.
 
-What `beam.Beams` evaluates for every element of a group, out of `corotation` (the frame, statics)
-and `bending` (strains along the axis). An element whose section is not linear, or whose ends turn
-against their nodes, has inner numbers beside the motion of its ends: unknowns of the analysis in
-rows of motion of its own, after those of the ends (`Structure.rows`).
+`beam.Beams` evaluates this for every element of a group, with `corotation` (the frame, statics) and
+`bending` (strains along the axis). An element whose section is not linear, or whose ends turn
+against their nodes, has further unknowns: inner numbers, in rows of motion after those of its ends
+(`inner`).
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _NEAR = partial(turning, order=1), partial(conjugate, order=1)
 
 
 class Member(Inner):
-    """Members of a group of beams (see `elements`) that concern one element.
+    """Methods of `beam.Beams` that concern one element.
 
     The group has `section`, `springs`, `torsional_stiffness`, `points` and `axes(ends)`.
     """
@@ -46,7 +46,7 @@ class Member(Inner):
 
     @abc.abstractmethod
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
-        """Initial axes of the element as rows: along, section's y, section's z, [3, 3]."""
+        """Initial axes of the element, [3, 3]: ``axes[0]`` along it, then the section's y and z."""
 
     def _pose(self, state, ends, motion):
         """Initial axes, and `corotation.Pose` of the element."""
@@ -79,7 +79,7 @@ class Member(Inner):
         stiffness = self.section.stiffness() if inner is None else None
         return bending.field(pose.rotations, stretch, length, load, stiffness, inner), load
 
-    @jax.jit  # traced once for all its uses; a compilation has it many times over
+    @jax.jit  # traced once, although a program calls it many times
     def _bent(self, state, ends, motion):
         """Initial axes, `corotation.Pose`, `bending.Field`, and line load along the turned axes."""
         axes, pose = self._pose(state, ends, motion)
@@ -107,7 +107,7 @@ class Member(Inner):
         places, weight = (jnp.asarray(v, force.dtype) for v in bending.lobatto(self.points))
         return (weight[:, None] * bending.basis(places)).T @ force
 
-    @jax.jit  # as above
+    @jax.jit  # traced once
     def _resistance(self, state, ends, motion):
         """Pull on the second end [3], moments on both ends [2, 3], forces of inner numbers [k]."""
         return self._balance(state, motion, self._bent(state, ends, motion))
@@ -130,16 +130,16 @@ class Member(Inner):
             inner.append(unbalanced[1] * 32 / length**2)
         if self.springs is not None:
             for k, joint in enumerate(self._joints(state, motion)):
-                own = axes @ rotate(inverse(motion[k, 3:]), moments[k])
-                own = moment_of_stereographic(joint, own)
+                moment = axes @ rotate(inverse(motion[k, 3:]), moments[k])
+                moment = moment_of_stereographic(joint, moment)
                 angle, pull_back = jax.vjp(angles, joint)
-                inner.append((own + pull_back(self.springs[k] * angle)[0]) / (4 * length))
+                inner.append((moment + pull_back(self.springs[k] * angle)[0]) / (4 * length))
         return pull, moments, jnp.concatenate(inner) if inner else jnp.zeros(0, pull.dtype)
 
     def _step(self, state, ends, motion, step, forces=None, near=False):
         """Forces conjugate to a step: relative translation, spins, inner numbers, [9 + k].
 
-        With `near` only to the first order of the step: all that a tangent needs.
+        With `near` they are correct to the first order of the step, as a tangent needs them.
         """
         turning, conjugate = _NEAR if near else _FINITE
         zero, spins = jnp.zeros_like(step[:3]), step[3:9].reshape(2, 3)
@@ -160,29 +160,28 @@ class Member(Inner):
     ) -> Forces:
         """Forces and moments conjugate to `step` (translation and spin), both [n_end, 6]."""
         inner = step[2:][self._places] if self.inner else jnp.zeros(0, step.dtype)
-        own = jnp.concatenate([step[1, :3] - step[0, :3], step[:2, 3:].ravel(), inner])
-        return self._spread(self._step(state, ends, motion, own))
+        reduced = jnp.concatenate([step[1, :3] - step[0, :3], step[:2, 3:].ravel(), inner])
+        return self._spread(self._step(state, ends, motion, reduced))
 
     def end_forces(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Internal forces and spatial moments at both ends, N and N m; forces of inner numbers.
+        """Internal forces and spatial moments at both ends, N and N m, [n_end, 6].
 
-        [n_end, 6]: the two ends, then the rows of its inner numbers.
+        The rows of inner numbers, after those of the two ends, contain the forces of these.
         """
         return self._joined(*self._resistance(state, ends, motion))
 
-    @jax.jit  # as above
+    @jax.jit  # traced once
     def linearized(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Forces, Float[Array, "12+k 12+k"]]:
         """End forces as `end_forces`, and tangent stiffness, [12 + k, 12 + k].
 
-        The tangent is symmetric, being a Hessian in the steps.
+        The tangent is a Hessian in the steps, hence symmetric. The order of its unknowns is
+        translation and spin of the first end, of the second end, inner numbers.
 
-        Rows and columns are translation and spin of the first end, of the second, inner numbers.
-
-        By autodiff, of the section first: its tangent is the same for all columns, and linear
-        forces with this tangent save going through all fibres for each of them. Forces depend on
-        the relative translation alone, so that nine columns make twelve.
+        By autodiff. The section is linearized first, so that its fibres are evaluated once and not
+        for every column. Forces depend on the relative translation of the ends only, so that
+        derivatives by nine numbers give those by all twelve.
         """
         forces = None
         if not self.section.is_elastic:
@@ -208,7 +207,7 @@ class Member(Inner):
         return self.linearized(state, ends, motion)[1]
 
     def finds_both(self, state: AxialState) -> bool:
-        """It does: pose and strains take more than half of the time to compile."""
+        """True: pose and strains, which both need, take more than half of the time to compile."""
         return True
 
     def mass_matrix(
@@ -219,23 +218,24 @@ class Member(Inner):
         mass: Scalar,
         distribution: str | None = None,
     ) -> Float[Array, "12+k 12+k"]:
-        """Of `mass`, kg, spread evenly along the axis; sections do not turn, [12 + k, 12 + k], kg.
+        """Mass matrix of `mass`, kg, spread evenly along the axis, [12 + k, 12 + k], kg.
 
-        Consistent with the deflections of `bending`, cubic but for loads, hence of order 4 in the
-        length. Along the chord displacements are linear: by default that part is the mean of the
-        consistent matrix and of halves at the ends, which is of order 4, too.
+        Sections have no rotary inertia. The matrix is consistent with the deflections of `bending`
+        (without loads cubic), hence of order 4 in the length. Displacements along the chord are
+        linear: by default their part is the mean of the consistent matrix and of halves at the
+        ends, which is of order 4, too.
         """
         halves = np.zeros(12 + len(self.inner))
         halves[[0, 1, 2, 6, 7, 8]] = 0.5
         lumped = mass * jnp.diag(jnp.asarray(halves, ends.dtype))
         if distribution == "lumped":
             return lumped
-        at, by = np.polynomial.legendre.leggauss(4)  # cubics squared
+        at, by = np.polynomial.legendre.leggauss(4)  # exact for squares of cubics
         places, weight = (jnp.asarray(v, ends.dtype) for v in (0.5 + 0.5 * at, 0.5 * by))
 
         def moved(step):
-            own = step[:12].reshape(2, 6)
-            new = jax.vmap(lambda m, s: turning(m, s, order=1))(motion[:2], own)
+            steps = step[:12].reshape(2, 6)
+            new = jax.vmap(lambda m, s: turning(m, s, order=1))(motion[:2], steps)
             if self.inner:
                 new = jnp.concatenate([new, motion[2:].at[self._places].add(step[12:])])
             _, pose, field, _ = self._bent(state, ends, new)
@@ -250,10 +250,10 @@ class Member(Inner):
         return matrix if distribution == "consistent" else 0.5 * (lumped + matrix)
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy less the line load's work on the bent axis, J."""
+        """Stored energy minus the work of the line load on the deflected axis, J."""
         _, pose, field, load = self._bent(state, ends, motion)
         length = state.rest_length
-        # a linear section's energy is of the fourth degree along the axis
+        # the energy of a linear section is a polynomial of degree 4 along the axis
         count = max(4, self.points) if self.section.is_elastic else self.points
         places, weight = (jnp.asarray(v, field.strain.dtype) for v in bending.lobatto(count))
         strain = bending.basis(places) @ field.strain
@@ -267,7 +267,7 @@ class Member(Inner):
         return total
 
     def has_result(self, name: str, state: AxialState) -> bool:
-        """The largest axial force by itself, where there is a load."""
+        """Whether it has a result; a peak tension only where there is a load."""
         if name == "peak_tension":
             return state.line_load is not None
         return super().has_result(name, state)
@@ -298,7 +298,7 @@ class Member(Inner):
         return self._sums(state, field)[0, 0]
 
     def peak_tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Axial force of largest size along the element, N: at an end, where a load acts along."""
+        """Axial force of largest size along the element, N; a load along it puts it at an end."""
         return self._peak(state, ends, motion, self.tension(state, ends, motion))
 
     def _peak(self, state, ends, motion, force):
@@ -321,9 +321,9 @@ class Member(Inner):
     ) -> Float[Array, "n 6"]:
         """``N, Vy, Vz, T, My, Mz`` at places from 0 to 1, default the integration points, [n, 6].
 
-        From equilibrium of the part before the section: exact for the end forces and the load,
-        whatever the laws of the fibres. In the axes of the section there, which follows the
-        deflected axis. N and N m.
+        N and N m, by equilibrium of the part before the section, hence exact for the end forces
+        and the load, whatever the laws of the fibres. Their axes are those of the section there,
+        which follows the deflected axis.
         """
         bent, resistance = (f(state, ends, motion) for f in (self._bent, self._resistance))
         return self._section_forces(state, bent, resistance, places)
@@ -334,13 +334,13 @@ class Member(Inner):
         pull, moments, _ = resistance
         length, s = state.rest_length, jnp.asarray(places, pull.dtype)
         load = jnp.zeros(3, pull.dtype) if load is None else load * length
-        start = -(pose.axes @ pull) - load / 2  # of the node on the element
+        start = -(pose.axes @ pull) - load / 2  # force of the node on the element
         twist = pose.axes @ moments[0]
         place, area, turn = bending.curve(field, pose.rotations, length, pose.length, s)
         carried = start[None] + jnp.outer(s, load)
         moment = _cross(place, carried) - _cross(area, load[None]) - twist[None]
         both = jnp.stack([-carried, moment], axis=1)
-        # back by the small turn of the section, to the second order that all of this has
+        # into the axes of the section by its small rotation, to second order like everything here
         spin = turn[:, None]
         change = _cross(spin, both)
         return (both - change + 0.5 * _cross(spin, change)).reshape(-1, 6)
@@ -351,7 +351,7 @@ class Member(Inner):
         return jnp.asarray(bending.lobatto(self.points)[1], size.dtype) @ size
 
     def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """What the rounding of its displacements leaves of `end_forces`, as these."""
+        """Error that the rounding of displacements leaves in `end_forces`, in their shape."""
         vector, length, _, _ = stretch(ends, motion[:2, :3])
         stiffness = jnp.diagonal(self.section.stiffness())
         across = 12 * jnp.maximum(stiffness[1], stiffness[2]) / length**2
@@ -369,7 +369,7 @@ class Member(Inner):
         memory: PyTree[Float[Array, "n_point n_fibre n_memory"]],
         duration: float = 0.0,
     ) -> PyTree[Float[Array, "n_point n_fibre n_memory"]]:
-        """What it remembers after an increment that ended at section strains [n_point, 3]."""
+        """Memory after an increment that ended at section strains [n_point, 3]."""
         return self.section.settle(*_columns(strain), memory, duration)
 
     def fibre_stress(
@@ -392,5 +392,5 @@ def _columns(strain: Float[Array, "n_point 3"]) -> tuple[Array, Array, Array]:
 
 
 def _cross(a, b):
-    """Vector products of arrays [..., 3], without a small contraction for each of them."""
+    """Vector products of arrays [..., 3], by shifts instead of many small contractions."""
     return jnp.roll(a, -1, -1) * jnp.roll(b, 1, -1) - jnp.roll(a, 1, -1) * jnp.roll(b, -1, -1)

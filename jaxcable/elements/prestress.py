@@ -1,4 +1,4 @@
-"""What every element with an axis shares: its prestress, its weight, and how phases change them."""
+"""Prestress and weight of elements with an axis, and how phases change them."""
 
 from __future__ import annotations
 
@@ -24,19 +24,21 @@ class AxialState(ElementState):
 
     Attributes:
         rest_length: unstressed length L0, [n_elem], m.
-        elongation: initial chord minus unstressed length, carried by itself, [n_elem], m.
-        jack_force: force held by a jack during a phase, [n_elem], N, or None.
-        jacked: which elements have a jack, [n_elem] bool; None for all, where forces are held.
+        elongation: initial chord minus unstressed length, [n_elem], m; stored, because their
+            difference would lose digits.
+        jack_force: force that a jack prescribes during a phase, [n_elem], N, or None.
+        jacked: which elements have a jack, [n_elem] bool; None if all have, or without
+            `jack_force`.
         loaded_length: unstressed length that has weight and takes loads per unstressed length,
-            [n_elem], m: at the temperature before the first phase, since heat makes no mass, and
-            with what a jack has taken in. None: `rest_length`.
-        warmth: length now over that at the temperature before the first phase, [n_elem], or None
-            in a group that does not expand.
+            [n_elem], m: at the temperature before the first phase, because heat adds no mass, and
+            including what a jack has taken in. None stands for `rest_length`.
+        warmth: unstressed length over that at the temperature before the first phase, [n_elem], or
+            None in a group without thermal expansion.
         memory: what the law remembers, such as plastic strains, leading axis [n_elem], or None.
-        line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements whose shape it
-            makes, or along which it slides, or None.
-        pressed: pressures that follow beams, a list of (pressure [n_elem], unit axis [n_elem, 3])
-            for each of the names of lengths that they are per, N/m, or None.
+        line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements that it bends or
+            makes sag, or along which it slides; else None.
+        pressed: pressures that follow beams: for each length that they are per, by name, a list
+            of pairs (pressure [n_elem], unit axis [n_elem, 3]), N/m; or None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -47,7 +49,7 @@ class AxialState(ElementState):
         [4.98] [0.02]
     """
 
-    rest_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # it always has one
+    rest_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # never None here
     elongation: Float[Array, " n_elem"] = None  # type: ignore[assignment]
     jack_force: Float[Array, " n_elem"] | None = None
     jacked: Bool[Array, " n_elem"] | None = None
@@ -59,14 +61,14 @@ class AxialState(ElementState):
 
     @property
     def loaded(self) -> Float[Array, " n_elem"]:
-        """`loaded_length`, or the unstressed length itself."""
+        """`loaded_length`, or `rest_length` if it is None."""
         return self.rest_length if self.loaded_length is None else self.loaded_length
 
 
 class Prestressed(Prestressable):
-    """A group whose state is an `AxialState`, and is changed by its unstressed length.
+    """Groups whose state is an `AxialState`; statements change the unstressed length in it.
 
-    The group has `rest_length`.
+    They have a field `rest_length`.
     """
 
     has_length = True
@@ -83,16 +85,16 @@ class Prestressed(Prestressable):
     def strain_at(
         self, force: Scalar, memory: PyTree[Float[Array, " ..."]] | None = None
     ) -> Scalar:
-        """Strain of one element at an axial force, N; NaN where its law has none."""
+        """Strain of one element at an axial force, N; NaN if its law does not reach this force."""
 
     def between(self, start: AxialState, end: AxialState, factor: Scalar) -> AxialState:
-        """As of `Prestressable`; NaN where all of an element is taken in: there is no such one."""
+        """State at a load factor; NaN where a shortening takes in a whole element."""
         mixed = super().between(start, end, factor)
         length = jnp.where(mixed.rest_length > 0, mixed.rest_length, jnp.nan)
         return copy(mixed, rest_length=length)
 
     def start(self, ends: Float[Array, "n_elem n_end 3"]) -> AxialState:
-        """State before the first phase: the group's unstressed length, or the chord itself."""
+        """State before the first phase; without `rest_length` the initial chord is unstressed."""
         chord = self.chord(ends)
         if self.rest_length is None:
             rest_length, elongation = chord, jnp.zeros_like(chord)
@@ -110,13 +112,13 @@ class Prestressed(Prestressable):
     def restate(
         self, state: AxialState, ends: Float[Array, "n_elem n_end 3"], inputs: Mapping[str, Stated]
     ) -> AxialState:
-        """State after the prestress statements of a phase, for a whole group.
+        """State of a group after the prestress statements of a phase.
 
         `ends` are the initial ends [n_elem, n_end, 3]; `inputs` maps names of `Phase` to `Stated`.
         Absolute statements come first, then shortening, then temperature. An absolute statement
-        says what the element is at the temperature that it has then: it takes the place of earlier
-        statements and shortenings, but the element stays as warm as it was. A shortening is
-        measured at that temperature, too.
+        describes the element at its present temperature: it replaces earlier statements and
+        shortenings, but the element stays as warm as it was. A shortening is measured at the
+        present temperature, too.
         """
         chord = self.chord(ends)
         rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
@@ -126,11 +128,11 @@ class Prestressed(Prestressable):
                 continue
             if name == "rest_length":
                 rest = stated.over(stated.values, chord)
-                own = rest, chord - rest
+                lengths = rest, chord - rest
             else:
                 strain = self.stated_strain(name, stated, state, ends, chord)
-                own = chord / (1 + strain), chord * (strain / (1 + strain))
-            rest_length, elongation = map(stated.over, own, (rest_length, elongation))
+                lengths = chord / (1 + strain), chord * (strain / (1 + strain))
+            rest_length, elongation = map(stated.over, lengths, (rest_length, elongation))
             loaded = stated.over(rest_length / warmth, loaded)
         if "shortening" in inputs:
             change = inputs["shortening"].values
@@ -157,7 +159,7 @@ class Prestressed(Prestressable):
         ends: Float[Array, "n_elem n_end 3"],
         chord: Float[Array, " n_elem"],
     ) -> Float[Array, " n_elem"]:
-        """Strain of the initial chord, [n_elem], that an absolute statement means."""
+        """Strain of the initial chord that an absolute statement requires, [n_elem]."""
         if name == "pretension":
             return of_each("strain_at", self, stated.values, state.memory)
         if name == "force_density":
@@ -178,12 +180,12 @@ def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Sca
 
 
 def jacked_or(
-    state: AxialState, force: Float[ArrayLike, " ..."], free: Callable[[], Array]
+    state: AxialState, force: Float[ArrayLike, " ..."], otherwise: Callable[[], Array]
 ) -> Array:
-    """`force` in an element whose force a jack holds, else ``free()``."""
+    """`force` if a jack prescribes the force of the element, else ``otherwise()``."""
     if state.jack_force is None:
-        return free()
-    return force if state.jacked is None else jnp.where(state.jacked, force, free())
+        return otherwise()
+    return force if state.jacked is None else jnp.where(state.jacked, force, otherwise())
 
 
 def element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
@@ -194,8 +196,8 @@ def element(group: Any, properties: Mapping[str, PyTree[Array]]) -> Any:
 def of_each(method: str, group: Any, *arguments: PyTree[Array], **shared: Any) -> PyTree[Array]:
     """``method(*arguments, **shared)`` of every element of a group, arguments [n_elem, ...]."""
 
-    def one(properties, *own):
-        return getattr(element(group, properties), method)(*own, **shared)
+    def one(properties, *values):
+        return getattr(element(group, properties), method)(*values, **shared)
 
     return jax.vmap(one, axis_size=len(group.links))(group.properties(), *arguments)
 

@@ -25,19 +25,18 @@ from .prestress import AxialState, jacked_or
 class SlidingCables(TensionOnly, Jacked):
     """A group of cables that slide without friction over their nodes; tension only.
 
-    Everything per element is per cable: one tension, one unstressed length, one weight. `tension`
-    and `rest_length` of results have one value for a cable. Its weight, and line loads per
-    unstressed length, slide along with it: each piece has a part of them that is as its part of the
-    whole length, half for each of its ends. They have the potential ``-W sum (l_i / l) z_i`` with z
-    of the middles of the pieces, which also pulls rope over to where it hangs lower, and is not
-    convex. Line loads per initial or projected length stay with the pieces that they are stated
-    for. Two free nodes that the cable draws onto each other leave a piece without length and an
-    equilibrium without a tangent: the status then is NOT_CONVERGED (join the nodes).
+    Every value per element is one value per cable: one tension, one unstressed length, one weight.
+    Its weight, and line loads per unstressed length, slide along with it: each piece carries a
+    share in proportion to its length, half of it at each of its ends. These loads have the
+    potential ``-W sum (l_i / l) z_i`` with z of the middles of the pieces, which also pulls rope
+    over to where it hangs lower, and is not convex. Line loads per initial or projected length stay
+    with the pieces for which they are stated. Two free nodes that the cable pulls onto each other
+    leave a piece without length and an equilibrium without a tangent: the status then is
+    NOT_CONVERGED (join the nodes).
 
     Args:
-        links: the nodes of each cable in turn, a list of lists, or [n_elem, n_end]. A closed loop
-            ends with its first node. Chains of different lengths are filled up with their last
-            node.
+        links: the nodes of each cable in order, a list of lists, or [n_elem, n_end]. A closed loop
+            ends with its first node. Shorter chains are padded with their last node.
         axial_stiffness, area, law, section, rest_length, weight, expansion, strength, compliance:
             as of `Cables`; `rest_length` is that of the whole cable.
 
@@ -61,9 +60,9 @@ class SlidingCables(TensionOnly, Jacked):
         [9.950249]
     """
 
-    # no `Secant`: a piece that shortens while another one lengthens has none of its own
+    # no `Secant`: the tension depends on all pieces, so that one piece has no secant stiffness
     shaped_by_load = slides = True
-    tangent = Element.tangent  # of more nodes than two
+    tangent = Element.tangent  # that of `Axial` is for two nodes
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):
@@ -71,7 +70,7 @@ class SlidingCables(TensionOnly, Jacked):
         super().__post_init__()
 
     def rules_at(self, nodes: Float[ArrayLike, "n_node 3"]) -> list[Rule]:
-        """No two successive nodes of a cable have the same place, of nodes [n_node, 3]."""
+        """The rule that no two successive nodes of a cable coincide; positions [n_node, 3]."""
         links = plain(self.links)
 
         def same(ends, links):
@@ -85,13 +84,13 @@ class SlidingCables(TensionOnly, Jacked):
         return [Rule("nodes", (nodes[links], links), same, text)]
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Length over all nodes [n_elem, n_end, 3], [n_elem], m."""
+        """Initial length over all nodes [n_elem, n_end, 3], [n_elem], m."""
         return jnp.sum(_pieces(ends)[1], axis=-1)
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
     ) -> Float[Array, "n_elem n_end"]:
-        """`amount` [n_elem] divided among the nodes by half of their pieces, [n_elem, n_end]."""
+        """`amount` [n_elem] shared among the nodes by half the length of their pieces."""
         length = _pieces(ends)[1]
         share = 0.5 * (jnp.pad(length, ((0, 0), (0, 1))) + jnp.pad(length, ((0, 0), (1, 0))))
         return amount[:, None] * share / jnp.sum(length, axis=-1, keepdims=True)
@@ -109,13 +108,13 @@ class SlidingCables(TensionOnly, Jacked):
         return force if state.line_load is None else force - self.slid(state, ends, motion)
 
     def slid(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """What the load along it does to the nodes beside its initial shares, [n_end, 3], N."""
+        """Nodal forces of the load along the cable, less its initial shares, [n_end, 3], N."""
         return -jax.grad(self._lost, argnums=2)(state, ends, motion)
 
     def _lost(self, state, ends, motion):
-        """Potential of the load along it as the rope lies now, less that of its initial shares, J.
+        """Potential of the load along the cable as it lies now, less that of its initial shares, J.
 
-        But for a constant, and reckoned from the first node: the shares add up to one.
+        Up to a constant, and relative to the first node, because the shares add up to one.
         """
         piece, length = _moved(ends, motion)
         middle = jnp.cumsum(piece, axis=0) - 0.5 * piece
@@ -124,7 +123,7 @@ class SlidingCables(TensionOnly, Jacked):
         return state.rest_length * state.line_load @ (share @ motion - now)
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy and potential of what slides, J; of a held force its work."""
+        """Stored energy and potential of the sliding load, J; under a jack its work."""
 
         def stored():
             strain = self.strain(state, ends, motion)
@@ -135,17 +134,21 @@ class SlidingCables(TensionOnly, Jacked):
         return energy if state.line_load is None else energy + self._lost(state, ends, motion)
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
-        """State of an anchored jack: the unstressed length that gives the held force here."""
+        """State after anchoring the jack: its unstressed length gives the jack force here."""
         return self.locked(state, jnp.sum(_moved(ends, motion)[1]), _change(ends, motion))
 
 
 def _pieces(places):
-    """Pieces between successive places [..., n, 3]: vectors and lengths."""
+    """Vectors and lengths of the pieces between successive positions [..., n, 3]."""
     return _measured(_steps(places))
 
 
 def _moved(ends, motion):
-    """Pieces after a motion; places, which may be far from the origin, are not rounded to."""
+    """Vectors and lengths of the pieces after a motion.
+
+    Positions and displacements are subtracted separately, so that positions far from the origin
+    cost no digits.
+    """
     return _measured(_steps(ends) + _steps(motion))
 
 
@@ -154,9 +157,9 @@ def _steps(places):
 
 
 def _measured(piece):
-    """Pieces with their lengths."""
+    """Vectors of pieces, and their lengths."""
     square = jnp.sum(piece**2, axis=-1)
-    # filled up with the last node: a piece without length, and without a derivative of it
+    # padding with the last node makes pieces of length zero, whose derivative must be finite
     length = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return piece, length
 
@@ -182,7 +185,7 @@ def _checked_chains(chains):
         if len(chain) < 2:
             raise ValueError(f"links[{k}] = {chain.tolist()}: a cable has at least two nodes")
         same = chain[1:] == chain[:-1]
-        # filled up already, by an earlier call
+        # repetitions of the last node are padding from an earlier call
         same[len(same) - int(np.cumprod(same[::-1]).sum()) :] = False
         if same.any() or (chain == chain[0]).all():
             j = int(same.argmax())

@@ -1,4 +1,4 @@
-"""A statement of prestress, as the elements of a group get it."""
+"""`Stated`: a statement of prestress, resolved for the elements of one group."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ class Stated:
     """One statement of prestress for a group.
 
     Attributes:
-        values: [n_elem]; zero for an element that it does not concern.
-        chosen: the elements that it concerns, [n_elem] bool; None for all.
+        values: stated values, [n_elem]; zero for elements that the statement does not concern.
+        chosen: the elements that the statement concerns, [n_elem] bool; None for all.
     """
 
     values: Float[ArrayLike, " n_elem"]
@@ -23,5 +23,5 @@ class Stated:
     def over(
         self, new: Float[ArrayLike, " n_elem"], old: Float[ArrayLike, " n_elem"]
     ) -> Float[Array, " n_elem"]:
-        """`new` at the elements that it concerns, `old` elsewhere."""
+        """`new` for the elements that the statement concerns, `old` for all others."""
         return new if self.chosen is None else jnp.where(self.chosen, new, old)

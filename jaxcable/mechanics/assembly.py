@@ -1,6 +1,6 @@
 """The whole structure: residual, tangent, energy and results of one loaded state.
 
-A `System` holds everything that is fixed while equilibrium is sought at one load factor: elements,
+A `System` contains what is constant while equilibrium is sought at one load factor: elements,
 loads, and the space in which nodes move (`spaces`). The point ``x`` of an iteration is the motion
 of all rows, [n_row, n_motion], which begins with displacements, m; a step [n_free] moves it on.
 """
@@ -31,16 +31,16 @@ EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
 
 @pytree
 class System(Elementwise):
-    """One state of loading, ready to be brought to equilibrium.
+    """A structure at one load factor, ready to be brought to equilibrium.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
-        groups: element groups, their links arrays.
-        states: element states, one per group (prestress).
+        groups: element groups; their links are arrays.
+        states: element states, one per group.
         load: dead load on every row, [n_row, n_freedom], N and N m.
-        space: `Space`: what supports do, and the numbering of the unknowns.
-        followers: loads that depend on where the nodes are, a list of what has the
-            members of `load_stacks.Following`, or None.
+        space: `Space`: the supports, and the numbering of the unknowns.
+        followers: loads that depend on the positions of the nodes, a list of
+            `load_stacks.Following`, or None.
     """
 
     nodes: Float[Array, "n_row 3"]
@@ -58,11 +58,11 @@ class System(Elementwise):
     # --- points and steps
 
     def place(self, x: Motion) -> Motion:
-        """`x` with what supports hold where they prescribe it."""
+        """`x` with the freedoms that supports hold put to their prescribed values."""
         return self.space.place(x)
 
     def carried(self, x: Motion) -> Motion:
-        """`x`, a constant, as a function of what supports do to free nodes."""
+        """`x`, a constant, as a function of the supports, see `Space.carried`."""
         return self.space.carried(x)
 
     def move(self, x: Motion, step: Step) -> Motion:
@@ -70,13 +70,13 @@ class System(Elementwise):
         return self.space.move(x, step)
 
     def reach(self, x: Motion) -> Float[Array, ""]:
-        """Largest displacement along an axis, m: what is said of rotations is no length."""
+        """Largest displacement along an axis, m; rotations do not count, being no lengths."""
         return jnp.max(jnp.abs(x[:, :3]), initial=0.0)
 
     def chart(self, x: Motion) -> tuple[Callable[[Step], Step], Step, Callable[[Step], Motion]]:
         """Residual as a function of a step from `x`, the zero step, and the motion after a step."""
         x = self.place(x)
-        # zero whatever x is, with the axes that x has in a batch: a root is sought from there
+        # computed from x, so that the zero step has the batch axes of x
         zero = jnp.where(jnp.isnan(x[0, 0]), 0.0, 0.0)
         zero = jnp.full(self.freedoms.free.shape[0], zero, x.dtype)
 
@@ -92,11 +92,11 @@ class System(Elementwise):
     ) -> tuple[Forces, Float[Array, " n_row"]]:
         """Sum of the end forces at every row, [n_row, n_freedom], and of their sizes, [n_row], N.
 
-        `end_forces` are those of every group, if they are at hand.
+        `end_forces` are those of every group, if they are known already.
         """
         if end_forces is None:
             end_forces = self.reading(x, "end_forces")["end_forces"]
-        rows, ends = self._at_ends([self.space.padded(own) for own in end_forces])
+        rows, ends = self._at_ends([self.space.padded(forces) for forces in end_forces])
         force = jnp.zeros_like(self.load).at[rows].add(ends)
         size = jnp.zeros_like(x[:, 0]).at[rows].add(self.space.size(ends))
         for group, state in zip(self.groups, self.states, strict=True):
@@ -105,26 +105,27 @@ class System(Elementwise):
         return force, size
 
     def _at_ends(self, values):
-        """Rows of the ends of all groups one after the other, and values [n_elem, n_end, ...]."""
+        """Rows of the ends of all groups in one array, and `values` [n_elem, n_end, ...] there."""
         rows = [group.links.reshape(-1) for group in self.groups]
-        values = [own.reshape(-1, *own.shape[2:]) for own in values]
-        return (own[0] if len(own) == 1 else jnp.concatenate(own) for own in (rows, values))
+        values = [value.reshape(-1, *value.shape[2:]) for value in values]
+        return (parts[0] if len(parts) == 1 else jnp.concatenate(parts) for parts in (rows, values))
 
     def _end_forces_about(self, x, spread):
         """End forces of every group conjugate to a step of all rows from `x`."""
         found = []
         for group, state in zip(self.groups, self.states, strict=True):
-            own = motion_of(group, x), spread[group.links, : group.n_freedom]
+            moved = motion_of(group, x), spread[group.links, : group.n_freedom]
             about = jax.vmap(lambda p, *at, group=group: element(group, p).end_forces_about(*at))
-            found.append(about(group.properties(), state, self.nodes[group.links], *own))
+            found.append(about(group.properties(), state, self.nodes[group.links], *moved))
         return found
 
     def part_sizes(
         self, group: Element, state: ElementState, motion: Motion
     ) -> Float[Array, "n_elem n_end"]:
-        """Forces inside elements that can balance each other there, at both ends, [n_elem, 2], N.
+        """Sums of the absolute forces of an element's parts, at each of its ends, N.
 
-        An unloaded elastic-plastic element is in equilibrium to the rounding of these.
+        The parts of an elastic-plastic element can balance each other. An unloaded one is in
+        equilibrium up to the rounding of these forces, [n_elem, n_end].
         """
         sizes = each("size", group, state, self.nodes, motion)[:, None]
         return jnp.repeat(sizes, group.links.shape[1], axis=1)
@@ -136,9 +137,9 @@ class System(Elementwise):
         return self.load + self.space.padded(self.following(self.nodes + x[:, :3]))
 
     def following(self, moved: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
-        """Following loads on every row at the positions `moved`, both [n_row, 3], N."""
+        """Following loads on every row for nodes at `moved`, both [n_row, 3], N."""
         arguments = self.groups, self.states, self.nodes, moved
-        forces: list[Any] = [own.following_forces(*arguments) for own in self.followers]
+        forces: list[Any] = [follower.following_forces(*arguments) for follower in self.followers]
         return sum(forces)
 
     def unbalanced(self, x: Motion, end_forces: EndForces | None = None) -> Forces:
@@ -160,14 +161,14 @@ class System(Elementwise):
         return self.space.collected(internal - load, x, spread)
 
     def evaluated(self, x: Motion) -> tuple[Step, Float[Array, ""], PerGroup]:
-        """`residual_and_scale`, and tangents of elements that are found with it, for `tangent`."""
+        """`residual_and_scale`, and tangents that elements compute with it, for `tangent`."""
         end_forces, tangents = self.linearized(x)
         return *self.residual_and_scale(x, end_forces), tangents
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
     ) -> tuple[Step, Float[Array, ""]]:
-        """Residual [n_free], and the force it is judged by, N.
+        """Residual [n_free], and the force that its tolerance is relative to, N.
 
         The scale is the largest, over rows, of the sum of absolute end forces plus the load.
         """
@@ -177,11 +178,11 @@ class System(Elementwise):
 
     @property
     def rounds(self) -> bool:
-        """Whether any element may be without force and yet have the rounding of its stiffness."""
+        """Whether the force of an element may vanish while its rounding error does not."""
         return any(isinstance(group, Rounding) for group in self.groups)
 
     def rounding(self, x: Motion) -> Step:
-        """Residual that the rounding of displacements leaves at every freedom, [n_free], N."""
+        """Error that the rounding of displacements leaves in the residual, [n_free], N."""
         left = jnp.zeros_like(self.load)
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
@@ -200,10 +201,10 @@ class System(Elementwise):
 
     @property
     def followed(self) -> Bool[Array, ""]:
-        """Whether a load follows the nodes, scalar bool: of a later phase it does not act yet."""
+        """Whether a following load acts, scalar bool; loads of later phases do not act yet."""
         if self.followers is None:
             return jnp.zeros((), bool)
-        return jnp.any(jnp.stack([own.acts for own in self.followers]))
+        return jnp.any(jnp.stack([follower.acts for follower in self.followers]))
 
     # --- matrices
 
@@ -211,11 +212,11 @@ class System(Elementwise):
         """Tangent stiffness, a matrix of `linear`, N/m: derivative of the residual by a step.
 
         By autodiff of the element forces. Dense [n_free, n_free], or sparse if the freedoms have a
-        pattern. `known` are tangents of elements that are at hand, see `linearized`.
+        pattern. `known` are tangents of elements that are known already, see `linearized`.
         """
         parts = self.parts(self.tangents(x, known), x) + self._following_blocks(x)
-        own = self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
-        return self.space.regular(self._assemble(parts + own), x)
+        of_loads = self.space.own_parts(self.load, lambda: self.unbalanced(x), x)
+        return self.space.regular(self._assemble(parts + of_loads), x)
 
     def parts(self, matrices: Sequence[Float[Array, "n_elem ..."]], x: Motion) -> list[Part]:
         """Matrices [n_elem, d, d] of the elements of all groups as `linear.assemble` takes them."""
@@ -225,31 +226,33 @@ class System(Elementwise):
         self, pairs: Iterable[tuple[Float[Array, "n_elem ..."], Element]], x: Motion
     ) -> list[Part]:
         part = self.space.part
-        return [part(own, group.links, group.n_freedom, group.inner, x) for own, group in pairs]
+        return [
+            part(blocks, group.links, group.n_freedom, group.inner, x) for blocks, group in pairs
+        ]
 
     def assembled(
         self, pairs: Iterable[tuple[Float[Array, "n_elem ..."], Element]], x: Motion
     ) -> Matrix:
-        """A matrix as `tangent` from those of elements, list of ([n_elem, d, d], their group)."""
+        """A matrix like `tangent`, from pairs (matrices [n_elem, d, d], element group)."""
         return self._assemble(self._parts(pairs, x))
 
     def _following_blocks(self, x: Motion) -> list[Part]:
-        """What following loads take from the tangent, as `parts`."""
+        """Terms of the tangent from following loads, as `parts`."""
         if self.followers is None:
             return []
         arguments = self.groups, self.states, self.nodes, self.nodes + x[:, :3]
         return [
             self.space.part(-blocks, links, 3, (), x)
-            for own in self.followers
-            for blocks, links in own.following_blocks(*arguments)
+            for follower in self.followers
+            for blocks, links in follower.following_blocks(*arguments)
         ]
 
     def secant(self, before: Motion, x: Motion) -> Matrix:
-        """Secant stiffness between two points, as `tangent`, N/m."""
+        """Secant stiffness between two points, a matrix like `tangent`, N/m."""
         return self._assemble(self.parts(self.secants(before, x), x))
 
     def displaced_by(self, x: Motion) -> Float[Array, "n_row 3 n_free"]:
-        """Displacements of all rows by the unknowns, [n_row, 3, n_free], about a point."""
+        """Derivative of the displacements of all rows by the unknowns, [n_row, 3, n_free]."""
         freedoms, n_row = self.freedoms, len(x)
         number, slopes = freedoms.number, self.space.slopes(x)
         if freedoms.carried is not None:
@@ -271,7 +274,7 @@ class System(Elementwise):
     def potential(self, x: Motion) -> Float[Array, ""]:
         """Stored energy minus the work of the dead nodal forces, J; the residual is its gradient.
 
-        Following loads and nodal moments are left out: they need not have a potential.
+        Following loads and nodal moments are left out, because they need not have a potential.
         """
         return self.stored_energy(x) - jnp.sum(self.load[:, :3] * x[:, :3])
 
@@ -282,19 +285,19 @@ class System(Elementwise):
     def loose_nodes(
         self, motion: Motion, slack: list[Bool[Array, " n_elem"]] | None = None
     ) -> Bool[Array, " n_row"]:
-        """Nodes that are not wholly supported and touch only slack elements, [n_node] bool."""
+        """Nodes that are not fully supported and touch only slack elements, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
         pairs = zip(self.groups, slack, strict=True)
         rows, taut = self._at_ends([jnp.repeat(~s[:, None], g.links.shape[1], 1) for g, s in pairs])
-        held_up = jnp.zeros(self.nodes.shape[0], bool).at[rows].max(taut)
+        stiffened = jnp.zeros(self.nodes.shape[0], bool).at[rows].max(taut)
         if self.freedoms.rows is not None:
-            held_up = held_up.at[self.freedoms.rows].max(held_up)
-        return ~held_up & ~jnp.all(self.freedoms.fixed, axis=-1)
+            stiffened = stiffened.at[self.freedoms.rows].max(stiffened)
+        return ~stiffened & ~jnp.all(self.freedoms.fixed, axis=-1)
 
     def kinked(self, motion: Motion) -> Bool[Array, ""]:
-        """Whether a cable that moves with free nodes is exactly unstressed.
+        """Whether a cable at a free node is exactly unstressed.
 
-        Equilibrium then has no derivative. (Laws with a memory slacken elsewhere.)
+        Equilibrium then has no derivative. (A cable whose law remembers goes slack elsewhere.)
         """
         found, free = jnp.zeros((), bool), self.freedoms.moves()
         for group, state in zip(self.groups, self.states, strict=True):
@@ -306,12 +309,12 @@ class System(Elementwise):
 
     @property
     def may_be_convex(self) -> bool:
-        """Whether the energy is convex while loads are dead: tension-only groups of rising laws."""
+        """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
         return all(group.tension_only and group.rising for group in self.groups)
 
     @property
     def always_convex(self) -> bool:
-        """Whether it is convex, and no load follows or slides, in this phase or a later one."""
+        """Whether the energy is convex in all phases: no load ever follows or slides."""
         return self.may_be_convex and self.followers is None and not self._sliding
 
     @property
@@ -330,5 +333,5 @@ class System(Elementwise):
         return [load for load in loads if load is not None]
 
     def softened(self, compliance: Float[Array, ""]) -> System:
-        """The same system with a spring in series with every element, strain per force, 1/N."""
+        """The system with a spring in series with every element, strain per force, 1/N."""
         return copy(self, groups=[group.softened(compliance) for group in self.groups])

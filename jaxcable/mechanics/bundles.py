@@ -1,8 +1,8 @@
-"""Element groups that differ in numbers only, evaluated together: one group in the program.
+"""Bundles: element groups that differ in numbers only, evaluated as one group.
 
-A user's groups are what he names; a program has every kind of element once. Groups of one class,
+A user may name many groups; a program contains every kind of element once. Groups of one class,
 whose laws or sections are of one kind, are joined before the compiled core, in the order in which
-they are named, and what it finds comes apart again into theirs at its end.
+they are named. The results of the core are split into the user's groups at its end.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..elements.stated import Stated
 from ..sections import Section, padding
 
 _NONE = {"weight": 0.0, "expansion": 0.0}
-"""What those have that have none, beside others that have some."""
+"""Values of groups that lack these numbers, if other groups of their bundle have them."""
 
 
 class Bundles(NamedTuple):
@@ -43,44 +43,48 @@ class Bundles(NamedTuple):
         found = {}
         for number, group in enumerate(groups):
             found.setdefault(_sort(number, group), []).append(number)
-        members = tuple(tuple(own) for own in found.values())
+        members = tuple(tuple(numbers) for numbers in found.values())
         return cls(members, tuple(len(group.links) for group in groups))
 
     @property
     def plain(self) -> bool:
-        """Whether every group is one by itself, in its place."""
+        """Whether every bundle is one group, in the order of the groups."""
         return len(self.members) == len(self.sizes)
 
     def groups(self, groups: list[Element]) -> list[Element]:
-        """The groups of the bundles."""
-        return groups if self.plain else [_joined([groups[k] for k in own]) for own in self.members]
+        """One group for every bundle, with the elements of its groups."""
+        return (
+            groups
+            if self.plain
+            else [_joined([groups[k] for k in numbers]) for numbers in self.members]
+        )
 
     def together(self, per_group: Any) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Pytrees of arrays [n_elem, ...], one for each group or None, for each bundle."""
+        """Pytrees of arrays [n_elem, ...], given for every group, joined for every bundle."""
         if self.plain:
             return per_group
 
         def one(*parts):
             return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
-        return [jax.tree.map(one, *(per_group[k] for k in own)) for own in self.members]
+        return [jax.tree.map(one, *(per_group[k] for k in numbers)) for numbers in self.members]
 
     def apart(self, per_bundle: Any, axis: int = 0) -> list[PyTree[Float[Array, "n_elem ..."]]]:
-        """Pytrees with the elements of a bundle on an axis, for every group; undoes `together`."""
+        """Pytrees of bundles, with elements on `axis`, split into groups; undoes `together`."""
         if self.plain:
             return per_bundle
         found = [None] * len(self.sizes)
-        for own, whole in zip(self.members, per_bundle, strict=True):
+        for numbers, whole in zip(self.members, per_bundle, strict=True):
             start = 0
-            for k in own:
+            for k in numbers:
                 at = (slice(None),) * axis + (slice(start, start + self.sizes[k]),)
                 found[k] = jax.tree.map(lambda x, at=at: x[at], whole)
                 start += self.sizes[k]
         return found
 
     def numbers(self, on: Collection[int]) -> tuple[int, ...]:
-        """Numbers of the bundles that have some of the groups `on`, in ascending order."""
-        return tuple(b for b, own in enumerate(self.members) if set(own) & set(on))
+        """Numbers of the bundles that contain some of the groups `on`, in ascending order."""
+        return tuple(b for b, numbers in enumerate(self.members) if set(numbers) & set(on))
 
     def spread(
         self,
@@ -88,40 +92,41 @@ class Bundles(NamedTuple):
         values: Mapping[int, Float[ArrayLike, " n_elem"]],
         fill: float = 0.0,
     ) -> dict[int, Float[ArrayLike, " n_elem"]]:
-        """Arrays [n_elem] or scalars of groups, as such of the bundles that have some of them.
+        """Values of groups, [n_elem] or scalars, as values of the bundles that contain them.
 
         Args:
             on: numbers of groups.
-            values: by number of a group; `fill` at the elements of others of its bundle.
+            values: by number of a group.
+            fill: value of the other groups in these bundles.
 
         Returns:
-            By number of a bundle; a scalar where all of its groups have the same one, `fill` too.
+            By number of a bundle; a scalar where all of its groups have the same scalar.
         """
         found = {}
         for b in self.numbers(on):
-            own = [values.get(k, fill) for k in self.members[b]]
-            if all(x is own[0] for x in own) and np.ndim(own[0]) == 0:
-                found[b] = own[0]
+            given = [values.get(k, fill) for k in self.members[b]]
+            if all(x is given[0] for x in given) and np.ndim(given[0]) == 0:
+                found[b] = given[0]
                 continue
             sizes = [self.sizes[k] for k in self.members[b]]
-            parts = [jnp.broadcast_to(x, (n,)) for x, n in zip(own, sizes, strict=True)]
+            parts = [jnp.broadcast_to(x, (n,)) for x, n in zip(given, sizes, strict=True)]
             found[b] = jnp.concatenate(parts)
         return found
 
     def inputs(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
-        """Prestress statements of a phase, for every bundle a dict from name to `Stated`."""
+        """Prestress statements of a phase, a dict from name to `Stated` for every bundle."""
         if self.plain:
             return per_group
         found = []
-        for own in self.members:
-            names = dict.fromkeys(name for k in own for name in per_group[k])
-            found.append({name: self._stated(name, own, per_group) for name in names})
+        for numbers in self.members:
+            names = dict.fromkeys(name for k in numbers for name in per_group[k])
+            found.append({name: self._stated(name, numbers, per_group) for name in names})
         return found
 
-    def _stated(self, name, own, per_group):
-        """One statement of the groups `own` as one."""
-        parts = [per_group[k].get(name) for k in own]
-        sizes = [self.sizes[k] for k in own]
+    def _stated(self, name, numbers, per_group):
+        """The statements `name` of the groups of one bundle, joined to one."""
+        parts = [per_group[k].get(name) for k in numbers]
+        sizes = [self.sizes[k] for k in numbers]
         values = [np.zeros(n) if s is None else s.values for s, n in zip(parts, sizes, strict=True)]
         if all(stated is not None and stated.chosen is None for stated in parts):
             return Stated(joined(values))
@@ -133,28 +138,29 @@ class Bundles(NamedTuple):
 
 
 def _sort(number, group):
-    """What groups have in common that go into one bundle."""
-    own = [type(group)]
+    """What the groups of one bundle have in common, a key."""
+    key = [type(group)]
     for field in dataclasses.fields(group):
         value = getattr(group, field.name)
         if field.name == "links":
-            own.append(value.shape[1:])
+            key.append(value.shape[1:])
         elif field.name in group.per_element:
-            own.append(value is None and field.name not in _NONE)
+            key.append(value is None and field.name not in _NONE)
         elif field.name in group._static_fields:
-            own.append(value)
+            key.append(value)
         elif field.name in group._index_fields:
-            own.append(None if value is None else number)  # topology of its own
+            # its number makes the key of a group with such an array unique: it is not bundled
+            key.append(None if value is None else number)
         elif isinstance(value, Section):
-            own.append(padding.sort(value))
+            key.append(padding.sort(value))
         else:
             leaves, shape = jax.tree.flatten(value)
-            own.append((shape, tuple(map(np.shape, leaves))))
-    return tuple(own)
+            key.append((shape, tuple(map(np.shape, leaves))))
+    return tuple(key)
 
 
 def _joined(groups):
-    """Groups of one sort as one."""
+    """One group with the elements of several groups of the same sort."""
     first = groups[0]
     if len(groups) == 1:
         return first
@@ -177,16 +183,16 @@ def _joined(groups):
 
 @functools.lru_cache(maxsize=64)
 def _linked(links):
-    """`Indices` one after the other."""
-    return Indices(np.concatenate([own.array for own in links]))
+    """`Indices` of several groups, joined."""
+    return Indices(np.concatenate([indices.array for indices in links]))
 
 
 def _each(values, sizes):
-    """What the elements of groups share, as one: itself, where it is the same, or `Each`."""
+    """One object for all elements of several groups: their common one, or `Each`."""
     if isinstance(values[0], Section):
         values = padding.evened(values)
     leaves = [jax.tree.leaves(value) for value in values]
-    if all(a is b for own in leaves for a, b in zip(leaves[0], own, strict=True)):
+    if all(a is b for others in leaves for a, b in zip(leaves[0], others, strict=True)):
         return values[0]
 
     def one(*parts):
@@ -196,6 +202,6 @@ def _each(values, sizes):
 
 
 def _repeated(x, count):
-    """An array as that of each of so many elements, without a copy."""
-    own = jnp if isinstance(x, jax.core.Tracer) else np
-    return own.broadcast_to(x, (count, *np.shape(x)))
+    """An array broadcast to `count` elements, [count, ...], without a copy."""
+    pack = jnp if isinstance(x, jax.core.Tracer) else np
+    return pack.broadcast_to(x, (count, *np.shape(x)))

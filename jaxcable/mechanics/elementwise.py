@@ -1,4 +1,4 @@
-"""What is read off the elements of a structure, group by group."""
+"""Evaluation of the elements of a structure, group by group."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..elements.prestress import element, of_each
 from ..spaces.space import Motion
 
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
-"""An array for every group, or None where it has none."""
+"""An array for every group; None for a group that has none."""
 Memory: TypeAlias = 'list[PyTree[Float[Array, "n_elem ..."]] | None]'
-"""What the law of every group remembers, or None."""
+"""What the law of every group remembers; None for a group without memory."""
 
 
 class Elementwise:
-    """What a `System` says of its elements; it has `nodes`, `groups` and their `states`."""
+    """The part of a `System` that concerns its elements; needs `nodes`, `groups` and `states`."""
 
     nodes: Float[Array, "n_row 3"]
     groups: list[Element]
@@ -34,37 +34,37 @@ class Elementwise:
         return total
 
     def reading(self, motion: Motion, *names: str) -> dict[str, list[Any]]:
-        """What is read off the elements, each of them evaluated once for all of it.
+        """Results of all elements; each element is evaluated once for all of its results.
 
         Args:
             motion: of all rows.
             names: of element methods.
 
         Returns:
-            By name a list with an array for every group, or None where it has no such result: the
-            strains of a mere stiffness, section forces of a cable; a peak tension without load
-            along the element, where its axial force is the same everywhere.
+            By name a list with an array for every group, or None for a group without this result:
+            strains of elements with a mere stiffness, section forces of a cable, the peak tension
+            of elements without load along them, which is their axial force.
         """
         found = []
         for group, state in zip(self.groups, self.states, strict=True):
-            own = [name for name in names if group.has_result(name, state)]
+            present = [name for name in names if group.has_result(name, state)]
 
-            def read(one, *at, own=own):
-                return one.reading(*at, own)
+            def read(one, *at, present=present):
+                return one.reading(*at, present)
 
             found.append(_over(read, group, state, self.nodes, motion))
-        return {name: [own.get(name) for own in found] for name in names}
+        return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
-        """What any group tells in its state, `Result` by name; tensions in any case."""
+        """Results that any group has in its state, `Result` by name; tensions in any case."""
         pairs = zip(self.groups, self.states, strict=True)
-        found = [own for g, s in pairs for own in g.results if g.has_result(own.name, s)]
-        return {own.name: own for own in (TENSION, PEAK_TENSION, *found)}
+        found = [result for g, s in pairs for result in g.results if g.has_result(result.name, s)]
+        return {result.name: result for result in (TENSION, PEAK_TENSION, *found)}
 
     def linearized(self, motion: Motion) -> list[list[Any]]:
-        """End forces of every group, and tangents of those whose elements find both together.
+        """End forces of all groups, and tangents of groups that compute both together.
 
-        Two lists; None for the tangents of others, which may not be asked for.
+        Two lists. Other groups have None for their tangent, which may never be needed.
         """
         pairs = []
         for group, state in zip(self.groups, self.states, strict=True):
@@ -72,18 +72,18 @@ class Elementwise:
             name = "linearized" if together else "end_forces"
             found = each(name, group, state, self.nodes, motion)
             pairs.append(found if together else (found, None))
-        return [list(own) for own in zip(*pairs, strict=True)]
+        return [list(arrays) for arrays in zip(*pairs, strict=True)]
 
     def tangents(
         self, motion: Motion, known: PerGroup | None = None
     ) -> list[Float[Array, "n_elem d d"]]:
-        """Tangent stiffness of all elements, list of [n_elem, d, d], if not `known` already."""
+        """Tangent stiffness of all elements, list of [n_elem, d, d]; `known` ones are kept."""
         known = [None] * len(self.groups) if known is None else known
         found = []
-        for group, state, own in zip(self.groups, self.states, known, strict=True):
-            own = each("tangent", group, state, self.nodes, motion) if own is None else own
-            count = len(own)
-            found.append(own.reshape(count, -1, round((own.size // count) ** 0.5)))
+        for group, state, matrix in zip(self.groups, self.states, known, strict=True):
+            matrix = each("tangent", group, state, self.nodes, motion) if matrix is None else matrix
+            count = len(matrix)
+            found.append(matrix.reshape(count, -1, round((matrix.size // count) ** 0.5)))
         return found
 
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
@@ -103,7 +103,7 @@ class Elementwise:
 
     @property
     def remembers(self) -> bool:
-        """Whether any group remembers what has happened to it."""
+        """Whether any group has a law with a memory."""
         return any(group.remembers for group in self.groups)
 
     @property
@@ -112,11 +112,11 @@ class Elementwise:
         return any(group.breaks for group in self.groups)
 
     def strains(self, motion: Motion) -> PerGroup:
-        """Strains of what has fibres or a law, a list with an array for every group, or None."""
+        """Section strains, an array for every group; None for a group without this result."""
         return self.reading(motion, "section_strain")["section_strain"]
 
     def broken(self, strains: PerGroup) -> Bool[Array, " n"]:
-        """Elements strained beyond their curve, all groups one after the other, bool."""
+        """Elements strained beyond their curve, all groups in one array, [n] bool."""
         return jnp.concatenate(
             [
                 of_each("beyond", group, strain)
@@ -131,13 +131,13 @@ class Elementwise:
         return jnp.any(self.broken(self.strains(motion)))
 
     def settle(self, strains: PerGroup, duration: float = 0.0) -> Memory:
-        """Memory after an increment of a duration, s, that ended so, a list, None without any.
+        """Memory of every group after an increment of a `duration`, s, that ended at `strains`.
 
-        Phases say nothing of time yet: theirs have none.
+        The duration is 0 so far, because phases have none yet.
         """
-        own = {"duration": duration}
+        options = {"duration": duration}
         return [
-            of_each("settle", group, strain, state.memory, **own) if group.remembers else None
+            of_each("settle", group, strain, state.memory, **options) if group.remembers else None
             for group, state, strain in zip(self.groups, self.states, strains, strict=True)
         ]
 
@@ -157,7 +157,7 @@ def each(
     nodes: Float[Array, "n_row 3"],
     *motions: Motion,
 ) -> Any:
-    """Evaluate an element method for all elements of a group by vmap."""
+    """Results of an element method for all elements of a group, by vmap."""
     return _over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, *motions)
 
 
@@ -172,5 +172,5 @@ def _over(function, group, state, nodes, *motions):
 
 
 def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
-    """What the ends of a group's elements see of the motion, [n_elem, n_end, 3 or 7]."""
+    """Motion of the ends of a group's elements, [n_elem, n_end, 3 or 7]."""
     return motion[group.links][..., : group.n_motion]

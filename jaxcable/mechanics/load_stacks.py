@@ -1,7 +1,7 @@
-"""Element loads of all phases: those of one kind are stacked and evaluated together.
+"""Element loads of all phases: loads of one kind are stacked and evaluated together.
 
-A load acts from the phase that adds it on; before, its factor is zero. So the program of an
-analysis has every kind once, however many phases there are.
+A load acts from the phase that adds it on; before this phase its factor is zero. Hence the program
+of an analysis contains every kind of load once, however many phases there are.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ class LoadStack:
     """Loads that differ in their numbers only.
 
     Attributes:
-        load: a load whose numbers have a leading axis, [m].
-        phase: the phase that adds each of them, [m]; -1 if it acts from the beginning.
-        late: whether the first phase does not know all of them.
+        load: the loads as one, whose numbers have a leading axis, [m].
+        phase: number of the phase that adds each load, [m]; -1 if it acts from the beginning.
+        late: whether a phase after the first one adds a load.
     """
 
     load: kinds.Acting
@@ -36,11 +36,11 @@ class LoadStack:
 
     @property
     def follows(self) -> bool:
-        """Whether they depend on where the nodes are."""
+        """Whether the loads depend on the positions of the nodes."""
         return isinstance(self.load, kinds.Following)
 
     def until(self, phase: Int[ArrayLike, ""]) -> LoadStack:
-        """Only those that a phase knows: numbers of later ones are zero, even if they are NaN."""
+        """The stack as a phase knows it: the numbers of later loads are zero, even if NaN."""
         if not self.late:
             return self
 
@@ -50,18 +50,18 @@ class LoadStack:
         return copy(self, load=jax.tree.map(known, self.load))
 
     def bundled(self, bundles: Bundles) -> LoadStack:
-        """The same on bundles of groups."""
+        """The stack on bundles of groups."""
         if bundles.plain:
             return self
         return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:
-        """Nodes whose forces depend on each other, list of [n, k], on groups of bundles."""
-        load: Any = self.load.touched(bundles)  # only what follows is asked
+        """Nodes whose forces depend on each other, list of [n, k], for groups of bundles."""
+        load: Any = self.load.touched(bundles)  # only called for following loads
         return load.touches(groups)
 
     def idle(self, begun: Float[Array, "n_row 3"], dtype: Any) -> Amounts:
-        """The `Amounts` before the first phase; `begun` are the nodes then, [n_row, 3]."""
+        """`Amounts` before the first phase, when the nodes are at `begun`, [n_row, 3]."""
         m = self.phase.shape[0]
         there = jnp.broadcast_to(begun, (m, *begun.shape)) if self.load.asks_begun else None
         return Amounts(jnp.zeros(m, dtype), there)
@@ -86,48 +86,48 @@ class LoadStack:
             return function(load if begun is None else copy(load, begun=begun))
 
         if self.phase.shape[0] == 1:
-            own = one(*jax.tree.map(lambda x: x[0], (leaves, begun)))
-            return jax.tree.map(lambda x: x[None], own)
+            value = one(*jax.tree.map(lambda x: x[0], (leaves, begun)))
+            return jax.tree.map(lambda x: x[None], value)
         return jax.vmap(one)(leaves, begun)
 
 
 @pytree
 class Amounts:
-    """How much of a stack of loads acts.
+    """How much of the loads of a stack acts.
 
     Attributes:
-        factors: [m].
-        begun: nodes where the phases of the loads began, [m, n_row, 3], m, or None where these do
-            not ask for them.
+        factors: load factors, [m].
+        begun: positions of the nodes at the start of the phase that adds each load, [m, n_row, 3],
+            m; None if the loads do not need them.
     """
 
     factors: Float[Array, " m"]
     begun: Float[Array, "m n_row 3"] | None = None
 
-    def added(self, own: Bool[Array, " m"], factor: Float[ArrayLike, ""]) -> Amounts:
-        """With the loads `own`, [m] bool, at a load factor."""
-        return copy(self, factors=jnp.where(own, factor, self.factors))
+    def added(self, which: Bool[Array, " m"], factor: Float[ArrayLike, ""]) -> Amounts:
+        """The amounts with the loads `which`, [m] bool, at a load factor."""
+        return copy(self, factors=jnp.where(which, factor, self.factors))
 
-    def at_start(self, own: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
-        """With the positions [n_row, 3] where the phase of the loads `own` begins."""
+    def at_start(self, which: Bool[Array, " m"], moved: Float[Array, "n_row 3"]) -> Amounts:
+        """The amounts with positions [n_row, 3] at the start of the phase of the loads `which`."""
         if self.begun is None:
             return self
-        return copy(self, begun=jnp.where(own[:, None, None], moved, self.begun))
+        return copy(self, begun=jnp.where(which[:, None, None], moved, self.begun))
 
 
 def stacks(acting: Sequence[Sequence[kinds.Acting]]) -> list[LoadStack]:
     """Stack element loads on the host.
 
     Args:
-        acting: for every phase a list of `loads.Acting`, as the analysis has them (`among`).
+        acting: for every phase a list of `loads.Acting`, as `among` makes them for the analysis.
 
     Returns:
         List of `LoadStack`, in the order in which their kinds appear.
     """
     found = {}
-    for phase, own in enumerate(acting):
-        for load in own:
-            load = load.without_begun()  # in `Amounts`
+    for phase, loads in enumerate(acting):
+        for load in loads:
+            load = load.without_begun()  # `Amounts` has these positions
             kind = jax.tree.structure(load), tuple(np.shape(x) for x in jax.tree.leaves(load))
             found.setdefault(kind, []).append((phase, load))
     return [
@@ -141,7 +141,7 @@ def stacks(acting: Sequence[Sequence[kinds.Acting]]) -> list[LoadStack]:
 
 
 def continued(stack: LoadStack) -> LoadStack:
-    """A stack as an analysis that goes on has it: from its beginning."""
+    """A stack for an analysis that continues another one: its loads act from the beginning."""
     return copy(stack, phase=np.full(stack.phase.shape, -1, np.int32), late=False)
 
 
@@ -153,67 +153,69 @@ def dead_load(
     arguments = groups, carry.states, nodes, load.shape, nodes.dtype
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
         if not stack.follows:
-            load = load + stack.weighted(amounts, lambda own: own.element_forces(*arguments))
+            load = load + stack.weighted(amounts, lambda one: one.element_forces(*arguments))
     return load
 
 
 def line_load(
     number: int, group: Element, state: ElementState, nodes: Float[Array, "n_row 3"], carry: Any
 ) -> Float[Array, "n_elem 3"] | None:
-    """Load per unstressed length, [n_elem, 3], N/m, that shapes elements of a group, or None."""
+    """Load per unstressed length that shapes a group's elements, [n_elem, 3], N/m, or None."""
     total = None
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
         if not stack.follows:
-            own = stack.weighted(amounts, lambda load: load.per_length(number, group, state, nodes))
-            if own is not None:
-                total = own if total is None else total + own
+            force = stack.weighted(
+                amounts, lambda load: load.per_length(number, group, state, nodes)
+            )
+            if force is not None:
+                total = force if total is None else total + force
     return total
 
 
 def pressures(number: int, group: Element, carry: Any) -> Pressures | None:
-    """What follows the elements of a group and bends them, `AxialState.pressed`, or None."""
+    """Pressures that follow elements of a group and bend them, as `AxialState.pressed`, or None."""
     found = {}
     for stack, amounts in zip(carry.loads, carry.amounts, strict=True):
         for k in range(stack.phase.shape[0] if stack.follows else 0):
             load = jax.tree.map(lambda x, k=k: x[k], stack.load)
-            own = load.pressing(number, group)
-            if own is not None:
-                per, pressure, axis = own
+            pressing = load.pressing(number, group)
+            if pressing is not None:
+                per, pressure, axis = pressing
                 found.setdefault(per, []).append((amounts.factors[k] * pressure, axis))
     return found or None
 
 
 @pytree
 class Following:
-    """A stack of loads that follow, and how much of them acts."""
+    """A stack of following loads, and how much of them acts."""
 
     stack: LoadStack
     amounts: Amounts
 
     @property
     def acts(self) -> Bool[Array, ""]:
-        """Whether any of them acts, scalar bool."""
+        """Whether any of the loads acts, scalar bool."""
         return jnp.any(self.amounts.factors != 0)
 
     def following_forces(self, *arguments: Any) -> Float[Array, "n_row 3"]:
-        """Their forces on every node, [n_node, 3], N."""
+        """Forces of the loads on every node, [n_node, 3], N."""
         return self.stack.weighted(self.amounts, lambda load: load.following_forces(*arguments))
 
     def following_blocks(
         self, *arguments: Any
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[ArrayLike, "n k"]]]:
-        """Their derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Derivative of the forces by positions: pairs (blocks [n, k, 3, k, 3], nodes [n, k])."""
         links = []
 
         def blocks(load):
             parts = load.following_blocks(*arguments)
-            links[:] = [own for _, own in parts]  # those of a kind act on the same nodes
-            return [own for own, _ in parts]
+            links[:] = [nodes for _, nodes in parts]  # the same for all loads of a stack
+            return [block for block, _ in parts]
 
         return list(zip(self.stack.weighted(self.amounts, blocks), links, strict=True))
 
 
 def following(carry: Any) -> list[Following] | None:
-    """Loads of a `Carry` that follow, a list of `Following`, or None."""
+    """The following loads of a `Carry`, a list of `Following`, or None."""
     pairs = zip(carry.loads, carry.amounts, strict=True)
     return [Following(*pair) for pair in pairs if pair[0].follows] or None

@@ -1,8 +1,8 @@
 """A phase as a function of its load factor: the system that has to be in equilibrium.
 
-The phase begins with what earlier phases left (`Carry`) and adds its own data (`PhaseData`), both
-with index arrays in place of topology. `Ramp.build` turns the prestress statements into start and
-end states once; `Ramp.at` interpolates.
+The phase begins with what earlier phases left (`Carry`) and adds new data (`PhaseData`), both with
+index arrays in place of topology. `Ramp.build` converts the prestress statements into start and end
+states once; `Ramp.at` interpolates.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ class Carry:
         states: element states, one per group.
         nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
         loads: element loads of all phases, a list of `LoadStack`.
-        amounts: how much of them acts, a list of `Amounts`.
-        bearing: `RigidNodes.bearing`: rotation in which the support of every row was set.
+        amounts: how much of these loads acts, a list of `Amounts`.
+        bearing: `RigidNodes.bearing`: rotation of every row when its support was set.
     """
 
     motion: Float[Array, "n_row n_motion"]
@@ -45,14 +45,14 @@ class Carry:
 
 
 def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
-    """The `Carry` of a structure that nothing has happened to."""
+    """The `Carry` of a structure before its first phase."""
     states = [group.start(nodes[group.links]) for group in groups]
     space = space_of(groups)
     return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
 
 
 def knowing(carry: Carry, phase: Int[ArrayLike, ""]) -> Carry:
-    """A `Carry` whose loads are those that a phase knows: later ones may be NaN."""
+    """A `Carry` with the loads that a phase knows; later loads, which may be NaN, become zero."""
     return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
 
 
@@ -62,11 +62,12 @@ class PhaseData:
 
     Attributes:
         number: of the phase.
-        inputs: prestress statements, per group a dict from name to `Stated`.
-        added_load: sum of its nodal loads, [n_node, 3 or 6], N and N m, or None.
-        moved: sum of its movements of supports, likewise, m and rad, or None.
-        freedoms: numbering of the unknowns, and what is held in this phase.
-        freedoms_before: what was held before, if the supports change in any phase, else None.
+        inputs: prestress statements, a dict from name to `Stated` for every group.
+        added_load: sum of the nodal loads that it adds, [n_node, 3 or 6], N and N m, or None.
+        moved: sum of its movements of supports, [n_node, 3 or 6], m and rad, or None.
+        freedoms: numbering of the unknowns, with the supports of this phase.
+        freedoms_before: the same with the supports of the phase before, if supports change in any
+            phase, else None.
     """
 
     number: Int[ArrayLike, ""]
@@ -83,13 +84,14 @@ class Ramp:
 
     Attributes:
         nodes, groups: the structure.
-        begin: what the phase starts from, a `Carry` (loads on newly fixed freedoms taken off).
+        begin: `Carry` at the start of the phase (without loads on newly held freedoms).
         end_states: element states at load factor 1; None for a group that does not change.
         jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
-        own: which loads of every stack in `begin` are of this phase, list of [m] bool.
-        moved: steps of the supports in this phase, [n_node, 3 or 6], or None.
-        released: reactions of newly freed freedoms, ramped out, as `Carry.nodal_load`, or None.
+        own: which loads of every stack in `begin` this phase adds, list of [m] bool.
+        moved: movements of the supports in this phase, [n_node, 3 or 6], or None.
+        released: reactions of newly freed freedoms, reduced to zero in this phase, as
+            `Carry.nodal_load`, or None.
         freedoms: numbering of the unknowns.
     """
 
@@ -108,11 +110,11 @@ class Ramp:
     def build(
         cls, nodes: Float[Array, "n_row 3"], groups: list[Element], carry: Carry, data: PhaseData
     ) -> Ramp:
-        """Work out start and end of the phase from the carry and the phase's data."""
-        own = [stack.phase == data.number for stack in carry.loads]
+        """The ramp of a phase, from the carry of the phase before and its data."""
+        added = [stack.phase == data.number for stack in carry.loads]
         moved = nodes + carry.motion[:, :3]
-        pairs = zip(carry.amounts, own, strict=True)
-        amounts = [amounts.at_start(mine, moved) for amounts, mine in pairs]
+        pairs = zip(carry.amounts, added, strict=True)
+        amounts = [amounts.at_start(which, moved) for amounts, which in pairs]
         carry = copy(carry, amounts=amounts)
         released = None
         if data.freedoms_before is not None:
@@ -125,13 +127,13 @@ class Ramp:
                 jack = (force, inputs["jacking"])
             statements = {name: stated for name, stated in inputs.items() if name != "jacking"}
             if statements:
-                stateable: Any = group  # a `Prestressable`: statements of others are refused
+                stateable: Any = group  # a `Prestressable`: other groups accept no statement
                 end_state = stateable.restate(state, nodes[group.links], statements)
             end_states.append(end_state)
             jacks.append(jack)
         steps = None if data.moved is None else _supported(data.moved, data.freedoms)
         return cls(
-            *(nodes, groups, carry, end_states, jacks, data.added_load, own, steps, released),
+            *(nodes, groups, carry, end_states, jacks, data.added_load, added, steps, released),
             data.freedoms,
         )
 
@@ -145,7 +147,7 @@ class Ramp:
     def states(
         self, factor: Float[ArrayLike, ""], memory: Memory | None = None
     ) -> list[ElementState]:
-        """Element states at a load factor; with a memory per group, if not the start's."""
+        """Element states at a load factor; a `memory` per group replaces that of the start."""
         now = []
         groups: list[Any] = self.groups  # `Prestressable` where there is an end state
         parts = groups, self.begin.states, self.end_states, self.jacks
@@ -157,11 +159,14 @@ class Ramp:
                 state = copy(state, jack_force=force, jacked=stated.chosen)
             now.append(state)
         if memory is not None:
-            now = [copy(state, memory=own) for state, own in zip(now, memory, strict=True)]
+            now = [
+                copy(state, memory=remembered)
+                for state, remembered in zip(now, memory, strict=True)
+            ]
         return now
 
     def nodal_load(self, factor: Float[ArrayLike, ""]) -> Float[Array, "n_row n_freedom"]:
-        """Nodal loads and reactions being ramped out, at a load factor."""
+        """Nodal loads, and what is left of reactions of freed freedoms, at a load factor."""
         load = self.begin.nodal_load
         if self.added_load is not None:
             load = load + factor * self.added_load
@@ -172,7 +177,7 @@ class Ramp:
     def amounts(self, factor: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
         """How much of the element loads acts at a load factor."""
         pairs = zip(self.begin.amounts, self.own, strict=True)
-        return [amounts.added(mine, factor) for amounts, mine in pairs]
+        return [amounts.added(which, factor) for amounts, which in pairs]
 
     def prescribed_motion(self, factor: Float[ArrayLike, ""]) -> Motion:
         """Motion of all nodes as the supports prescribe it at a load factor."""
@@ -191,17 +196,17 @@ class Ramp:
     def settle(
         self, system: System, strains: PerGroup, ok: Bool[Array, ""], memory: Memory
     ) -> Memory:
-        """Memory after an increment that ended so; as it was unless `ok`."""
+        """Memory after an increment that ended at `strains`; the earlier memory unless `ok`."""
         return where(ok, system.settle(strains), memory)
 
     def begun(self) -> System:
-        """The system that the phase begins with, of which supports are not asked."""
+        """The system at the start of the phase, without prescribed motion."""
         return make_system(self.nodes, self.groups, self.begin, None, self.freedoms)
 
     def leave(
         self, factor: Float[ArrayLike, ""], motion: Motion, memory: Memory | None = None
     ) -> Carry:
-        """What the phase leaves when it ends at `factor`; anchors the jacks."""
+        """`Carry` at the end of the phase, if it ends at `factor`; its jacks are anchored."""
         states = []
         for group, state in zip(self.groups, self.states(factor, memory), strict=True):
             state = copy(state, line_load=None)
@@ -212,15 +217,15 @@ class Ramp:
     def _loaded(
         self, motion: Motion, states: list[ElementState], factor: Float[ArrayLike, ""]
     ) -> Carry:
-        """A `Carry` with the loads of a load factor."""
+        """`Carry` with the loads of a load factor."""
         loads = self.nodal_load(factor), self.begin.loads, self.amounts(factor)
         return Carry(motion, states, *loads, self.begin.bearing)
 
 
 def _supported(moved, freedoms):
-    """Steps of the supports [n_row, 3 or 6]; NaN if a traced one moves what is free.
+    """Movements of the supports, [n_row, 3 or 6]; NaN if a traced one moves a free freedom.
 
-    There is no such state.
+    A support cannot move a freedom that it does not hold.
     """
     if freedoms.rows is not None:
         moved = moved[freedoms.rows]
@@ -236,9 +241,9 @@ def _supported(moved, freedoms):
 
 
 def _change_supports(nodes, groups, carry, data):
-    """Carry with loads on newly held freedoms taken off, and reactions of freed ones, or None.
+    """`Carry` without loads on newly held freedoms, and reactions of freed ones.
 
-    Where a node is held in part before and after, it is along the same directions (`preparation`).
+    A node that is held in part before and after has the same directions in both (`preparation`).
     """
     before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
     was, now = data.freedoms_before.fixed, data.freedoms.fixed
@@ -252,16 +257,17 @@ def _change_supports(nodes, groups, carry, data):
         carry = copy(carry, bearing=bearing)
     after = make_system(nodes, groups, carry, carry.motion, data.freedoms)
     released, left = [], []
-    pairs = zip(*(own.space.directions(carry.motion) for own in (after, before)), strict=True)
-    for k, (own, own_before) in enumerate(pairs):
+    pairs = zip(*(system.space.directions(carry.motion) for system in (after, before)), strict=True)
+    for k, (axes, axes_before) in enumerate(pairs):
         part = slice(3 * k, 3 * k + 3)
-        gone = jnp.where(now[:, part], 0.0, along(own, reaction[:, part]))
-        released.append(combined(own, gone))
+        gone = jnp.where(now[:, part], 0.0, along(axes, reaction[:, part]))
+        released.append(combined(axes, gone))
         whole = jnp.all(now[:, part], axis=1)[:, None, None]
-        own = jnp.where(whole, own_before, own)
+        axes = jnp.where(whole, axes_before, axes)
         newly = now[:, part] & ~was[:, part]
-        left.append(combined(own, jnp.where(newly, 0.0, along(own, load[: len(was), part]))))
-    left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)  # no rounding
+        left.append(combined(axes, jnp.where(newly, 0.0, along(axes, load[: len(was), part]))))
+    # without a change the load itself, which `along` and `combined` would round
+    left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)
     return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
 
 
@@ -273,10 +279,10 @@ def make_system(
     freedoms: Freedoms,
     load: Float[Array, "n_row n_freedom"] | None = None,
 ) -> System:
-    """The system of a state; shapes elements by their loads.
+    """The system of a `Carry`; sets the loads that shape its elements.
 
-    `prescribed` is the motion of all rows as supports have it, None if it is not asked for; `load`
-    the loads of the carry, if at hand.
+    `prescribed` is the motion of all rows as supports prescribe it, None if supports are not
+    needed; `load` is the dead load of the carry, if it is known already.
     """
     if load is None:
         load = load_stacks.dead_load(nodes, groups, carry)
@@ -295,5 +301,5 @@ def make_system(
 
 
 def _mix(start, end, factor):
-    """Between start and end; what does not change keeps every digit, and the end is met."""
+    """Value at a load factor; what does not change keeps every digit, and factor 1 gives `end`."""
     return end - (1 - factor) * (end - start)

@@ -1,4 +1,4 @@
-"""What is read off a point of equilibrium: every element evaluated once for all that is asked."""
+"""Results at a point of equilibrium: every element is evaluated once for all of its results."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ class Reading:
     """Results of all elements at one point.
 
     Attributes:
-        found: by name of `elements.element.Result` a list with an item a group, None where it has
-            no such result; and ``end_forces``.
+        found: by the name of a `Result`, and for ``end_forces``, a list with an array per group;
+            None for a group without this result.
         n_slack: number of slack elements.
         n_loose: number of nodes that only slack elements touch.
-        of_ends, of_increments: names of what is kept at the ends of phases, and of increments.
+        of_ends, of_increments: names of the results that are kept at the ends of phases, and of
+            increments.
     """
 
     found: dict[str, PerGroup]
@@ -31,26 +32,26 @@ class Reading:
 
     @property
     def strains(self) -> PerGroup:
-        """Strains of what has fibres or a law, a list with an item a group."""
+        """Section strains, a list with an array per group; None for a group without this result."""
         return self.found["section_strain"]
 
     @property
     def of_path(self) -> Reading:
-        """What is kept of every increment."""
+        """The results that are kept of every increment."""
         return copy(self, found={name: self.found[name] for name in self.of_increments})
 
 
 def read(system: System, motion: Motion) -> Reading:
-    """The `Reading` of a system in a motion of all rows."""
+    """The `Reading` of a system at a motion of all rows."""
     results = system.results()
     found = system.reading(motion, *results, "end_forces", "is_slack")
     slack = found.pop("is_slack")
-    n_slack = sum(jnp.sum(own) for own in slack)
+    n_slack = sum(jnp.sum(flags) for flags in slack)
     n_loose = jnp.sum(system.loose_nodes(motion, slack))
     return Reading(
         found,
         n_slack.astype(jnp.int32),
         n_loose.astype(jnp.int32),
-        of_ends=tuple(name for name, own in results.items() if own.ends),
-        of_increments=tuple(name for name, own in results.items() if own.increments),
+        of_ends=tuple(name for name, result in results.items() if result.ends),
+        of_increments=tuple(name for name, result in results.items() if result.increments),
     )

@@ -15,7 +15,7 @@ from .topology import Part
 
 
 def groups_by_name(structure: Structure) -> list[tuple[str, Element]]:
-    """Pairs (name, group); the name is the key in the structure's elements, "" of a single one."""
+    """Pairs (name, group); the name is the key in the elements, "" of a single group."""
     leaves = jax.tree_util.tree_leaves_with_path(structure.elements, is_leaf=is_group)
     return [(".".join(_word(key) for key in path), group) for path, group in leaves]
 
@@ -27,7 +27,7 @@ def _word(key: Any) -> str:
 def per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
-    """Values in the shape of the elements as a list of NumPy arrays or None, one per group."""
+    """Values in the shape of the elements as a list with a NumPy array or None for every group."""
     numbers = structure.arrange(list(range(len(structure.groups))))
     found: list[np.ndarray | None] = [None] * len(structure.groups)
 
@@ -39,12 +39,12 @@ def per_group(
 
 
 class Column(NamedTuple):
-    """What elements tell in one number each.
+    """One number per element, of a result or of one of its components.
 
     Attributes:
         label: name of the result, and of its component if it has some: ``membrane_forces xx``.
         unit: of the numbers.
-        values: a list with an array [n_elem], NumPy, or None for every group.
+        values: for every group an array [n_elem], NumPy, or None; a list.
     """
 
     label: str
@@ -55,51 +55,51 @@ class Column(NamedTuple):
 def columns(
     groups: Sequence[Element | Part], told: Mapping[str, PyTree[Float[Array, "n_elem ..."]]]
 ) -> list[Column]:
-    """What elements tell, each number by itself, a list of `Column`.
+    """Results of elements, with a `Column` for every component, a list.
 
-    What has numbers at several places of an element is left out.
+    Results at several positions along an element are left out.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
         told: results by name, each in the shape of the elements, as of `Told`.
     """
-    every = (TENSION, PEAK_TENSION, *(own for group in groups for own in group.results))
-    results = {own.name: own for own in every}
+    every = (TENSION, PEAK_TENSION, *(result for group in groups for result in group.results))
+    results = {result.name: result for result in every}
     found = []
     for name, tree in told.items():
-        own = results[name]
+        result = results[name]
         values = jax.tree.leaves(tree, is_leaf=lambda x: x is None)
         values = [None if x is None else np.asarray(x) for x in values]
         if all(x is None or x.ndim == 1 for x in values):
-            found.append(Column(name, own.unit, values))
-        elif all(x is None or x.shape[1:] == (len(own.components),) for x in values):
-            for k, component in enumerate(own.components):
+            found.append(Column(name, result.unit, values))
+        elif all(x is None or x.shape[1:] == (len(result.components),) for x in values):
+            for k, component in enumerate(result.components):
                 parts = [None if x is None else x[:, k] for x in values]
-                found.append(Column(f"{name} {component}", own.unit, parts))
+                found.append(Column(f"{name} {component}", result.unit, parts))
     return found
 
 
 def pieces(
     groups: Sequence[Element | Part],
 ) -> tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"], Int[np.ndarray, " n_piece"]]:
-    """Straight pieces of all elements, as pictures have them.
+    """Straight pieces of all elements, as pictures draw them.
 
     Args:
         groups: element groups, or the parts of a `Topology`.
 
     Returns:
-        ends: their node numbers, [n_piece, 2].
-        element: number of their element, counted through all groups, [n_piece].
-        group: number of their group, [n_piece].
+        ends: node numbers of the pieces, [n_piece, 2].
+        element: number of the element of each piece, counted through all groups, [n_piece].
+        group: number of the group of each piece, [n_piece].
     """
     ends, element, owner, count = [], [], [], 0
-    for number, own in enumerate(groups):
-        chain = own.links.array
-        if own.outline is not None:
-            chain = chain[:, own.outline]
+    for number, group in enumerate(groups):
+        chain = group.links.array
+        if group.outline is not None:
+            chain = chain[:, group.outline]
         pairs = np.stack([chain[:, :-1], chain[:, 1:]], axis=2)
         which = np.arange(count, count + len(chain))[:, None] + np.zeros_like(pairs[..., 0])
-        real = pairs[..., 0] != pairs[..., 1]  # chains are filled up with their last node
+        real = pairs[..., 0] != pairs[..., 1]  # shorter chains are padded with their last node
         ends.append(pairs[real])
         element.append(which[real])
         owner.append(np.full(int(real.sum()), number))
@@ -113,7 +113,7 @@ def first_and_last(group: Element | Part) -> Int[np.ndarray, "n_elem 2"]:
 
 
 def one_case(solution: Any) -> None:
-    """Raise ValueError if `solution` is none, a batch, or is being traced."""
+    """Raise ValueError unless `solution` is a solution of one case, and not being traced."""
     if not hasattr(solution, "status"):
         raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}")
     if isinstance(solution.status, jax.core.Tracer):

@@ -1,8 +1,8 @@
-"""What is legal and most likely not meant: strains that no cable bears, loads that act on nothing.
+"""Warnings of legal input that is most likely not meant: huge strains, loads without effect.
 
-Units cannot be seen in a number, but in a ratio without units: an axial stiffness in kN makes a
-strain of 200 % of one of 0.2 %. All of this is NumPy on the host, for values that are there: what
-is being traced is not looked at. Each function says what it finds as an `InputWarning`.
+A number does not show its unit, but a ratio without units can: an axial stiffness in kN makes a
+strain of 200 % of a strain of 0.2 %. All checks run in NumPy on the host, on known values; traced
+values are not checked. Each function issues what it finds as an `InputWarning`.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from ..elements.element import Element
 from ..elements.stated import Stated
 
 STRAIN = 0.15
-"""Stated strain that a constant stiffness describes in no cable; steel breaks at 0.02 to 0.04."""
+"""Stated strain above which no cable has a constant stiffness; steel breaks at 0.02 to 0.04."""
 
 LOADED = 0.5
-"""The same of a load, of which a batch or a search may hold large ones."""
+"""Limit of strains from loads; larger, because a batch or a search may contain large loads."""
 
 FAR = 100.0
 """Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
 
 OFF_AXIS = 1e-6
-"""Distance of a beam's axis from its centroid, over the section's size, that is no rounding."""
+"""Distance of a beam's axis from its centroid, over the section's size, beyond rounding."""
 
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
 
 def _warns(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
-    """Make a generator of texts a function that issues them as warnings."""
+    """Wrap a generator of texts as a function that issues these texts as warnings."""
 
     @functools.wraps(judge)
     def warn(*args):
@@ -48,7 +48,7 @@ def _warns(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
 
 
 def stability(solution: Any) -> None:
-    """Warn of phases that have ended in an unstable equilibrium, unless they are being traced."""
+    """Warn of phases that end in an unstable equilibrium, unless they are being traced."""
     if isinstance(solution.stable, jax.core.Tracer):
         return
     for number, (code, stable) in enumerate(zip(*solution.phases.verdicts, strict=True)):
@@ -63,7 +63,7 @@ def stability(solution: Any) -> None:
 
 @_warns
 def precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
-    """Warn of double precision that is given and not switched on: it would be lost silently."""
+    """Warn of nodes in double precision if JAX works in single precision."""
     given = getattr(nodes, "dtype", None)
     if given == np.float64 and jax.dtypes.canonicalize_dtype(np.float64) != np.float64:
         yield (
@@ -79,14 +79,14 @@ def places(
     groups: Sequence[Element],
     fixed: Bool[np.ndarray, "n_row n_freedom"],
 ) -> Iterator[str]:
-    """Warn of two nodes at one place that nothing joins, unless both are held.
+    """Warn of two nodes at the same position that are not joined, unless both are held.
 
     Args:
         nodes: initial positions, [n_node, 3], NumPy.
         groups: element groups.
         fixed: True where a freedom is held, [n_row, 3 or 6].
     """
-    key = nodes[:, 0] + np.pi * nodes[:, 1] + np.e * nodes[:, 2]  # the same for the same place
+    key = nodes[:, 0] + np.pi * nodes[:, 1] + np.e * nodes[:, 2]  # equal for equal positions
     order = np.argsort(key, kind="stable")
     first, second = order[:-1], order[1:]
     same = (nodes[first] == nodes[second]).all(axis=1)
@@ -107,7 +107,7 @@ def places(
 
 @_warns
 def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) -> Iterator[str]:
-    """Warn of unstressed lengths and cross-sections that do not go with the place of the nodes.
+    """Warn of unstressed lengths and cross-sections that do not fit the positions of the nodes.
 
     Args:
         group: element group.
@@ -136,10 +136,10 @@ def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) ->
 def prestress(
     name: str, stated: Stated, group: Element, where: str, nodes: Float[ArrayLike, "n_node 3"]
 ) -> Iterator[str]:
-    """Warn of a statement of prestress that no cable bears.
+    """Warn of a statement of prestress that no cable can bear.
 
     Args:
-        name: as in `Phase`.
+        name: of the statement, as in `Phase`.
         stated: `Stated` for the group.
         group: element group.
         where: its key in the elements, as text.
@@ -177,17 +177,17 @@ def loading(
     groups: Sequence[Element],
     alone: bool,
 ) -> Iterator[str]:
-    """Warn of nodal loads that act on supports only, or that the elements there cannot bear.
+    """Warn of nodal loads that act on supports only, or that their elements cannot bear.
 
-    The elements at a free node balance its load, hence one of them at least is strained by the load
-    over the sum of their axial stiffnesses.
+    The elements at a free node balance its load. Hence at least one of them has a strain of the
+    load over the sum of their axial stiffnesses, or more.
 
     Args:
         number: of the phase, from 0.
         loads: the nodal loads of the phase, a list.
         fixed: True where a freedom is held, [n_row, 3 or 6].
         groups: the element groups of the structure.
-        alone: whether the phase has no other input than these.
+        alone: whether the phase has no other input than these loads.
     """
     forces = [_there(load.forces) for load in loads]
     if not loads or any(f is None for f in forces):
@@ -209,15 +209,15 @@ def loading(
         return
     size = np.sqrt(np.sum(total**2, axis=1))
     given = [axial_stiffness(group) for group in groups]
-    known = [np.array([np.inf]) if own is None else own for own in given]
-    if size.max() <= LOADED * min(own.min() for own in known):
+    known = [np.array([np.inf]) if along is None else along for along in given]
+    if size.max() <= LOADED * min(along.min() for along in known):
         return
     stiffness = np.zeros(len(fixed))
-    for group, own in zip(groups, known, strict=True):
+    for group, along in zip(groups, known, strict=True):
         ends = group.links.array
-        passing = 1 if ends.shape[1] == 2 else 2  # two pieces of one cable meet at its node
-        own = np.broadcast_to(passing * own[:, None], ends.shape)
-        stiffness += np.bincount(ends.ravel(), own.ravel(), len(fixed))
+        passing = 1 if ends.shape[1] == 2 else 2  # two pieces of a sliding cable meet at its nodes
+        along = np.broadcast_to(passing * along[:, None], ends.shape)
+        stiffness += np.bincount(ends.ravel(), along.ravel(), len(fixed))
     high = ~fixed.any(axis=1) & (size > LOADED * stiffness) & np.isfinite(size)
     if high.any():
         node = int(high.argmax())
@@ -232,7 +232,7 @@ def loading(
 def nothing_free(
     number: int, fixed: Bool[np.ndarray, "n_row n_freedom"], groups: Sequence[Element]
 ) -> Iterator[str]:
-    """Warn of supports that leave nothing to move, nor elements that change by themselves."""
+    """Warn of supports that hold every node, unless elements change their shape under load."""
     if fixed.all() and not any(group.shaped_by_load and not group.slides for group in groups):
         yield (
             f"supports of phases[{number}]: every node is held, nothing can move; pinned(nodes) "
@@ -241,12 +241,12 @@ def nothing_free(
 
 
 def axial_stiffness(group: Element) -> Float[np.ndarray, " n_elem"] | None:
-    """EA of a group whose law is a line, [n_elem], N, NumPy; None if it is not known."""
+    """EA of a group with a linear law, [n_elem], N, NumPy; None if it is not known."""
     return _there(group.stiffness_along())
 
 
 def _there(value):
-    """`value` as NumPy; None if it is absent or being traced."""
+    """`value` as NumPy; None if it is None or being traced."""
     return None if value is None else checks.concrete(value)
 
 
@@ -256,7 +256,7 @@ def _chords(group, nodes):
 
 
 def _judge_axis(label, section):
-    """Say that the axis of a beam is off its centroid where nobody has put it there."""
+    """Yield a warning if the axis of a beam is off its centroid and was not placed by the user."""
     if section.placed:
         return
     if any(_there(leaf) is None for leaf in jax.tree.leaves(section)):
@@ -272,14 +272,14 @@ def _judge_axis(label, section):
 
 
 def _judge_lengths(label, rest, chord):
-    """Say which unstressed length is far from the distance of the nodes."""
+    """Yield a warning for the first unstressed length far from the distance of its nodes."""
     wrong = (rest > FAR * chord) | (rest * FAR < chord)
     texts = [f"its nodes are {length:.3g} m apart; is it in m?" for length in chord[wrong][:1]]
     yield from _first(label, rest, wrong, *texts)
 
 
 def _judge_strain(label, value, strain, question):
-    """Say which value makes a strain that no cable bears."""
+    """Yield a warning for the first value that makes a strain which no cable bears."""
     wrong = (np.abs(strain) > STRAIN) & np.isfinite(strain)
     texts = [
         f"a strain of {100 * e:.3g} %, and steel breaks at 2 to 4 %; {question}"
@@ -289,7 +289,7 @@ def _judge_strain(label, value, strain, question):
 
 
 def _first(label, value, wrong, text=""):
-    """Say where an entry is `wrong` first."""
+    """Yield a warning for the first entry that is `wrong`."""
     if wrong.any():
         k = int(wrong.argmax())
         yield (f"{label}[{k}] = {value[k]:.6g}: {text}")

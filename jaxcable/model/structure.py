@@ -22,7 +22,7 @@ from .spins import free_spins
 from .spins import warn as warn_of_spins
 from .supports import Fixed, Supports
 
-_TAKEN = (  # what results of nodes and increments are called
+_TAKEN = (  # names of results of nodes and increments
     *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
     *("rest_length", "links", "status", "stable", "phase", "load_factor", "end_forces", "is_slack"),
 )
@@ -34,7 +34,7 @@ def is_group(x: object) -> bool:
 
 
 def place_rules(nodes, group, where=""):
-    """What initial positions [n_node, 3] keep beside the numbers of a group, see `common.rules`."""
+    """Rules that positions [n_node, 3] and a group's numbers keep together, see `common.rules`."""
     links = plain(group.links)
 
     def same(ends, _):
@@ -55,15 +55,16 @@ class Structure:
     Args:
         nodes: initial positions, [n_node, 3], m.
         elements: one group (`Cables`, `Bars`, ...) or any pytree of groups; results per element
-            come back in its shape.
+            have the shape of this pytree.
         supports: `pinned(...)` or `Supports(mask)`.
         rigid: pairs of nodes (carrier, carried), [n, 2]: the second moves with the first as if a
-            rigid arm joined them (the bracket of a guy, an eccentric joint). A beam is joined to
-            the carrier; what is joined to the carried node, and loads on it, act on the carrier.
+            rigid arm joined them (the bracket of a guy, an eccentric joint). A beam must be joined
+            to the carrier. Elements at the carried node, and loads on it, act on the carrier.
 
     Raises:
         ValueError: wrong shapes, unknown nodes, zero-length elements, no supports, a part
-            without any, or a free node that no element touches; names the argument and the index.
+            without supports, or a free node that no element touches; the message names the argument
+            and the index.
 
     Example:
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]  # m
@@ -123,20 +124,23 @@ class Structure:
             warn_of_spins(self, fixed.spins)
 
     def _check_results(self):
-        """Raise ValueError for names that mean something else, here or in another group."""
-        known = {own.name: own for own in (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)}
+        """Raise ValueError for names of results that have another meaning elsewhere."""
+        known = {
+            result.name: result
+            for result in (TENSION, PEAK_TENSION, SECTION_STRAIN, SECTION_FORCES)
+        }
         for where, group in self.named_groups():
-            for own in group.results:
-                if own.name in _TAKEN:
+            for result in group.results:
+                if result.name in _TAKEN:
                     text = "is the name of another result"
-                elif known.setdefault(own.name, own) != own:
+                elif known.setdefault(result.name, result) != result:
                     text = "has another unit, or is kept otherwise, elsewhere"
                 else:
                     continue
-                raise ValueError(f"elements{where}.results: {own.name!r} {text}")
+                raise ValueError(f"elements{where}.results: {result.name!r} {text}")
 
     def _check_rigid(self):
-        """Raise ValueError for pairs of nodes that cannot be carrier and carried."""
+        """Check `rigid`; raise ValueError for pairs of nodes that cannot be carrier and carried."""
         if self.rigid is None:
             return
         if not isinstance(self.rigid, Indices):
@@ -180,11 +184,11 @@ class Structure:
 
     @property
     def space(self) -> type[Space]:
-        """What its nodes' motion is made of, a class of `spaces`."""
+        """Space of the nodes' motion, a class of `spaces`."""
         return space_of(self.groups)
 
     def joined(self) -> Bool[np.ndarray, " n_node"]:
-        """Whether a beam is joined to a node rigidly, at least in part, [n_node] bool."""
+        """Nodes that a beam is joined to rigidly, at least in part, [n_node] bool."""
         joined = np.zeros(self.n_node, bool)
         for group in self.groups:
             if group.rotates:
@@ -194,18 +198,18 @@ class Structure:
         return joined
 
     def rotating(self) -> Bool[np.ndarray, " n_node"]:
-        """Whether a node has rotations, [n_node] bool: its own, or those of its carrier."""
+        """Nodes that have rotations, or whose carriers have, [n_node] bool."""
         turns = self.joined()
         if self.rigid is not None:
             turns[self.rigid.array[:, 1]] = True
         return turns
 
     def rows(self) -> tuple[Rows | None, list[Element]]:
-        """Rows of motion: one a node, then those of hinged ends and inner numbers of elements.
+        """Rows of motion: one for every node, then hinged ends, and inner numbers of elements.
 
         Returns:
             rows: `freedoms.Rows`, or None if every row is a node.
-            groups: element groups whose links name rows.
+            groups: element groups whose links are rows of motion.
         """
         count = self.n_node
         nodes, inner, idle, groups = [np.arange(count)], [np.zeros(count, bool)], [], []
@@ -220,11 +224,11 @@ class Structure:
                 links[ends[:, 0], ends[:, 1]] = count + np.arange(len(ends))
                 count += len(ends)
             if group.n_inner_row:
-                own = group.unused_columns()  # [n_elem, n_inner_row, 3]
+                unused = group.unused_columns()  # [n_elem, n_inner_row, 3]
                 extra = count + np.arange(len(links) * group.n_inner_row)
                 nodes.append(np.repeat(group.links.array[:, 0], group.n_inner_row))
                 inner.append(np.ones(len(extra), bool))
-                idle.append((count, own.reshape(-1, 3)))
+                idle.append((count, unused.reshape(-1, 3)))
                 links = np.column_stack([links, extra.reshape(len(links), -1)])
                 count += len(extra)
             if links is not group.links.array:
@@ -233,15 +237,15 @@ class Structure:
         if count == self.n_node:
             return None, groups
         idles = np.zeros((count, 3), bool)
-        for start, own in idle:
-            idles[start : start + len(own)] = own
+        for start, unused in idle:
+            idles[start : start + len(unused)] = unused
         return Rows(np.concatenate(nodes), np.concatenate(inner), idles), groups
 
     def fixed(self, supports: Supports) -> Fixed:
         """Fixed freedoms under `supports`, `Fixed` [n_row, 3 or 6]; checks that they make sense.
 
-        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Of inner rows
-        those columns count as fixed that no element uses.
+        Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
+        inner rows that no element uses count as fixed, too.
         """
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
@@ -273,10 +277,10 @@ class Structure:
         return Fixed(fixed, None if plain else axes, spins)
 
     def held(self) -> Bool[np.ndarray, "n_node 3"]:
-        """Fixed displacements along x, y, z, [n_node, 3] bool, of a structure without rotations.
+        """Displacements along x, y, z that supports hold, [n_node, 3] bool, without rotations.
 
         Raises:
-            ValueError: supports in other directions.
+            ValueError: supports along other directions.
         """
         fixed = self.fixed(self.supports)
         if fixed.axes is not None:
@@ -299,10 +303,10 @@ class Structure:
         self._require_held(fixed[:, :3].any(axis=1), touched)
 
     def _require_held(self, held, touched):
-        """Raise ValueError if a part has no support at all; booleans [n_node]."""
+        """Raise ValueError if a part has no supported node; `held` and `touched` are [n_node]."""
         links = [group.links for group in self.groups]
         part = _parts((*links, *([] if self.rigid is None else [self.rigid])), self.n_node)
-        if not part.any():  # all joined, and something is held
+        if not part.any():  # one part only, and it has a support
             return
         anchored = np.zeros(self.n_node, bool)
         anchored[part[held]] = True
@@ -318,8 +322,11 @@ class Structure:
 
 @functools.lru_cache(maxsize=16)
 def _parts(links, n_node):
-    """Number of the connected part that a node belongs to, [n_node], for links of all groups."""
-    pairs = [np.stack([own.array[:, :-1].ravel(), own.array[:, 1:].ravel()]) for own in links]
+    """Number of the connected part of every node, [n_node], for the links of all groups."""
+    pairs = [
+        np.stack([group_links.array[:, :-1].ravel(), group_links.array[:, 1:].ravel()])
+        for group_links in links
+    ]
     ends = np.concatenate(pairs, axis=1)
     graph = sparse.coo_array((np.ones(ends.shape[1], bool), ends), shape=(n_node, n_node))
     return sparse.csgraph.connected_components(graph, directed=False)[1]

@@ -17,11 +17,11 @@ class Fixed(Indices):
     """Held freedoms of all rows of motion, and their directions: static metadata, as `Indices`.
 
     Attributes:
-        array: True where held, [n_row, 3 or 6].
-        axes: directions of a row's displacements and rotations, `Indices` [n_row, 3, 3] with a
-            direction in each row; None if they are those of x, y, z everywhere and no row is held
-            in exactly one rotation.
-        spins: `spins.Spins` that these leave free, or None.
+        array: True where a freedom is held, [n_row, 3 or 6].
+        axes: directions of displacements and of rotations, `Indices` [n_row, 3, 3], one in each row
+            of a matrix; None if they are x, y, z everywhere and no row has exactly one held
+            rotation.
+        spins: `spins.Spins` that these supports leave free, or None.
     """
 
     __slots__ = ("axes", "spins")
@@ -46,7 +46,7 @@ class Fixed(Indices):
         return isinstance(other, Fixed) and self._whole() == other._whole()
 
     def directed(self) -> Fixed:
-        """The same with directions, those of x, y, z if it had none."""
+        """The same freedoms with `axes`, which are x, y, z if it had none."""
         if self.axes is not None:
             return self
         return Fixed(self.array, np.tile(np.eye(3), (len(self.array), 1, 1)), self.spins)
@@ -56,18 +56,18 @@ class Fixed(Indices):
 class Supports:
     """Which freedoms are held; `pinned`, `clamped`, `restrained` make them, and ``+`` joins them.
 
-    Any of a node's three displacements and rotations can be held. A rotation that is held alone (a
-    fork, which keeps the end of a beam from twisting) means that the node turns by the shortest way
-    from where it was held: its rotation is a swing about an axis across the held one. So defined,
-    it does not depend on the way that led there.
+    Each of the three displacements and three rotations of a node can be held. If exactly one
+    rotation is held (a fork, which keeps the end of a beam from twisting), the node swings from
+    where it was supported: its rotation since then is about an axis across the held direction. So
+    defined, it does not depend on the history of the motion.
 
     Args:
         mask: True where a freedom is fixed, [n_node, 3] displacements, or [n_node, 6] with
             rotations about x, y, z.
         nodes: nodes whose position is held, [n].
         clamps: nodes whose position and rotation are held, [n].
-        chosen, held, axes: nodes [n] with held freedoms [n, 6] along directions of their own, rows
-            of [n, 3, 3]; see `restrained`.
+        chosen, held, axes: nodes [n], their held freedoms [n, 6], and the directions of these,
+            [n, 3, 3], one in each row of a matrix; see `restrained`.
 
     Raises:
         ValueError: nothing given, a mask of the wrong shape or type; in a structure, unknown nodes,
@@ -129,7 +129,7 @@ class Supports:
 
     @property
     def holds_rotations(self) -> bool:
-        """Whether rotations are named."""
+        """Whether the mask has columns for rotations, or `restrained` holds rotations."""
         by_mask = self.mask is not None and self.mask.shape[1] != N_FREEDOM
         return by_mask or (self.held is not None and bool(self.held.array[:, 3:].any()))
 
@@ -141,7 +141,7 @@ class Supports:
         return fixed
 
     def _plain(self, n_node):
-        """What is fixed along x, y, z, [n_node, 6]."""
+        """True where a freedom is fixed along x, y, z, [n_node, 6]."""
         fixed = np.zeros((n_node, 6), bool)
         if self.mask is not None:
             if self.mask.shape[0] != n_node:
@@ -159,15 +159,18 @@ class Supports:
         return fixed
 
     def directions(self, n_node: int) -> Float[np.ndarray, "n_node 3 3"]:
-        """Directions of each node's displacements and rotations, rows of [n_node, 3, 3], NumPy."""
+        """Directions of each node's displacements and rotations, [n_node, 3, 3], NumPy.
+
+        Every row of a matrix is one direction.
+        """
         axes = np.tile(np.eye(3), (n_node, 1, 1))
         if self.chosen is None:
             return axes
         plain, taken = self._plain(n_node), {}
-        for node, held, own in zip(
+        for node, held, given in zip(
             self.chosen.array.tolist(), self.held.array, self.axes.array, strict=True
         ):
-            turned = np.abs(own - np.eye(3)).max() > 0
+            turned = np.abs(given - np.eye(3)).max() > 0
             for kind, part in (("displacements", slice(3)), ("rotations", slice(3, 6))):
                 in_part = plain[node, part].any() and not plain[node, part].all()
                 if turned and held[part].any() and in_part:
@@ -175,12 +178,12 @@ class Supports:
                         f"supports of node {node}: {kind} are held in part along x, y, z and in "
                         "part along other directions; state all along one set"
                     )
-            if node in taken and np.abs(taken[node] - own).max() > 1e-9:
+            if node in taken and np.abs(taken[node] - given).max() > 1e-9:
                 raise ValueError(
                     f"supports of node {node}: held along two sets of directions; state all along "
                     "one set"
                 )
-            axes[node] = taken[node] = own
+            axes[node] = taken[node] = given
         return axes
 
 
@@ -217,17 +220,17 @@ def restrained(
     Args:
         nodes: node numbers, [n].
         along: displacements that are held, some of "xyz".
-        about: rotations that are held, some of "xyz"; nodes that a beam is joined to have them.
-        axes: directions that stand for x, y, z at these nodes, rows of [3, 3] or [n, 3, 3],
-            right-angled to each other (`Beams.axes_of` gives those of members); or the one that
-            stands for x, [3], others then being any across it. They stay as they are while the
-            structure moves. Default the global ones.
+        about: rotations that are held, some of "xyz"; only nodes joined to a beam have rotations.
+        axes: directions that replace x, y, z at these nodes, [3, 3] or [n, 3, 3], one in each row
+            of a matrix, at right angles (`Beams.axes_of` gives those of beams); or only the
+            direction that replaces x, [3], if any two across it serve for y and z. They do not
+            change while the structure moves. Default x, y, z.
 
     Returns:
         `Supports`.
 
     Raises:
-        ValueError: wrong letters or shapes, directions that are no right angles, nothing held,
+        ValueError: wrong letters or shapes, directions that are not at right angles, nothing held,
             traced directions.
 
     Example:
@@ -238,7 +241,7 @@ def restrained(
         array([[1, 1, 1, 1, 0, 0],
                [0, 1, 1, 1, 0, 0]])
 
-        A roller on a plane that rises by 45 degrees holds what is across it:
+        A roller on a plane that rises by 45 degrees holds displacements across the plane:
 
         >>> roller = jc.restrained([3], along="x", axes=(-1.0, 0.0, 1.0))
         >>> print(roller.directions(4)[3, 0].round(4))
@@ -256,7 +259,7 @@ def restrained(
 
 
 def _directions(axes, count):
-    """Directions as rows of [count, 3, 3], each of length 1."""
+    """Directions of length 1, [count, 3, 3], one in each row of a matrix."""
     if axes is None:
         return np.tile(np.eye(3), (count, 1, 1))
     axes = checks.concrete(checks.floats(axes, "axes"))
@@ -280,5 +283,5 @@ def _directions(axes, count):
         raise ValueError(
             f"axes[{int(skew.argmax())}]: expected three directions of length 1 at right angles"
         )
-    right, _, left = np.linalg.svd(axes)  # to the last digit
+    right, _, left = np.linalg.svd(axes)  # nearest exactly orthogonal directions
     return right @ left

@@ -1,4 +1,4 @@
-"""What two structures have in common whose results can follow each other: all but numbers."""
+"""Topology of a structure: what must agree if one structure's results serve for another one."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from .supports import Fixed
 
 
 class Part(NamedTuple):
-    """One element group.
+    """Topology of one element group.
 
     Attributes:
         name: key in the elements as text.
         kind: name of its class.
         links: node numbers of its elements, `Indices`.
         outline: ends through which pictures draw an element, a tuple, or None.
-        results: what its elements tell, a tuple of `elements.element.Result`.
-        hinges: `Indices` of ends that turn, or None.
-        inner: its inner numbers: their places and how many rows they take.
-        remembered: shapes of what its law remembers, as text; None of none.
+        results: results of its elements, a tuple of `elements.element.Result`.
+        hinges: `Indices` of ends that turn against their nodes, or None.
+        inner: indices of its inner numbers, and how many rows they take.
+        remembered: shapes of the memory of its law, as text; that of None without memory.
     """
 
     name: str
@@ -38,12 +38,12 @@ class Part(NamedTuple):
 
 
 class Topology(NamedTuple):
-    """Of a whole structure; static metadata of a state.
+    """Topology of a whole structure; static metadata of a state.
 
     Attributes:
         parts: one `Part` per group.
         rigid: pairs of carrier and carried nodes, `Indices`, or None.
-        supports: freedoms that the structure's own supports hold, `Fixed`.
+        supports: freedoms that the supports of the structure itself hold, `Fixed`.
         n_node: number of nodes.
     """
 
@@ -73,12 +73,12 @@ def topology_of(structure):
 
 
 def require_same(structure, there, name):
-    """Raise ValueError unless a structure has the topology of what is continued or looked at.
+    """Raise ValueError unless a structure has the topology of a given state.
 
     Args:
         structure: `Structure`.
-        there: `Topology` of the state, or None if that is not known.
-        name: of the argument.
+        there: `Topology` of the state, or None if it is not known.
+        name: of the argument that is the state, for the message.
     """
     if there is None:
         return
@@ -89,14 +89,14 @@ def require_same(structure, there, name):
         raise ValueError(
             f"{name}: belongs to a structure of {there.n_node} nodes, this one has {here.n_node}"
         )
-    names = [[part.name for part in own.parts] for own in (here, there)]
+    names = [[part.name for part in topology.parts] for topology in (here, there)]
     if names[0] != names[1]:
-        told = [", ".join(own) if any(own) else "one without a name" for own in names]
-        raise ValueError(f"{name}: element groups: {told[0]} here and {told[1]} there")
-    for k, (own, other) in enumerate(zip(here.parts, there.parts, strict=True)):
-        if own != other:
-            where = f" ({own.name})" if own.name else ""
-            raise ValueError(f"{name}: group {k}{where}: {_difference(own, other)}")
+        lists = [", ".join(keys) if any(keys) else "one without a name" for keys in names]
+        raise ValueError(f"{name}: element groups: {lists[0]} here and {lists[1]} there")
+    for k, (ours, theirs) in enumerate(zip(here.parts, there.parts, strict=True)):
+        if ours != theirs:
+            where = f" ({ours.name})" if ours.name else ""
+            raise ValueError(f"{name}: group {k}{where}: {_difference(ours, theirs)}")
     if here.rigid != there.rigid:
         raise ValueError(f"{name}: rigid: other nodes are carried, or by others, than here")
     if (here.supports.array != there.supports.array).any():
@@ -109,11 +109,11 @@ def require_same(structure, there, name):
         raise ValueError(f"{name}: supports: nodes are held along other directions than there")
 
 
-def _difference(own, other):
-    """What differs between two groups, in words."""
-    if own.kind != other.kind:
-        return f"is made of {own.kind} here and of {other.kind} there"
-    here, there = own.links.array, other.links.array
+def _difference(part, other):
+    """What differs between two parts, in words."""
+    if part.kind != other.kind:
+        return f"is made of {part.kind} here and of {other.kind} there"
+    here, there = part.links.array, other.links.array
     if len(here) != len(there):
         return f"has {len(here)} elements here and {len(there)} there"
     if here.shape != there.shape:
@@ -122,8 +122,8 @@ def _difference(own, other):
     if apart.any():
         k = int(apart.argmax())
         return f"links[{k}] is {here[k].tolist()} here and {there[k].tolist()} there"
-    if own.hinges != other.hinges:
+    if part.hinges != other.hinges:
         return "hinges: other ends turn here than there"
-    if own.inner != other.inner:
+    if part.inner != other.inner:
         return "its beams have other inner numbers (joints, or sections that are not linear)"
     return "its law remembers something else than there"

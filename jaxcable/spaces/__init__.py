@@ -1,7 +1,7 @@
 """Spaces: what a node's motion is made of, and what the unknowns of an analysis do to it.
 
-`Translations`, where nodes have displacements alone, and `RigidNodes`, where beams give them
-rotations as well. `assembly.System` holds elements, loads and a space, and knows no width.
+In `Translations` nodes have displacements only; in `RigidNodes` beams give them rotations, too.
+`assembly.System` contains elements, loads and a space, and works with both alike.
 """
 
 from __future__ import annotations
@@ -16,5 +16,5 @@ __all__ = ["RigidNodes", "Space", "Translations", "space_of"]
 
 
 def space_of(groups: Iterable[Group]) -> type[Space]:
-    """The space that a structure of these element groups needs."""
+    """The space that a structure with these element groups needs."""
     return RigidNodes if any(group.rotates for group in groups) else Translations

@@ -1,9 +1,9 @@
 """Numbering of the unknowns: rows of motion, and which of their freedoms are free.
 
-Every node is a row of motion. Further rows belong to elements: a hinged end of a beam has the
-displacement of its node and a rotation of its own; inner numbers of beams (`elements.inner`) stand
-in the displacements of rows that nothing else shares. A node that another one carries rigidly has
-no freedom of its own: it moves by those of its carrier.
+Every node is a row of motion. Elements can have further rows: a hinged end of a beam has the
+displacement of its node and a separate rotation; inner numbers of beams (`elements.inner`) are the
+displacements of rows that belong to one element only. A node that another node carries rigidly has
+no freedoms: it moves with its carrier.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from ..common.tree import Indices, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Carried: TypeAlias = 'tuple[Int[ArrayLike, " n"], Int[ArrayLike, " n"]]'
-"""Nodes that others carry, and their carriers."""
+"""Carried nodes, and their carriers."""
 FreeSpins: TypeAlias = (
     'tuple[Int[ArrayLike, " m"], Int[ArrayLike, " m"], Int[ArrayLike, "n_piece 2"]]'
 )
-"""Rows that spin, the pieces that they belong to, and nodes on the lines of these."""
+"""Rows that spin, the pieces that they belong to, and two nodes on the line of each piece."""
 
 
 class Rows:
-    """The rows of motion of a structure that has more of them than nodes.
+    """The rows of motion of a structure that has more rows than nodes.
 
     Attributes:
-        node: the node that every row belongs to, [n_row], NumPy.
-        inner: rows of inner numbers, [n_row] bool, NumPy.
-        idle: columns of these that no element uses, [n_row, 3] bool, NumPy.
+        node: node that every row belongs to, [n_row], NumPy.
+        inner: True for rows of inner numbers, [n_row] bool, NumPy.
+        idle: True for columns of inner rows that no element uses, [n_row, 3] bool, NumPy.
     """
 
     def __init__(
@@ -58,22 +58,24 @@ class Rows:
 
 @pytree
 class Freedoms:
-    """Numbering of the unknowns of a phase; the only freedoms that are solved for.
+    """Numbering of the unknowns of a phase: only these freedoms are solved for.
 
-    A row of motion (see the module) has three freedoms, or six in a structure with beams, along
-    directions of its own.
+    A row of motion (see the module) has three freedoms, or six in a structure with beams, along the
+    directions in `axes`.
 
     Attributes:
-        free: free freedoms as flat numbers n_freedom row + direction, [n_free].
-        number: unknown's number, or n_free for a held freedom, [n_row, n_freedom].
-        fixed: True where held, [n_row, n_freedom].
-        axes: directions of the freedoms, rows of [n_row, 3, 3]; None if they are x, y, z.
-        rows: the node that every row belongs to, or None if every row is a node.
-        inner: rows of inner numbers, [n_row] bool, or None.
-        carried: (nodes that others carry, their carriers), [n] each, or None.
-        bound: of the unknowns those that are held in this phase and free in another one, [n_free]
-            bool, or None: they stay where they are.
-        spins: of free spins, rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or None.
+        free: free freedoms as flat numbers ``n_freedom row + direction``, [n_free].
+        number: number of the unknown of every freedom, or n_free if it is held, [n_row, n_freedom].
+        fixed: True where a freedom is held, [n_row, n_freedom].
+        axes: directions of the freedoms, [n_row, 3, 3], one in each row of a matrix; None if they
+            are x, y, z.
+        rows: node that every row of motion belongs to, or None if every row is a node.
+        inner: True for rows of inner numbers, [n_row] bool, or None.
+        carried: (carried nodes, their carriers), [n] each, or None.
+        bound: True for unknowns that are held in this phase and free in another one, [n_free] bool,
+            or None; they do not move.
+        spins: for free spins the rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or
+            None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
     """
 
@@ -89,11 +91,11 @@ class Freedoms:
     bound: Bool[ArrayLike, " n_free"] | None = None
 
     def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
-        """A vector [n_free] with zeros where this phase holds what another one leaves free."""
+        """A vector [n_free] with zeros at the unknowns that are bound in this phase."""
         return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
 
     def moves(self) -> Bool[Array, "n_row n_freedom"]:
-        """Freedoms that are not held, or whose node's or carrier's are not, [n_row, n_freedom]."""
+        """Freedoms that have an unknown which is not bound, [n_row, n_freedom] bool."""
         n_free = self.free.shape[0]
         if self.bound is None:
             return self.number < n_free
@@ -101,12 +103,12 @@ class Freedoms:
 
     @property
     def row_of_unknown(self) -> Int[Array, " n_free"]:
-        """The row that every unknown belongs to, [n_free]."""
+        """Row of motion that every unknown belongs to, [n_free]."""
         return self.free // self.number.shape[1]
 
     @property
     def of_supports(self) -> Freedoms:
-        """What results need of it: all but the numbering."""
+        """The part that results need: supports, rows and carried nodes, without the numbering."""
         return Freedoms(*(None, None, self.fixed, self.axes, self.rows, self.inner, self.carried))
 
 
@@ -120,11 +122,11 @@ def numbers_of(
     """Numbers of the unknowns in the order of an element's matrix, [n_elem, d].
 
     Args:
-        number: of every row and direction, [n_row, 3 or 6].
+        number: unknowns of all rows and directions, as of `Freedoms`, [n_row, 3 or 6].
         links: rows of the elements, [n_elem, n_end]: ends, then rows of inner numbers.
         width: freedoms that an element gives an end, 3 or 6.
-        inner: inner numbers as (row after the ends, column), a tuple.
-        carried: as of `Freedoms`: ends at such nodes have the six unknowns of their carriers.
+        inner: indices of the inner numbers, (row after the ends, column), a tuple.
+        carried: as of `Freedoms`; ends at carried nodes have the six unknowns of their carriers.
     """
     n_inner_row = 1 + max((row for row, _ in inner), default=-1)
     n_end = links.shape[1] - n_inner_row
@@ -135,13 +137,13 @@ def numbers_of(
     if not inner:
         return numbers
     rows, columns = np.array(inner).T
-    own = number[links[:, n_end + rows], columns]
+    of_inner = number[links[:, n_end + rows], columns]
     on_host = isinstance(number, np.ndarray) and isinstance(links, np.ndarray)
-    return (np if on_host else jnp).concatenate([numbers, own], axis=1)
+    return (np if on_host else jnp).concatenate([numbers, of_inner], axis=1)
 
 
 def carriers(n_row: int, carried: Carried) -> Int[ArrayLike, " n_row"]:
-    """The row that every row moves with, itself but for carried nodes, [n_row]."""
+    """The row that every row moves with: the carrier of a carried node, else itself, [n_row]."""
     if isinstance(carried[0], np.ndarray):
         found = np.arange(n_row)
         found[carried[0]] = carried[1]
@@ -153,26 +155,27 @@ def carriers(n_row: int, carried: Carried) -> Int[ArrayLike, " n_row"]:
 def number_freedoms(
     fixed, rows=None, links=None, solver=None, symmetric=True, rigid=None, space=None
 ):
-    """Number the free freedoms and find the pattern of the tangent; kept for the next analysis.
+    """`Freedoms` with the numbering and the pattern of the tangent; cached for later analyses.
 
     Args:
         fixed: `Fixed`, True where a freedom is held, [n_row, 3 or 6].
         rows: `Rows`, or None.
-        links: (`Indices` of links, freedoms of an end, inner numbers) for every group and every
-            load that follows, a tuple; None for no pattern.
+        links: triples (`Indices` of links, freedoms of an end, inner numbers) for every group and
+            every following load, a tuple; None for no pattern.
         solver: the solver that the pattern is made for; None to choose by size.
-        symmetric: whether the tangent is.
+        symmetric: whether the tangent is symmetric.
         rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
-        space: the `Space` that says what a row couples by itself; None for nothing.
+        space: the `Space`, for the unknowns that a row couples by itself; None for no such
+            coupling.
     """
     mask, spins = fixed.array.copy(), fixed.spins
     carried = None
     if rows is not None:
         shared = (np.arange(len(mask)) != rows.node) & ~rows.inner
-        mask[shared, :3] = True  # numbered with their node
+        mask[shared, :3] = True  # these freedoms get the unknowns of their node
     if rigid is not None:
         carried = rigid.array[:, 1], rigid.array[:, 0]
-        mask[carried[0]] = True  # numbered with their carrier
+        mask[carried[0]] = True  # carried nodes move by the unknowns of their carriers
     free = np.flatnonzero(~mask.ravel()).astype(np.int32)
     n_free = len(free)
     number = np.full(mask.size, n_free, np.int32)
@@ -180,13 +183,13 @@ def number_freedoms(
     number = number.reshape(mask.shape)
     if rows is not None:
         number[shared, :3] = number[rows.node[shared], :3]
-    pattern, own = None, [] if space is None else space.coupled(number)
-    dense = own and linear.choose(n_free, False, solver).on_device
+    pattern, coupled = None, [] if space is None else space.coupled(number)
+    dense = coupled and linear.choose(n_free, False, solver).on_device
     if links is not None and n_free > 0 and not dense:
         numbers = [
-            numbers_of(number, own.array, width, inner, carried) for own, width, inner in links
+            numbers_of(number, ends.array, width, inner, carried) for ends, width, inner in links
         ]
-        pattern = linear.make_pattern([*numbers, *own], n_free, symmetric, solver)
+        pattern = linear.make_pattern([*numbers, *coupled], n_free, symmetric, solver)
     return Freedoms(
         places(free),
         places(number),
@@ -201,12 +204,12 @@ def number_freedoms(
 
 
 def along(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """Components of vectors [n, 3] along directions, rows of [n, 3, 3]."""
+    """Components of vectors [n, 3] along directions, one in each row of matrices [n, 3, 3]."""
     return jnp.einsum("nij,nj->ni", jnp.asarray(axes, vectors.dtype), vectors)
 
 
 def combined(
     axes: Float[ArrayLike, "n 3 3"], components: Float[Array, "n 3"]
 ) -> Float[Array, "n 3"]:
-    """Vectors [n, 3] from their components along directions, rows of [n, 3, 3]."""
+    """Vectors [n, 3] from components along directions, one in each row of matrices [n, 3, 3]."""
     return jnp.einsum("nij,ni->nj", jnp.asarray(axes, components.dtype), components)

@@ -1,15 +1,15 @@
 """Nodes that have a displacement and a rotation: structures with beams.
 
-A row's motion is seven numbers, displacement and unit quaternion, and a step of it up to six,
-translation and spin: rotations are turned on and never added. A spin enters the steps [n_free]
-times a length, the mean length of the beams (`arm`): an arc. Then all unknowns are lengths, all
-residuals forces, and one tolerance judges them.
+The motion of a row has seven numbers, a displacement and a unit quaternion; a step of a row has six
+numbers, a translation and a spin. Rotations are multiplied and never added. A spin enters the steps
+[n_free] times a length, the mean length of the beams (`arm`), as an arc. Hence all unknowns are
+lengths, all residuals are forces, and one tolerance serves for all.
 
-The residual about ``x`` is the derivative of the energy with respect to a step from ``x``, at that
-step. Its own derivative is a Hessian, symmetric also off equilibrium. A nodal moment that keeps its
-direction in space has no potential; it enters by its work on the step and makes the tangent
-unsymmetric (of the order of the moment). Plain Newton steps and derivatives of the result use all
-of it, searched steps the symmetric part.
+The residual about ``x`` is the derivative of the energy with respect to a step from ``x``, at this
+step. The derivative of the residual is a Hessian, symmetric also off equilibrium. A nodal moment
+that keeps its direction in space has no potential; it enters by its work on the step and makes the
+tangent unsymmetric (of the order of the moment). Plain Newton steps and derivatives of the result
+use the whole tangent, steps with a line search its symmetric part.
 """
 
 from __future__ import annotations
@@ -42,18 +42,18 @@ from ..numerics.rotations import (
 from .freedoms import Freedoms, along, combined, numbers_of
 from .space import Forces, Group, Matrix, Motion, Part, Space, Step, by_numbers, square
 
-_NO_STIFFNESS = 1e-9  # of that of one node's spin, which a free spin may have from rounding
+_NO_STIFFNESS = 1e-9  # a free spin's stiffness from rounding, over that of a single node's spin
 
 
 @pytree
 class RigidNodes(Space):
-    """A row's motion is its displacement and the unit quaternion of its rotation; see `Space`.
+    """The motion of a row is its displacement and the unit quaternion of its rotation; see `Space`.
 
     Attributes:
         nodes: initial positions, [n_row, 3], m.
         arm: length by which spins are multiplied, m; it scales unknowns, not results.
-        bearing: rotation in which the support of every row was set, [n_row, 4], where some hold
-            rotations in directions of their own; None if that is as `prescribed`.
+        bearing: rotation of every row when its support was set, [n_row, 4], if supports hold
+            rotations along directions other than x, y, z; None if `prescribed` contains it.
     """
 
     nodes: Float[Array, "n_row 3"]
@@ -62,7 +62,7 @@ class RigidNodes(Space):
 
     n_motion, n_freedom = 7, 6
     rotates = True
-    symmetric = False  # moments
+    symmetric = False  # nodal moments have no potential
 
     @classmethod
     def of(
@@ -73,7 +73,7 @@ class RigidNodes(Space):
         prescribed: Motion | None,
         bearing: Float[Array, "n_row 4"] | None,
     ) -> Self:
-        """The space of a system; its arm is the mean length of what gives nodes rotations."""
+        """The space of a system; its arm is the mean length of elements whose nodes rotate."""
         chords = [group.chord(nodes[group.links]) for group in groups if group.rotates]
         lengths = jnp.concatenate(chords)
         arm = lax.stop_gradient(jnp.mean(lengths)) if lengths.size else jnp.ones((), nodes.dtype)
@@ -83,18 +83,18 @@ class RigidNodes(Space):
 
     @classmethod
     def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """No displacement, no rotation."""
+        """Zero displacements and rotations."""
         turn = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
         return jnp.concatenate([jnp.zeros_like(nodes), turn], axis=1)
 
     @classmethod
     def advanced(cls, motion: Motion, step: Forces) -> Motion:
-        """Moved on and turned on."""
+        """Motion displaced by the translations of a step, and turned by its spins."""
         return jax.vmap(turned)(motion, step)
 
     @classmethod
     def between(cls, before: Motion, after: Motion) -> Forces:
-        """Displacement, and the rotation vector of the turn."""
+        """Displacement and rotation vector from one motion to another."""
 
         def turn(old, new):
             return angles(stereographic(product(new, inverse(old))))
@@ -104,32 +104,32 @@ class RigidNodes(Space):
 
     @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"]:
-        """All but displacements."""
+        """Unit quaternions of all rows, [n_row, 4]."""
         return motion[:, 3:]
 
     @classmethod
     def moments(cls, force: Float[Array, "... n_freedom"]) -> Float[Array, "... 3"]:
-        """All but forces."""
+        """Moments in forces [..., 6], [..., 3], N m."""
         return force[..., 3:]
 
     @classmethod
     def kept(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"]:
-        """All of it: displacements do not tell rotations."""
+        """The whole motions, because rotations do not follow from displacements."""
         return motion
 
     # --- points and steps
 
     def place(self, x: Motion) -> Motion:
-        """`x` with held translations and clamped nodes put where their supports are."""
+        """`x` with supported translations, and rotations of clamped nodes, as prescribed."""
         clamped = jnp.all(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
         rotation = jnp.where(clamped, self._prescribed[:, 3:], x[:, 3:])
         moved = self._supported(x[:, :3])
         return self._carried_along(jnp.concatenate([moved, rotation], axis=1))
 
     def carried(self, x: Motion) -> Motion:
-        """`x`, a constant, as a function of the rotation in which hinged supports were left."""
+        """`x`, a constant, as a function of the rotations in which hinged supports were set."""
         hinged = jnp.any(self.freedoms.fixed[:, 3:], axis=1, keepdims=True)
         support = self._reference()
         relative = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(lax.stop_gradient(support)))
@@ -137,7 +137,7 @@ class RigidNodes(Space):
         return jnp.concatenate([x[:, :3], rotation], axis=1)
 
     def _reference(self) -> Float[Array, "n_row 4"]:
-        """Rotation from which supports that hold some rotations reckon, [n_row, 4]."""
+        """Rotations from which supports measure, if they hold some rotations only, [n_row, 4]."""
         return self._prescribed[:, 3:] if self.bearing is None else self.bearing
 
     def move(self, x: Motion, step: Step) -> Motion:
@@ -145,7 +145,7 @@ class RigidNodes(Space):
         return self._carried_along(jax.vmap(turned)(x, self.spread(x, step)))
 
     def _carried_along(self, x: Motion) -> Motion:
-        """`x` with the nodes that others carry put where these take them."""
+        """`x` with carried nodes put where their carriers take them."""
         if self.freedoms.carried is None:
             return x
         nodes, by = self.freedoms.carried
@@ -154,14 +154,14 @@ class RigidNodes(Space):
         return x.at[nodes].set(jnp.concatenate([moved, turn], axis=1))
 
     def _arms(self, x: Motion) -> Float[Array, "n 3"]:
-        """From carriers to the nodes that they carry, as they are turned at `x`, [n, 3], m."""
-        nodes, by = self.freedoms.carried  # type: ignore[misc]  # some are
+        """Arms from carriers to carried nodes, turned as at `x`, [n, 3], m."""
+        nodes, by = self.freedoms.carried  # type: ignore[misc]  # not None
         return jax.vmap(rotate)(x[by, 3:], self.nodes[nodes] - self.nodes[by])
 
     def spread(self, x: Motion, step: Step) -> Forces:
         """Translation and spin of every row, [n_row, 6], from a step [n_free] from `x`.
 
-        Carried nodes move with their carriers, by the turn of the arm itself.
+        Carried nodes move with their carriers, by the exact rotation of the arm.
         """
         full = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
         full = full * self._scaling()
@@ -176,16 +176,16 @@ class RigidNodes(Space):
         return full
 
     def _spin_axes(self, x: Motion) -> Float[Array, "n_row 3 3"]:
-        """Directions of spins, rows of [n_row, 3, 3].
+        """Directions of spins, [n_row, 3, 3], one in each row of a matrix.
 
-        Where one rotation is held the node swings, by the shortest way from `_reference`; the spins
-        that keep it so are those across the held direction turned halfway along.
+        Where exactly one rotation is held, the node swings from `_reference` by the smallest
+        rotation. Spins along the two other directions, turned by half of the swing, keep it so.
         """
         axes = jnp.asarray(self.freedoms.axes, x.dtype)
         alone = jnp.sum(self.freedoms.fixed[:, 3:], axis=1) == 1
         swing = jax.vmap(product)(x[:, 3:], jax.vmap(inverse)(self._reference()))
         still = jnp.asarray(IDENTITY, x.dtype)
-        half = jax.vmap(lambda own, q: middle(still, jnp.where(own, q, still)))(alone, swing)
+        half = jax.vmap(lambda swings, q: middle(still, jnp.where(swings, q, still)))(alone, swing)
         return jax.vmap(lambda q, rows: jax.vmap(lambda v: rotate(q, v))(rows))(half, axes)
 
     def _scaling(self):
@@ -200,7 +200,7 @@ class RigidNodes(Space):
         return size + _norm(force[..., 3:]) / self.arm
 
     def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
-        """Forces and moments at the unknowns; those on carried nodes at their carriers."""
+        """Forces and moments at the unknowns; those on carried nodes act at their carriers."""
         n = self.freedoms.free.shape[0]
         force = self._handed_on(force, x, spread)
         if self.freedoms.axes is not None:
@@ -213,22 +213,22 @@ class RigidNodes(Space):
         return self.freedoms.released(sums)
 
     def _handed_on(self, force: Forces, x: Motion, spread: Forces | None = None) -> Forces:
-        """Forces and moments [n_row, 6] with those on carried nodes handed to their carriers."""
+        """Forces and moments [n_row, 6] with those on carried nodes moved to their carriers."""
         if self.freedoms.carried is None:
             return force
         nodes, by = self.freedoms.carried
-        arm, own = self._arms(x), force[nodes]
+        arm, carried = self._arms(x), force[nodes]
         if spread is None:
-            turning = jax.vmap(cross)(arm, own[:, :3])
+            turning = jax.vmap(cross)(arm, carried[:, :3])
         else:
             spin = spread[by, 3:]
             arm = jax.vmap(lambda s, a: rotate(turn_by(s), a))(spin, arm)
-            turning = jax.vmap(conjugate)(spin, jax.vmap(cross)(arm, own[:, :3]))
-        force = force.at[nodes].set(0.0).at[by, :3].add(own[:, :3])
-        return force.at[by, 3:].add(own[:, 3:] + turning)
+            turning = jax.vmap(conjugate)(spin, jax.vmap(cross)(arm, carried[:, :3]))
+        force = force.at[nodes].set(0.0).at[by, :3].add(carried[:, :3])
+        return force.at[by, 3:].add(carried[:, 3:] + turning)
 
     def conjugate(self, load: Forces, spread: Forces) -> Forces:
-        """Moments by their work on changes of the spin, see `rotations.conjugate`."""
+        """Loads, with moments by their work on changes of the spin, see `rotations.conjugate`."""
         moment = jax.vmap(conjugate)(spread[:, 3:], load[:, 3:])
         return jnp.concatenate([load[:, :3], moment], axis=1)
 
@@ -242,22 +242,22 @@ class RigidNodes(Space):
             return jnp.where(fixed, force, 0.0)
         spins = self._spin_axes(motion)
         shift = jnp.where(fixed[:, :3], along(freedoms.axes, force[:, :3]), 0.0)
-        turn = jnp.where(fixed[:, 3:], along(spins, force[:, 3:]), 0.0)
-        return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, turn)], axis=1)
+        moment = jnp.where(fixed[:, 3:], along(spins, force[:, 3:]), 0.0)
+        return jnp.concatenate([combined(freedoms.axes, shift), combined(spins, moment)], axis=1)
 
     def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
-        """Those of displacements, and of spins."""
+        """Directions of displacements, and of spins."""
         return [self.freedoms.axes, self._spin_axes(motion)]
 
     # --- matrices
 
     @classmethod
     def coupled(cls, number: Int[np.ndarray, "n_row 6"]) -> list[Int[np.ndarray, "n_row 3"]]:
-        """Spins of a node: moments have entries of their own."""
+        """Numbers of a row's spins, which nodal moments couple."""
         return [number[:, 3:]]
 
     def slopes(self, motion: Motion) -> Float[Array, "n_row 6 6"] | None:
-        """Change of a row's motion by its numbers, [n_row, 6, 6]; None if only spins are scaled."""
+        """Change of each row by its unknowns, [n_row, 6, 6]; None if only spins are scaled."""
         freedoms = self.freedoms
         if freedoms.axes is None and freedoms.carried is None:
             return None
@@ -271,11 +271,11 @@ class RigidNodes(Space):
         slopes = slopes * scale[None]
         if freedoms.carried is not None:
             nodes, by = freedoms.carried
-            own = slopes[by]
+            at_carrier = slopes[by]
             swung = jax.vmap(lambda a, spins: jax.vmap(lambda s: cross(s, a), 1, 1)(spins))(
-                self._arms(motion), own[:, 3:]
+                self._arms(motion), at_carrier[:, 3:]
             )
-            slopes = slopes.at[nodes].set(own.at[:, :3].add(swung))
+            slopes = slopes.at[nodes].set(at_carrier.at[:, :3].add(swung))
         return slopes
 
     def part(
@@ -286,25 +286,27 @@ class RigidNodes(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> Part:
-        """Blocks by what their ends' numbers are, which are six at an end that is carried."""
+        """Matrices by the unknowns of their ends; a carried end has the six of its carrier."""
         freedoms, blocks, slopes = self.freedoms, square(blocks), self.slopes(x)
         number = numbers_of(freedoms.number, links, width, inner, freedoms.carried)
         n_end = links.shape[1] - (1 + max((row for row, _ in inner), default=-1))
         if slopes is None:
             if width > 3:
                 scale = self._scaling()[0]
-                own = jnp.concatenate([jnp.tile(scale, n_end), jnp.ones(len(inner), scale.dtype)])
-                blocks = jnp.einsum("eij,i,j->eij", blocks, own, own)
+                factors = jnp.concatenate(
+                    [jnp.tile(scale, n_end), jnp.ones(len(inner), scale.dtype)]
+                )
+                blocks = jnp.einsum("eij,i,j->eij", blocks, factors, factors)
             return blocks, number
-        own = slopes[links[:, :n_end], :width]
+        factors = slopes[links[:, :n_end], :width]
         if freedoms.carried is None:
-            own = own[..., :width]
-        return by_numbers(blocks, own, len(inner)), number
+            factors = factors[..., :width]
+        return by_numbers(blocks, factors, len(inner)), number
 
     def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
-        """What nodal moments, and forces on arms, take from the tangent as nodes turn.
+        """Terms of the tangent from nodal moments, and from forces on arms, as nodes turn.
 
-        See `rotations.conjugate`. For one node after the other, by its spins.
+        They are matrices by the spins of one node each; see `rotations.conjugate`.
         """
         zero = jnp.zeros_like(x[:, :3])
         moment, first = self._handed_on(load, x)[:, 3:], partial(conjugate, order=1)
@@ -312,9 +314,9 @@ class RigidNodes(Space):
         if self.freedoms.carried is not None:
             nodes, by = self.freedoms.carried
             pull, arm = unbalanced()[nodes, :3], self._arms(x)
-            # the moment of loads on arms is in `moment` already
-            own = jax.vmap(jax.jacfwd(first))(zero[by], jax.vmap(cross)(arm, load[nodes, :3]))
-            change = change.at[by].add(own)
+            # `moment` and `pull` both contain the moment of loads on arms: count it once
+            by_load = jax.vmap(jax.jacfwd(first))(zero[by], jax.vmap(cross)(arm, load[nodes, :3]))
+            change = change.at[by].add(by_load)
 
             def turning(spin, arm, pull):
                 return first(spin, cross(rotate(turn_by(spin, order=1), arm), pull))
@@ -326,10 +328,10 @@ class RigidNodes(Space):
         return [(change / self.arm**2, self.freedoms.number[:, 3:])]
 
     def regular(self, matrix: Matrix, x: Motion) -> Matrix:
-        """The tangent with free spins held at a node each, as far as they are without stiffness.
+        """The tangent with a spring at each free spin that has no stiffness.
 
-        A spring on one unknown that a spin z moves, where K z is zero: solutions for loads without
-        work on z are those of K, with that unknown at rest.
+        The spring acts on one unknown that a spin z with ``K z = 0`` moves. For loads that do no
+        work on z the solutions are those of K in which this unknown is at rest.
         """
         if self.freedoms.spins is None:
             return matrix
@@ -337,19 +339,19 @@ class RigidNodes(Space):
         number = self.freedoms.number[rows, 3:]
         lines = self.nodes[ends[:, 1]] - self.nodes[ends[:, 0]]
         lines = lines / jnp.linalg.norm(lines, axis=1, keepdims=True)
-        own = jax.vmap(rotate)(x[rows, 3:], lines[piece])
+        about = jax.vmap(rotate)(x[rows, 3:], lines[piece])
         if self.freedoms.axes is not None:
-            own = along(self._spin_axes(x)[rows], own)
+            about = along(self._spin_axes(x)[rows], about)
         diagonal = linear.diagonal(matrix)
         for k in range(len(ends)):
-            mine = jnp.asarray(piece == k, own.dtype)[:, None]
-            spin = jnp.zeros_like(diagonal).at[number].add(own * mine, mode="drop")
-            held = jnp.argmax(jnp.abs(spin))
-            stiffness = diagonal[held]
+            mine = jnp.asarray(piece == k, about.dtype)[:, None]
+            spin = jnp.zeros_like(diagonal).at[number].add(about * mine, mode="drop")
+            largest = jnp.argmax(jnp.abs(spin))
+            stiffness = diagonal[largest]
             # (a piece that another phase leaves free has no spin here)
-            left = jnp.max(jnp.abs(matrix @ spin)) <= _NO_STIFFNESS * stiffness
-            left = left & jnp.any(spin != 0)
-            matrix = linear.plus_entry(matrix, held, jnp.where(left, stiffness, 0.0))
+            soft = jnp.max(jnp.abs(matrix @ spin)) <= _NO_STIFFNESS * stiffness
+            soft = soft & jnp.any(spin != 0)
+            matrix = linear.plus_entry(matrix, largest, jnp.where(soft, stiffness, 0.0))
         return matrix
 
 

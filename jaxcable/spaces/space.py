@@ -1,10 +1,11 @@
-"""What a `System` asks of the space that its nodes move in.
+"""`Space`: what a `System` needs to know about the motion of its nodes.
 
-The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement;
-so do forces on it and steps of it. The point ``x`` of an iteration is the motion of all rows,
-[n_row, n_motion]. A *step* [n_free] from ``x`` has a number for every unknown, all of them lengths;
-it *spreads* to a step of every row, [n_row, n_freedom], and moves ``x`` on. Forces on rows are
-*collected* to the unknowns, by the work that they do on such a step.
+The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement.
+Forces on a row, and steps of a row, begin with three numbers along x, y, z. The point ``x`` of an
+iteration is the motion of all rows, [n_row, n_motion]. A *step* [n_free] from ``x`` has a number
+for every unknown, all of them lengths. It is *spread* to a step of every row, [n_row, n_freedom],
+which moves ``x``. Forces on rows are *collected* at the unknowns, by the work that they do on such
+a step.
 """
 
 from __future__ import annotations
@@ -23,24 +24,24 @@ from ..linear.pattern import Sparse
 from .freedoms import Freedoms, along, combined
 
 Motion: TypeAlias = 'Float[Array, "n_row n_motion"]'
-"""The motion of all rows, the point of an iteration."""
+"""Motion of all rows: the point of an iteration."""
 Forces: TypeAlias = 'Float[Array, "n_row n_freedom"]'
-"""Forces on all rows, and steps of them."""
+"""Forces on all rows, or a step of all rows."""
 Step: TypeAlias = 'Float[Array, " n_free"]'
 """A number for every unknown."""
 Part: TypeAlias = 'tuple[Float[Array, "n_elem d d"], Int[ArrayLike, "n_elem d"]]'
-"""Matrices of elements, and the unknowns that their rows and columns belong to."""
+"""Matrices of elements, and the numbers of the unknowns of their lines and columns."""
 Matrix: TypeAlias = 'Float[Array, "n_free n_free"] | Sparse'
 
 
 class Group(Protocol):
-    """What a space asks of an element group, see `elements.element.Element`."""
+    """What a space needs of an element group, see `elements.element.Element`."""
 
     links: Int[ArrayLike, "n_elem n_end"]
     rotates: bool
 
     def chord(self, ends: Float[Array, "n_elem n_end 3"]) -> Float[Array, " n_elem"]:
-        """Length between the first two ends, m."""
+        """Distance of the first two ends, m."""
 
 
 @pytree
@@ -49,11 +50,11 @@ class Space(abc.ABC):
 
     Attributes:
         freedoms: `Freedoms`, the numbering of the unknowns.
-        prescribed: motion of all rows as supports have it, used where they hold,
-            [n_row, n_motion]; None if it is not asked for.
-        n_motion, n_freedom: numbers of a row's motion, and of a force on it or a step of it.
-        rotates: whether nodes turn.
-        symmetric: whether the tangent is symmetric whatever the dead loads are.
+        prescribed: prescribed motion of all rows, [n_row, n_motion], used where supports hold them;
+            None where supports are not needed.
+        n_motion, n_freedom: how many numbers the motion of a row has, and a force on a row.
+        rotates: whether nodes have rotations.
+        symmetric: whether the tangent is symmetric under all dead loads.
     """
 
     freedoms: Freedoms
@@ -107,12 +108,12 @@ class Space(abc.ABC):
     def kept(
         cls, motion: Float[Array, "n_inc n_row n_motion"]
     ) -> Float[Array, "n_inc n_row n_motion"] | None:
-        """What a path has to keep of motions [n_inc, n_row, n_motion] beside displacements."""
+        """Motions [n_inc, n_row, n_motion] that a path stores beside displacements, or None."""
         return None
 
     @classmethod
     def padded(cls, force: Float[Array, "... n"]) -> Float[Array, "... n_freedom"]:
-        """Forces [..., 3] or [..., n_freedom] with no moments where they have none."""
+        """Forces [..., 3] or [..., n_freedom], with zeros for missing moments."""
         missing = [(0, 0)] * (force.ndim - 1) + [(0, cls.n_freedom - force.shape[-1])]
         return jnp.pad(force, missing) if missing[-1][1] else force
 
@@ -120,23 +121,23 @@ class Space(abc.ABC):
 
     @property
     def _prescribed(self) -> Motion:
-        """`prescribed`, where it is asked for."""
+        """`prescribed`, where it is not None."""
         return self.prescribed  # type: ignore[return-value]
 
     def place(self, x: Motion) -> Motion:
-        """`x` with what supports hold where they prescribe it."""
+        """`x` with the freedoms that supports hold put to their prescribed values."""
         return self._supported(x[:, :3])
 
     def _supported(self, displacement: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
         fixed, axes = self.freedoms.fixed[:, :3], self.freedoms.axes
-        held = self._prescribed[:, :3]
+        prescribed = self._prescribed[:, :3]
         if axes is None:
-            return jnp.where(fixed, held, displacement)
-        own = jnp.where(fixed, along(axes, held), along(axes, displacement))
-        return combined(axes, own)
+            return jnp.where(fixed, prescribed, displacement)
+        components = jnp.where(fixed, along(axes, prescribed), along(axes, displacement))
+        return combined(axes, components)
 
     def carried(self, x: Motion) -> Motion:
-        """`x`, a constant, as a function of what supports do to free nodes: nothing."""
+        """`x`, a constant, as a function of supports; here they have no influence on it."""
         return x
 
     @abc.abstractmethod
@@ -148,9 +149,9 @@ class Space(abc.ABC):
         """The motion after a step [n_free]."""
 
     def held_still(self, residual: Step, step: Step) -> Step:
-        """Residual [n_free] at a step, with that of what is held in this phase only.
+        """Residual [n_free] at a step, with a unit stiffness and no force at bound unknowns.
 
-        What only other phases leave free stays where it is: it has some stiffness, and no force.
+        They are unknowns only for other phases; in this phase they stay where they are.
         """
         bound = self.freedoms.bound
         if bound is None:
@@ -161,25 +162,25 @@ class Space(abc.ABC):
 
     @abc.abstractmethod
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Sizes of forces [..., n_freedom], [...], N; moments over a length."""
+        """Sizes of forces [..., n_freedom], [...], N; moments are divided by a length."""
 
     @abc.abstractmethod
     def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
-        """Forces on all rows at the unknowns, [n_free], N.
+        """Forces on all rows, collected at the unknowns, [n_free], N.
 
-        At `x`, or of forces conjugate to the steps `spread` of all rows from there.
+        The forces act at `x`; with `spread` they are conjugate to this step of all rows from `x`.
         """
 
     def conjugate(self, load: Forces, spread: Forces) -> Forces:
-        """Dead loads, [n_row, n_freedom], as forces conjugate to steps from where they were."""
+        """Dead loads [n_row, n_freedom] as forces conjugate to the step `spread` of all rows."""
         return load
 
     @abc.abstractmethod
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """Forces of the supports, [n_row, n_freedom], of unbalanced ones; zero where free."""
+        """Forces of the supports, [n_row, n_freedom], from unbalanced forces; zero where free."""
 
     def directions(self, motion: Motion) -> list[Float[ArrayLike, "n_row 3 3"] | None]:
-        """Directions of displacements, and of spins, a list of [n_row, 3, 3]."""
+        """Directions of displacements, and of spins if there are any, a list of [n_row, 3, 3]."""
         return [self.freedoms.axes]
 
     # --- matrices
@@ -188,12 +189,12 @@ class Space(abc.ABC):
     def coupled(
         cls, number: Int[np.ndarray, "n_row n_freedom"]
     ) -> list[Int[np.ndarray, "n_row d"]]:
-        """Numbers of unknowns that a row couples by itself, list of [n_row, d]."""
+        """Numbers of the unknowns that a row couples by itself, a list of [n_row, d]."""
         return []
 
     @abc.abstractmethod
     def slopes(self, x: Motion) -> Float[Array, "n_row n_freedom d"] | None:
-        """Change of a row's motion by its numbers, [n_row, n_freedom, d]; None if the same."""
+        """Change of each row by its unknowns, [n_row, n_freedom, d]; None if along x, y, z."""
 
     @abc.abstractmethod
     def part(
@@ -204,25 +205,25 @@ class Space(abc.ABC):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> Part:
-        """Matrices [n_elem, d, d] of elements as `linear.assemble` takes them.
+        """Matrices [n_elem, d, d] of elements by unknowns, as `linear.assemble` takes them.
 
-        By the unknowns of their ends, which have `width` freedoms each, and their inner numbers.
+        `blocks` are by the freedoms of the ends, `width` each, and by the inner numbers.
         """
 
     def own_parts(self, load: Forces, unbalanced: Callable[[], Forces], x: Motion) -> list[Part]:
-        """What loads take from the tangent as nodes turn, a list as of `part`.
+        """Terms of the tangent from dead loads as nodes turn, a list as of `part`.
 
         `unbalanced` is a function without arguments that gives the forces [n_row, n_freedom].
         """
         return []
 
     def regular(self, matrix: Matrix, x: Motion) -> Matrix:
-        """The tangent with what has no stiffness, and needs none, held."""
+        """The tangent with springs at free spins, which have no stiffness and need none."""
         return matrix
 
 
 def square(blocks: Float[Array, "n_elem ..."]) -> Float[Array, "n_elem d d"]:
-    """Matrices of elements in any shape as [n_elem, d, d]."""
+    """Matrices of elements, in any shape, as [n_elem, d, d]."""
     count = len(blocks)
     return blocks.reshape(count, -1, round((blocks.size // count) ** 0.5))
 
@@ -232,9 +233,10 @@ def by_numbers(
     slopes: Float[Array, "n_elem n_end width n_number"],
     n_inner: int,
 ) -> Float[Array, "n_elem k k"]:
-    """Matrices [n_elem, d, d] of ends by those of the numbers behind them; inner numbers stay.
+    """Matrices [n_elem, d, d] of the freedoms of ends as matrices of their unknowns.
 
-    `slopes`: change of each end by its numbers, [n_elem, n_end, width, n_number].
+    `slopes`: change of each end by its unknowns, [n_elem, n_end, width, n_number]. The `n_inner`
+    inner numbers, which come last, are unknowns already.
     """
     n_elem, n_end, width, n_number = slopes.shape
     whole = jnp.zeros((n_elem, n_end * width + n_inner, n_end * n_number + n_inner), blocks.dtype)

@@ -1,4 +1,4 @@
-"""Nodes that have a displacement and nothing else: cable nets, trusses."""
+"""Nodes that have displacements only: cable nets, trusses."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .space import Forces, Group, Motion, Part, Space, Step, by_numbers, square
 
 @pytree
 class Translations(Space):
-    """A row's motion is its displacement, [3], m; see `Space`."""
+    """The motion of a row is its displacement, [3], m; see `Space`."""
 
     @classmethod
     def of(
@@ -31,46 +31,48 @@ class Translations(Space):
 
     @classmethod
     def still(cls, nodes: Float[Array, "n_row 3"]) -> Motion:
-        """No displacement."""
+        """Zero displacements."""
         return jnp.zeros_like(nodes)
 
     @classmethod
     def advanced(cls, motion: Motion, step: Forces) -> Motion:
-        """Their sum."""
+        """Motion plus step."""
         return motion + step
 
     @classmethod
     def between(cls, before: Motion, after: Motion) -> Forces:
-        """Their difference."""
+        """Displacement from one motion to another."""
         return after - before
 
     def spread(self, x: Motion, step: Step) -> Forces:
         """Displacement of every row."""
-        own = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
-        return own if self.freedoms.axes is None else combined(self.freedoms.axes, own)
+        components = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
+        return (
+            components if self.freedoms.axes is None else combined(self.freedoms.axes, components)
+        )
 
     def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
         return x + self.spread(x, step)
 
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
-        """Their norms."""
+        """Norms of forces."""
         return jnp.sqrt(jnp.sum(force**2, axis=-1))
 
     def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
-        """Those along the free freedoms."""
-        own = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
-        return self.freedoms.released(own.reshape(-1)[self.freedoms.free])
+        """Components of forces along the free freedoms."""
+        components = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
+        return self.freedoms.released(components.reshape(-1)[self.freedoms.free])
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
-        """What is not balanced along freedoms that are held."""
+        """Unbalanced forces along held freedoms."""
         fixed, axes = self.freedoms.fixed, self.freedoms.axes
         if axes is None:
             return jnp.where(fixed, unbalanced, 0.0)
         return combined(axes, jnp.where(fixed, along(axes, unbalanced), 0.0))
 
     def slopes(self, x: Motion) -> Float[Array, "n_row 3 3"] | None:
-        """The directions of its freedoms, if these are not x, y, z."""
+        """Directions of the freedoms, one in each column; None if they are x, y, z."""
         axes = self.freedoms.axes
         return None if axes is None else jnp.swapaxes(jnp.asarray(axes), 1, 2)
 
@@ -82,7 +84,7 @@ class Translations(Space):
         inner: Sequence[tuple[int, int]],
         x: Motion,
     ) -> Part:
-        """Blocks and numbers of the unknowns."""
+        """Matrices by the unknowns of their ends, and the numbers of these unknowns."""
         number = numbers_of(self.freedoms.number, links, width, inner)
         blocks, slopes = square(blocks), self.slopes(x)
         if slopes is not None:
