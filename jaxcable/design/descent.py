@@ -162,26 +162,26 @@ class Descent:
         """Evaluate the trial point, accept it or not, and find the next one."""
         value, gradient, code = self.evaluate(s.trial)
         sound, begun = code == status.OK, s.n >= 0
-        good, factor = self.judge(s, value, gradient, sound, begun)
+        accepted, factor = self.judge(s, value, gradient, sound, begun)
 
         first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
         largest = jnp.max(jnp.abs(inside) * self.sizes(s.trial))
         measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
-        at = where(good, Point(s.trial, value, gradient, inside, measure), s.at)
-        best = where(good & ~(at.loss >= s.best.loss), at, s.best)
+        at = where(accepted, Point(s.trial, value, gradient, inside, measure), s.at)
+        best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
             best=best,
             first=first,
-            n=s.n + good,
+            n=s.n + accepted,
             evaluations=s.evaluations + 1,
             failures=s.failures + ~sound,
             failure=jnp.where(sound, s.failure, code),
         )
-        noted = good | ~begun
-        entry = jnp.where(noted, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
+        logged = accepted | ~begun
+        entry = jnp.where(logged, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
         entries = Log(value, measure, s.failure, s.failures, s.tries)
         log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.log, entries)
         listen = self.listen
@@ -193,48 +193,48 @@ class Descent:
                 "failures": s.failures,
             }
             known = {"count": self.steps}
-            lax.cond(noted, lambda: tell(listen, Step, known, news), lambda: None)
+            lax.cond(logged, lambda: tell(listen, Step, known, news), lambda: None)
 
-        tries = jnp.where(good, 0, s.tries + 1)
-        # the optimizer forgets its memory when its step leads nowhere, or when other entries are
-        # blocked than those that the memory is of
-        lost = self.searched & ~good & begun & ~s.fresh & (tries >= _PATIENCE)
+        tries = jnp.where(accepted, 0, s.tries + 1)
+        # restart the optimizer when its step leads nowhere, or when other entries are blocked than
+        # those with which its memory was made
+        restart = self.searched & ~accepted & begun & ~s.fresh & (tries >= _PATIENCE)
         changed = self.searched & begun & jnp.any(blocked != s.blocked)
         if self.searched:
             norm = jnp.linalg.norm(inside * self.scale)
             s = s._replace(unit=jnp.where(begun | (norm == 0), s.unit, 1 / norm))
 
-        # The sizes of the parameters may mean nothing at the start, and a small measure with them:
-        # ask for one accepted step. A point above the best one is no minimum.
+        # At the start the sizes of the parameters may be meaningless, and a small measure with
+        # them: ask for one accepted step. A point above the best one is no minimum.
         level = value <= best.loss + self.noise * jnp.abs(best.loss)
-        small = good & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
+        small = accepted & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
         converged = small & (measure == 0 if self.searched else True)
         used_up = s.n >= self.steps
         at_rest = at.measure <= self.tol  # if no step lowers the loss then, this is the minimum
-        spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~lost
+        spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)
         s = s._replace(
-            blocked=jnp.where(good, blocked, s.blocked),
+            blocked=jnp.where(accepted, blocked, s.blocked),
             log=log,
             code=jnp.where(converged | (spent & at_rest), status.OK, code).astype(jnp.int32),
             running=~converged & (begun | sound) & (~used_up | small) & ~spent,
-            fresh=jnp.where(good, changed, s.fresh) | lost,
+            fresh=jnp.where(accepted, changed, s.fresh) | restart,
         )
-        return self.next(s, good, noted, lost, small, tries, factor)
+        return self.next(s, accepted, logged, restart, small, tries, factor)
 
     def next(
         self,
         s: Search,
-        good: Bool[Array, ""],
-        noted: Bool[Array, ""],
-        lost: Bool[Array, ""],
+        accepted: Bool[Array, ""],
+        logged: Bool[Array, ""],
+        restart: Bool[Array, ""],
         small: Bool[Array, ""],
         tries: Int[Array, ""],
         factor: Float[Array, ""] | float,
     ) -> Search:
         """The state with the next trial point: a new step, or a shorter part of the present one."""
-        new = good | lost
+        new = accepted | restart
         step, state, fresh = lax.cond(
             s.running & new, self.advance, lambda s: (s.step, s.optimizer, s.fresh), s
         )
@@ -246,9 +246,9 @@ class Descent:
                 running=s.running & ~small & (s.n < self.steps),
             )
         # an analysis will fail again where it has failed: bound steps by the last accepted length
-        accepted = s.length * jnp.linalg.norm(s.step / self.scale)
-        reach = _GROWTH * jnp.where(s.failures > 0, accepted, s.reach)
-        reach = jnp.where(good, reach, s.reach)
+        length_before = s.length * jnp.linalg.norm(s.step / self.scale)
+        reach = _GROWTH * jnp.where(s.failures > 0, length_before, s.reach)
+        reach = jnp.where(accepted, reach, s.reach)
         whole_length = jnp.linalg.norm(step / self.scale)
         whole = jnp.minimum(1.0, reach / jnp.where(whole_length > 0, whole_length, 1.0))
         length = jnp.where(new, whole, s.length * factor)
@@ -259,9 +259,9 @@ class Descent:
             optimizer=state,
             fresh=fresh,
             reach=reach,
-            tries=jnp.where(lost, 0, tries),
-            failures=jnp.where(noted, 0, s.failures),
-            failure=jnp.where(noted, 0, s.failure),
+            tries=jnp.where(restart, 0, tries),
+            failures=jnp.where(logged, 0, s.failures),
+            failure=jnp.where(logged, 0, s.failure),
         )
 
     def against(self, value: Float[Array, ""], first: Float[Array, ""]) -> Float[Array, ""]:

@@ -114,14 +114,14 @@ class LevenbergMarquardt:
         sound, begun = code == status.OK, s.n >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
-        good = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
+        accepted = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
         promised = s.promised
         misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
-        entries = Trials(misfit, good.astype(jnp.int32), s.damping, code)
+        entries = Trials(misfit, accepted.astype(jnp.int32), s.damping, code)
         less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
-        damping = jnp.where(good, jnp.where(begun, less, s.damping), s.damping * s.growth)
+        damping = jnp.where(accepted, jnp.where(begun, less, s.damping), s.damping * s.growth)
         x, residual, jacobian = (
-            jnp.where(good, new, old)
+            jnp.where(accepted, new, old)
             for new, old in zip(
                 (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian), strict=True
             )
@@ -137,7 +137,7 @@ class LevenbergMarquardt:
             jacobian=jacobian,
             size=size,
             damping=damping,
-            growth=jnp.where(good, 2.0, 2 * s.growth),
+            growth=jnp.where(accepted, 2.0, 2 * s.growth),
             promised=-(residual @ change) - 0.5 * jnp.sum(change**2),
             first=jnp.where(begun, s.first, misfit),
             n=s.n + 1,
@@ -145,9 +145,9 @@ class LevenbergMarquardt:
         )
         # a promised decrease within the noise of the analysis cannot be observed: converged
         noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps))
-        level = begun & sound & ~good & (promised >= 0) & (promised <= noise * before)
+        level = begun & sound & ~accepted & (promised >= 0) & (promised <= noise * before)
         converged = (begun | sound) & (self.converged(s, blocked) | level)
-        hopeless = ~good & ((damping > _LARGEST) | jnp.all(trial == x))
+        hopeless = ~accepted & ((damping > _LARGEST) | jnp.all(trial == x))
         code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
         code = jnp.where(begun | sound, code, status.BAD_START)
         return s._replace(

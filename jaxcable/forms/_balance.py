@@ -34,7 +34,7 @@ def members(
     return links, np.concatenate(cable)
 
 
-def in_a_row(
+def of_all_members(
     structure: Structure, value: PyTree[Float[ArrayLike, " ..."]], name: str
 ) -> Float[Array | np.ndarray, " n_elem"]:
     """Values of all members, [n_elem], from such an array, a scalar, or the elements' shape."""
@@ -61,12 +61,12 @@ def in_a_row(
 
 
 def arranged(
-    structure: Structure, row: Float[Array | np.ndarray, "... n_all"]
+    structure: Structure, values: Float[Array | np.ndarray, "... n_all"]
 ) -> PyTree[Float[Array | np.ndarray, "... n_elem"]]:
     """Values of all members, [..., n_elem], brought into the shape of the elements."""
     ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
-    parts = np.split(np.arange(row.shape[-1]), ends)
-    return structure.arrange([row[..., part] for part in parts])
+    parts = np.split(np.arange(values.shape[-1]), ends)
+    return structure.arrange([values[..., part] for part in parts])
 
 
 def host_nodes(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]:

@@ -20,7 +20,7 @@ from ..common.rules import Rule, or_nan
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, in_a_row, members
+from ._balance import arranged, balance, host_nodes, members, of_all_members
 
 
 @pytree
@@ -147,7 +147,7 @@ def _numbers(structure, groups, n_elem):
     """Group number of every element, [n_elem], checked."""
     if groups is None:
         return np.arange(n_elem)
-    number = np.asarray(in_a_row(structure, groups, "groups"))
+    number = np.asarray(of_all_members(structure, groups, "groups"))
     if not np.issubdtype(number.dtype, np.integer):
         raise ValueError(f"groups: expected integers, got {number.dtype}")
     if number.min() < 0:

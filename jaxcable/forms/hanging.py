@@ -168,12 +168,12 @@ def _chain(chord, sag, weight, stiffness, n):
     the same sag.
     """
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
-    step = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
-    side = jnp.sign(step)
+    offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
+    side = jnp.sign(offset)
 
     def pieces(unknowns):
         h, v, length = unknowns
-        up = v + weight * length / n * step
+        up = v + weight * length / n * offset
         force = jnp.stack([jnp.broadcast_to(h, (n,)), up], 1)
         size = jnp.sqrt(jnp.sum(force**2, axis=1, keepdims=True))
         return length / n * (force / size + force / stiffness)

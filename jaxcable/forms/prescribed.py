@@ -156,44 +156,44 @@ def statements(structure, tension, stress, length):
     )
     tensions, given = [], []
     for k, group in enumerate(structure.groups):
-        said = np.stack([masks[k] for masks in chosen])
-        count = said.sum(axis=0)
+        has = np.stack([masks[k] for masks in chosen])
+        count = has.sum(axis=0)
         if (count != 1).any():
             e = int((count != 1).argmax())
-            twice = ", ".join(n for n, mask in zip(names, said, strict=True) if mask[e])
+            twice = ", ".join(n for n, mask in zip(names, has, strict=True) if mask[e])
             raise ValueError(
                 f"{twice}: element {e} of group {k} has more than one of them; give one"
                 if count[e]
                 else f"tension: element {e} of group {k} has neither tension, stress nor length"
             )
         forces = jnp.zeros(len(group.links))
-        if said[0].any():
-            pulls = _pulling(values[0][k], said[0], group, "tension")
-            forces = jnp.where(said[0], pulls, 0.0)
-        if said[1].any():
+        if has[0].any():
+            pulls = _pulling(values[0][k], has[0], group, "tension")
+            forces = jnp.where(has[0], pulls, 0.0)
+        if has[1].any():
             area = group._section()[2]
             if area is None:
                 raise ValueError(f"stress: group {k} has no area; give tension")
-            stresses = _pulling(values[1][k], said[1], group, "stress")
-            forces = jnp.where(said[1], stresses * area, forces)
+            stresses = _pulling(values[1][k], has[1], group, "stress")
+            forces = jnp.where(has[1], stresses * area, forces)
         tensions.append(forces)
         wanted = values[2][k]
         if wanted is not None:
             rule = Rule(
-                "length", (wanted, said[2]), lambda v, mask: mask & (v <= 0), "must be positive"
+                "length", (wanted, has[2]), lambda v, mask: mask & (v <= 0), "must be positive"
             )
             wanted = or_nan(rule)
-            wanted = jnp.where(said[2], wanted, 1.0), said[2]
+            wanted = jnp.where(has[2], wanted, 1.0), has[2]
         given.append(wanted)
     return tensions, chosen[2], given
 
 
-def _pulling(values, said, group, name):
+def _pulling(values, mask, group, name):
     """Forces or stresses [n_elem]; negative values of cables are refused, or NaN if traced."""
     if not group.tension_only:
         return values
     text = "a cable carries tension only; use Bars"
-    return or_nan(Rule(name, (values, said), lambda v, said: said & (v < 0), text))
+    return or_nan(Rule(name, (values, mask), lambda v, mask: mask & (v < 0), text))
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))

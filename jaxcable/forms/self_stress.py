@@ -24,7 +24,7 @@ import numpy as np
 from ..common.tree import pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, in_a_row, incidence, members
+from ._balance import arranged, balance, host_nodes, incidence, members, of_all_members
 
 KINDS = {
     (False, False): "I",
@@ -139,7 +139,7 @@ class SelfStress:
             >>> found.unbalanced(jax.tree.map(lambda states: states[0], found.tensions)) < 1e-12
             True
         """
-        tension = self._row(tension)
+        tension = self._tensions(tension)
         largest = np.abs(tension).max()
         return float(np.abs(self.matrix @ tension).max(initial=0.0) / (largest or 1.0))
 
@@ -196,11 +196,11 @@ class SelfStress:
     def _densities(self, tension):
         """Force densities of all elements, group after group, N/m."""
         length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
-        return self._row(tension) / length
+        return self._tensions(tension) / length
 
-    def _row(self, tension):
+    def _tensions(self, tension):
         """Tensions of all elements, group after group, N."""
-        return np.asarray(in_a_row(self.structure, tension, "tension"), float)
+        return np.asarray(of_all_members(self.structure, tension, "tension"), float)
 
 
 def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:

@@ -42,8 +42,8 @@ class Statements:
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
         >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
         >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> said = jc.forms.statements(structure, solution)
-        >>> print(solution.status, jnp.round(said.shortening, 6), jnp.round(said.length, 6))  # m
+        >>> found = jc.forms.statements(structure, solution)
+        >>> print(solution.status, jnp.round(found.shortening, 6), jnp.round(found.length, 6))  # m
         0 [0.024876 0.024876] [5. 5.]
     """
 
@@ -76,8 +76,8 @@ def statements(structure: Structure, solution: Solution | State) -> Statements:
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
         >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
         >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> said = jc.forms.statements(structure, solution)
-        >>> print(solution.status, jnp.round(said.force_density, 6), jnp.round(said.prestrain, 6))
+        >>> found = jc.forms.statements(structure, solution)
+        >>> print(solution.status, jnp.round(found.force_density, 6), jnp.round(found.prestrain, 6))
         0 [100. 100.] [0.005 0.005]
     """
     thawed, arrays, _ = prepared(structure, solution)
@@ -99,11 +99,11 @@ def _say(thawed, arrays):
 
 def _group(group, state, nodes, motion):
     """The statements of one group, dict of [n_elem]."""
-    nothing = jnp.full_like(state.rest_length, jnp.nan)
-    said = dict.fromkeys(Statements.__dataclass_fields__, nothing)
-    said["rest_length"] = state.rest_length
+    unknown = jnp.full_like(state.rest_length, jnp.nan)
+    values = dict.fromkeys(Statements.__dataclass_fields__, unknown)
+    values["rest_length"] = state.rest_length
     if group.rotates:
-        return said
+        return values
     strain = each("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)
 
@@ -111,7 +111,7 @@ def _group(group, state, nodes, motion):
         return element(group, properties).force(strain, memory)
 
     pretension = jax.vmap(force)(group.properties(), strain, state.memory)
-    said |= {
+    values |= {
         "pretension": pretension,
         "force_density": pretension / length,
         "prestrain": strain,
@@ -119,8 +119,8 @@ def _group(group, state, nodes, motion):
         "length": length,
     }
     if group.expansion is not None:
-        # from a rest length as long as the distance: L0 (1 + strain) (1 + expansion dt) = L0
-        said["temperature"] = -strain / (1 + strain) / group.expansion
+        # if the element were cut to its length under force: L0 (1 + strain) (1 + expansion dt) = L0
+        values["temperature"] = -strain / (1 + strain) / group.expansion
     if isinstance(group, Sagging) and state.line_load is not None:
-        said["sag"] = each("depth", group, state, nodes, motion)
-    return said
+        values["sag"] = each("depth", group, state, nodes, motion)
+    return values
