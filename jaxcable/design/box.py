@@ -1,4 +1,4 @@
-"""Bounds on parameters: a box that is honoured exactly, and the gradient that is left inside it."""
+"""Bounds on parameters: projection into a box, and the entries that a bound blocks."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 
 @pytree
 class Box:
-    """Lower and upper bounds, each of the shape of the parameters; infinite where there is none."""
+    """Lower and upper bounds, each of the shape of the parameters; infinite for no bound."""
 
     lower: PyTree[Float[Array, " ..."]]
     upper: PyTree[Float[Array, " ..."]]
 
     def project(self, params: PyTree[Float[Array, " ..."]]) -> PyTree[Float[Array, " ..."]]:
-        """The nearest point in the box: entries beyond a bound become that bound exactly."""
+        """The nearest point in the box; entries beyond a bound become that bound exactly."""
         return jax.tree.map(jnp.clip, params, self.lower, self.upper)
 
     def blocked(
         self, params: PyTree[Float[Array, " ..."]], gradient: PyTree[Float[Array, " ..."]]
     ) -> PyTree[Bool[Array, " ..."]]:
-        """True for entries at a bound that the negative gradient would push out."""
+        """True for entries at a bound that a step against the gradient would cross."""
         return jax.tree.map(
             lambda x, g, low, high: (
                 ((x <= low) & (g > 0)) | ((x >= high) & (g < 0)) | (low == high)
@@ -41,7 +41,7 @@ class Box:
         )
 
     def holds(self, params: PyTree[Float[Array, " ..."]]) -> Bool[Array, ""]:
-        """Whether the bounds leave room and the parameters are not beyond them; scalar bool."""
+        """Whether lower bounds are below upper ones and the parameters within them; scalar bool."""
         inside = jax.tree.map(
             lambda x, low, high: jnp.all((low <= high) & ~((x < low) | (x > high))),
             params,
@@ -58,16 +58,16 @@ def numbers(
     if not any(np.size(leaf) for leaf in jax.tree.leaves(params)):
         raise ValueError(f"{name}: there is nothing to vary; expected at least one array of floats")
 
-    def one(path, x):
+    def as_array(path, x):
         x = checks.floats(x, name + jax.tree_util.keystr(path))
-        # no weak type, which would compile a second time
+        # a weak type would compile a second time
         return jnp.asarray(x, jax.dtypes.canonicalize_dtype(x.dtype))
 
-    return jax.tree_util.tree_map_with_path(one, params)
+    return jax.tree_util.tree_map_with_path(as_array, params)
 
 
 def default_tol(params: PyTree[Float[Array, " ..."]]) -> float:
-    """Tolerance on gradients that the float type of the parameters can reach."""
+    """The default tolerance on gradients: 1e-6 in float64, 1e-3 in other float types."""
     return 1e-6 if jnp.result_type(*jax.tree.leaves(params)) == jnp.float64 else 1e-3
 
 
@@ -80,7 +80,7 @@ def spread(
 ) -> PyTree[Float[Array, " ..."]]:
     """A scalar, an array or a prefix pytree as a pytree of arrays of the shapes of `params`.
 
-    `absent` takes the place of None; `positive` demands that of every entry.
+    `absent` replaces None; with `positive` every entry has to be positive.
     """
     if isinstance(value, list | tuple) and jax.tree_util.treedef_is_leaf(
         jax.tree.structure(params)
@@ -120,8 +120,8 @@ def make_box(
         params: the start, a pytree of arrays.
 
     Raises:
-        ValueError: a lower bound above the upper one, NaN in a bound, or a start outside them, with
-            the entry.
+        ValueError: a lower bound above the upper one, NaN in a bound, or a start outside of the
+            bounds; the message names the entry.
     """
     if bounds is None:
         bounds = (None, None)
@@ -152,7 +152,7 @@ def make_box(
 
 
 def _refuse(bad, name, rule, *values):
-    """ValueError naming the first entry where `bad`."""
+    """Raise ValueError that names the first entry where `bad` is True, if there is one."""
     if not np.any(bad):
         return
     index = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -164,7 +164,12 @@ def _refuse(bad, name, rule, *values):
 def checked_call(
     function: Callable[..., Any], args: tuple[Any, ...] | list[Any], steps: int, name: str
 ) -> tuple[Any, ...]:
-    """The arguments that `minimize` and `fit` share: ValueError, or args as a tuple."""
+    """`args` as a tuple, once the arguments that `minimize` and `fit` share are checked.
+
+    Raises:
+        ValueError: `function` cannot be called, `args` is no tuple or list, or `steps` is no
+            positive integer.
+    """
     if not callable(function):
         raise ValueError(f"{name}: expected a function, got {type(function).__name__}")
     if not isinstance(args, tuple | list):

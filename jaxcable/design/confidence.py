@@ -1,4 +1,4 @@
-"""How well data determine parameters: confidence intervals and what cannot be identified."""
+"""How well data determine parameters: confidence intervals, and combinations left undetermined."""
 
 from __future__ import annotations
 
@@ -14,26 +14,27 @@ from .fit import Fit
 
 @pytree
 class Confidence:
-    """What the Jacobian at a fit says about its parameters, to first order.
+    """Confidence intervals of the parameters of a fit, from its Jacobian, to first order.
 
     Attributes:
-        half_width: of the confidence interval of every parameter, in the shape of the parameters;
-            infinite if the data do not determine it, NaN if a bound holds it.
-        standard_error: likewise.
-        correlation: of the parameters, flattened, [n_param, n_param]; NaN where not determined.
+        half_width: half width of the confidence interval of every parameter, in the shape of the
+            parameters; infinite if the data do not determine it, NaN if a bound blocks it.
+        standard_error: standard error of every parameter, likewise.
+        correlation: correlation of the flattened parameters, [n_param, n_param]; NaN where not
+            determined.
         deviation: standard deviation of a residual, given or estimated.
         singular_values: of the Jacobian with columns of length one, descending, [n_free]; a small
-            one belongs to a combination of parameters that the data hardly see.
-        directions: these combinations, rows [n_free, n_param], in units of the parameters, each
-            with a largest entry of 1.
+            one belongs to a combination of parameters that hardly changes the residuals.
+        directions: these combinations, [n_free, n_param], in units of the parameters, each with a
+            largest entry of 1.
         rank: number of combinations that are determined.
         degrees: degrees of freedom, n_residual - rank.
 
     Example:
         >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
         >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
-        >>> told = jc.design.confidence(found)
-        >>> print(found.status, told.rank, told.degrees, f"{told.deviation:.3f} N")
+        >>> sure = jc.design.confidence(found)
+        >>> print(found.status, sure.rank, sure.degrees, f"{sure.deviation:.3f} N")
         0 1 2 1.165 N
     """
 
@@ -52,24 +53,27 @@ def confidence(
 ) -> Confidence:
     """Confidence intervals from the Jacobian of a `Fit`; on the host, not to be traced.
 
-    ``C = s^2 (J^T J)^-1`` over the parameters that no bound holds, ``s^2 = |r|^2 / (n - rank)``
-    unless `deviation` is given; half widths are Student's t (the normal quantile with a given
-    deviation) times the square root of the diagonal. Linear theory: it takes the model for true,
-    the residuals for independent and equally distributed, and the curvature of the model for small.
+    The covariance is ``C = s^2 (J^T J)^-1`` over the parameters that no bound blocks, with
+    ``s^2 = |r|^2 / (n - rank)`` unless `deviation` is given; half widths are Student's t (the
+    normal quantile with a given deviation) times the square root of the diagonal. This is linear
+    theory: it assumes that the model is true, the residuals are independent and equally
+    distributed, and the curvature of the model is small.
 
     Args:
         fit: result of `fit`.
-        level: of the intervals.
+        level: probability of the intervals, between 0 and 1.
         deviation: known standard deviation of the residuals; None to estimate it.
-        rcond: combinations with singular values below this part of the largest one count as not
-            determined, and so does every parameter that has a part in one.
 
-    Raises:
-        ValueError: a fit that has not converged, a level that is none, or no more residuals than
-            determined combinations and no `deviation`.
+    Options:
+        rcond: combinations with singular values below this part of the largest one count as not
+            determined, and so does every parameter that takes part in one.
 
     Returns:
         `Confidence`.
+
+    Raises:
+        ValueError: a fit that has not converged, a level outside of 0 to 1, or no `deviation` and
+            no more residuals than determined combinations.
 
     Example:
         An axial stiffness from three measured forces, with ``s / sqrt(sum(e^2))`` and Student's
@@ -77,8 +81,8 @@ def confidence(
 
         >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
         >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
-        >>> told = jc.design.confidence(found)
-        >>> print(found.status, f"{found.params:.0f} +- {told.half_width:.0f} N")
+        >>> sure = jc.design.confidence(found)
+        >>> print(found.status, f"{found.params:.0f} +- {sure.half_width:.0f} N")
         0 100143 +- 1340 N
     """
     if not 0 < level < 1:
@@ -90,16 +94,16 @@ def confidence(
     jacobian = np.asarray(fit.jacobian, float)
     back = ravel_pytree(jax.tree.map(lambda x: np.asarray(x, float), fit.params))[1]
     n_residual, n_param = jacobian.shape
-    free = np.concatenate([np.ravel(f) for f in jax.tree.leaves(fit.free)]).astype(bool)
-    columns = np.linalg.norm(jacobian[:, free], axis=0)
+    varied = np.concatenate([np.ravel(f) for f in jax.tree.leaves(fit.free)]).astype(bool)
+    columns = np.linalg.norm(jacobian[:, varied], axis=0)
     unit = np.where(columns > 0, columns, 1.0)
-    full = np.linalg.svd(jacobian[:, free] / unit, full_matrices=True)
-    n_free = int(free.sum())
+    svd = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)
+    n_free = int(varied.sum())
     values = np.zeros(n_free)
-    values[: len(full[1])] = full[1]
-    rows = full[2]
-    seen = values > rcond * values.max(initial=0.0)
-    rank = int(seen.sum())
+    values[: len(svd[1])] = svd[1]
+    combinations = svd[2]
+    determined = values > rcond * values.max(initial=0.0)
+    rank = int(determined.sum())
     degrees = n_residual - rank
     if deviation is None:
         if degrees < 1:
@@ -112,19 +116,19 @@ def confidence(
     else:
         quantile = special.ndtri(0.5 + level / 2)
 
-    half = rows[seen] / values[seen, None] / unit  # C = s^2 half^T half
+    half = combinations[determined] / values[determined, None] / unit  # C = s^2 half^T half
     covariance = np.full((n_param, n_param), np.nan)
     inside = deviation**2 * half.T @ half
-    lost = (np.abs(rows[~seen]) > 1e-3).any(axis=0)
-    inside[lost] = np.nan
-    inside[:, lost] = np.nan
-    covariance[np.ix_(free, free)] = inside
+    undetermined = (np.abs(combinations[~determined]) > 1e-3).any(axis=0)
+    inside[undetermined] = np.nan
+    inside[:, undetermined] = np.nan
+    covariance[np.ix_(varied, varied)] = inside
     error = np.sqrt(np.diagonal(covariance))
-    error[np.flatnonzero(free)[lost]] = np.inf
+    error[np.flatnonzero(varied)[undetermined]] = np.inf
     with np.errstate(invalid="ignore"):
         correlation = covariance / np.outer(error, error)
     directions = np.zeros((n_free, n_param))
-    directions[:, free] = rows / unit
+    directions[:, varied] = combinations / unit
     peak = np.abs(directions).max(axis=1, keepdims=True)
     return Confidence(
         half_width=back(quantile * error),

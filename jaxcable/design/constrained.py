@@ -19,10 +19,10 @@ from .minimize import minimize
 from .outcome import split_loss
 from .programs import Programs
 
-_PENALTY = 10.0  # of a violation of 1, over the size of the loss at the start
-_HARDER = 10.0  # growth of the penalty when violations do not fall
-_ENOUGH = 0.25  # part to which a round should bring the violations
-_USELESS = 0.9  # part that tells that the penalty has another order of magnitude than the loss
+_PENALTY = 10.0  # first penalty, over the size of the loss at the start
+_HARDER = 10.0  # factor on the penalty when a round has not reduced the violations enough
+_ENOUGH = 0.25  # violations after a round over those before it, at most
+_USELESS = 0.9  # the same ratio from which the penalty is far too small: it grows by a factor more
 
 
 @pytree
@@ -30,15 +30,15 @@ class ConstrainedDesign:
     """Result of `minimize_subject_to`.
 
     Attributes:
-        params: in the shape of the start.
-        loss: there.
-        constraints: there, [n]; all at most 0 if the status is OK.
-        multipliers: [n]; by how much the smallest loss would fall for each constraint relaxed by 1:
-            zero where a constraint does not matter.
-        status: 0 if converged, or the status of the last round.
-        rounds: updates of the multipliers.
-        evaluations: of loss, constraints and gradient, in all rounds.
-        failures: trial points at which the inner analysis failed.
+        params: parameters found, in the shape of the start.
+        loss: loss at `params`.
+        constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
+        multipliers: [n]; by how much the smallest loss would fall if a constraint were relaxed by
+            1; zero for a constraint without influence.
+        status: 0 if converged, else the status of the last round.
+        rounds: number of rounds of `minimize`.
+        evaluations: number of evaluations of loss, constraints and gradient, in all rounds.
+        failures: number of trial points at which the inner analysis failed.
 
     Example:
         >>> problem = lambda area: (area, jnp.array([50e3 / (area * 200.0) - 1.0]))
@@ -80,22 +80,27 @@ def minimize_subject_to(
 ) -> ConstrainedDesign:
     """Minimise a loss subject to ``constraints <= 0`` and bounds.
 
-    The method of multipliers (Hestenes, Powell; with inequalities Rockafellar 1973): rounds of
-    `minimize` with its default optimizer on
-    ``f + sum(max(0, m + p c)^2 - m^2) / (2 p)``, after each of which ``m = max(0, m + p c)``.
+    This is the method of multipliers (Hestenes, Powell; with inequalities Rockafellar 1973). Each
+    round minimises ``f + sum(max(0, m + p c)^2 - m^2) / (2 p)`` by `minimize` with its default
+    optimizer, and then sets ``m = max(0, m + p c)``.
 
     Args:
-        problem: function ``problem(params, *args)`` to (loss, constraints) or (loss, constraints,
-            `Solution` or status codes); constraints [n], dimensionless: a violation of 1 should be
-            a gross one, as in ``deflection / limit - 1``.
-        params, bounds, steps, args, scale, progress: as for `minimize`; steps of every round.
-        rounds: at most.
-        tol: of `minimize` at the end, and of the constraints, which are met on their safe side:
-            within ``[-2 tol, 0]`` where they are active. Default: 1e-6 in float64, 1e-3 in float32.
+        problem: function ``problem(params, *args)`` that returns (loss, constraints) or (loss,
+            constraints, `Solution` or status codes). The constraints are floats [n] without
+            dimension, scaled so that a violation of 1 is a gross one: ``deflection / limit - 1``.
+        params, bounds: as for `minimize`.
+
+    Options:
+        rounds: largest number of rounds.
+        steps: largest number of accepted steps in every round.
+        tol: tolerance of `minimize` in the last round, and of the constraints, which are met on
+            their safe side: within ``[-2 tol, 0]`` where they are active. Default: 1e-6 in float64,
+            1e-3 in float32.
+        args, scale, progress: as for `minimize`.
 
     Returns:
-        `ConstrainedDesign`; on the host, not to be traced. If the constraints cannot be met the
-        status is OUT_OF_STEPS and `constraints` says by how much.
+        `ConstrainedDesign`; computed on the host, not to be traced. If the constraints cannot be
+        met the status is OUT_OF_STEPS and `constraints` shows by how much.
 
     Raises:
         ValueError: as `minimize`.
@@ -114,7 +119,7 @@ def minimize_subject_to(
     loss, evaluate = _programs(problem)
     (value, (constraints, code)), slope = evaluate(params, *args)
     multipliers = np.zeros(constraints.shape[0])
-    # the loss may be zero at the start: what changes of the parameters would make of it counts too
+    # the loss may be zero at the start: its change with the parameters gives it a size, too
     sizes = jax.tree.map(lambda x, g: jnp.max(jnp.abs(x), initial=0.0) * jnp.abs(g), params, slope)
     change = max(float(jnp.max(leaf, initial=0.0)) for leaf in jax.tree.leaves(sizes))
     penalty = _PENALTY * (max(abs(float(value)), change) or 1.0)
@@ -163,16 +168,16 @@ def minimize_subject_to(
 
 
 def _make(reference):
-    """The augmented loss of the problem that `reference()` gives, and the problem as a program."""
+    """The augmented loss of the problem that `reference()` returns, and the compiled problem."""
 
     def parts(params, *args):
-        told = reference()(params, *args)
-        if not isinstance(told, tuple) or len(told) not in (2, 3):
+        returned = reference()(params, *args)
+        if not isinstance(returned, tuple) or len(returned) not in (2, 3):
             raise ValueError(
                 "problem: expected (loss, constraints) or (loss, constraints, solution)"
             )
-        value, code = split_loss((told[0], told[2:]))
-        constraints = jnp.asarray(told[1])
+        value, code = split_loss((returned[0], returned[2:]))
+        constraints = jnp.asarray(returned[1])
         if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
             raise ValueError(
                 f"constraints: expected floats [n], got {constraints.dtype}"

@@ -1,9 +1,8 @@
 """The loop of `minimize`: evaluate a trial point, accept it or shorten the step, ask for the next.
 
-The loss is evaluated in one place of the program, once an iteration. Whether a line search is going
-on, a failed analysis is being avoided or the optimizer is asked for its next step is a matter of
-state.
-Parameters are one flat vector here; only the optimizer sees them in their own shape.
+The program evaluates the loss once, in the body of the loop. The state of the loop says whether it
+shortens the present step, avoids a failed analysis or asks the optimizer for the next step.
+Parameters are one flat vector here; only the optimizer gets them in the shape that users gave.
 """
 
 from __future__ import annotations
@@ -22,18 +21,18 @@ from ..common.tree import where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .box import Box
 
-_LBFGS = optax.lbfgs(linesearch=None)  # the loop searches
-_SHORTEST = 40  # halvings before a direction is given up
-_PATIENCE = 10  # of them before an optimizer with a memory starts anew
-_DECREASE = 1e-4  # part of the decrease that the slope promises
+_LBFGS = optax.lbfgs(linesearch=None)  # without a line search: the loop has one
+_SHORTEST = 40  # how often a step is shortened before the loop gives up
+_PATIENCE = 10  # how often a step is shortened before the default optimizer forgets its memory
+_DECREASE = 1e-4  # least decrease of the loss over the one that the slope promises
 _FLAT = 0.8  # slope at the end of a step over that at its beginning, at most, near the minimum
-_FIRST = 0.1  # part of the first loss that counts when it falls to zero
-_GROWTH = 4.0  # of the reach from step to step
-_NOISE = 1e-9  # changes of the loss, relative to it, that the tolerance of an analysis may hide
+_FIRST = 0.1  # part of the first loss that changes are compared with when the loss falls to zero
+_GROWTH = 4.0  # factor on the longest step allowed, from step to step
+_NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an analysis
 
 
 class Point(NamedTuple):
-    """Parameters, loss, gradient, the gradient inside the bounds, and its measure."""
+    """Parameters, loss, gradient, gradient without blocked entries, and its measure."""
 
     x: Float[Array, " n"]
     loss: Float[Array, ""]
@@ -43,7 +42,7 @@ class Point(NamedTuple):
 
 
 class Log(NamedTuple):
-    """One row for every accepted point, see `minimize.History`."""
+    """One entry for every accepted point, see `minimize.History`."""
 
     loss: Float[Array, " steps+1"]
     measure: Float[Array, " steps+1"]
@@ -56,22 +55,23 @@ class Search(NamedTuple):
     """State of the loop.
 
     Attributes:
-        trial: point to be evaluated: ``at.x + length step`` inside the bounds.
-        step, length: what the optimizer proposed, and how much of it is tried.
-        at, best: last accepted point, and the one of lowest loss.
+        trial: point to be evaluated: ``at.x + length step``, projected into the bounds.
+        step, length: step that the optimizer proposed, and the part of it that is tried.
+        at, best: last accepted point, and the accepted point of lowest loss.
         blocked: entries at a bound that this step must not move.
-        optimizer: its state.
-        fresh: whether the optimizer began anew with this step.
-        unit: factor on the loss that the optimizer sees.
+        optimizer: state of the optimizer.
+        fresh: whether the optimizer has started without memory in this step.
+        unit: factor on the loss that the optimizer gets.
         first: loss at the start.
-        reach: how far a step may lead for now, because an analysis has failed beyond.
-        n: number of accepted steps; -1 before the start is known.
-        evaluations: of the loss and its gradient.
-        tries, failures, failure: of this step: trial points that were not accepted, those of them
-            that failed, and the code of the last one.
+        reach: longest step allowed for now, over `scale`, because an analysis has failed beyond.
+        n: number of accepted steps; -1 before the start is evaluated.
+        evaluations: number of evaluations of the loss and its gradient.
+        tries: number of trial points of this step that were not accepted.
+        failures, failure: number of trial points of this step at which the analysis failed, and the
+            status code of the last failure.
         log: `Log`.
         code: status.
-        running: whether to go on.
+        running: whether the loop goes on.
     """
 
     trial: Float[Array, " n"]
@@ -99,15 +99,15 @@ class Descent:
     """The loop for one problem.
 
     Args:
-        loss: function of the parameters in their own shape, to (value, status code).
-        back: from the flat vector to that shape.
+        loss: function of the parameters, in the shape that users gave, to (value, status code).
+        back: function from the flat vector to that shape.
         optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
-        steps: number of accepted steps, at most.
+        steps: largest number of accepted steps.
         box: `Box` of flat bounds.
         sizes: function of the flat parameters to their sizes, for the measure of the gradient.
-        scale: what the optimizer sees the parameters in units of.
-        tol: of the measure.
-        listen: function of a `progress.Step`, called after each, or None.
+        scale: the optimizer gets the parameters divided by it, [n].
+        tol: largest measure of the gradient at convergence.
+        listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class Descent:
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
         start = Point(x, unknown, nothing, nothing, unknown)
-        row, count = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
+        reals, integers = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
         search = Search(
             trial=x,
             step=nothing,
@@ -152,38 +152,38 @@ class Descent:
             tries=none,
             failures=none,
             failure=none,
-            log=Log(row, row, count, count, count),
+            log=Log(reals, reals, integers, integers, integers),
             code=none,
             running=jnp.ones((), bool),
         )
         return lax.while_loop(lambda s: s.running, self.iterate, search)
 
     def iterate(self, s: Search) -> Search:
-        """One evaluation, and what follows from it."""
+        """Evaluate the trial point, accept it or not, and find the next one."""
         value, gradient, code = self.evaluate(s.trial)
         sound, begun = code == status.OK, s.n >= 0
-        good, factor = self.judge(s, value, gradient, sound, begun)
+        accepted, factor = self.judge(s, value, gradient, sound, begun)
 
         first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
         largest = jnp.max(jnp.abs(inside) * self.sizes(s.trial))
         measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
-        at = where(good, Point(s.trial, value, gradient, inside, measure), s.at)
-        best = where(good & ~(at.loss >= s.best.loss), at, s.best)
+        at = where(accepted, Point(s.trial, value, gradient, inside, measure), s.at)
+        best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
             best=best,
             first=first,
-            n=s.n + good,
+            n=s.n + accepted,
             evaluations=s.evaluations + 1,
             failures=s.failures + ~sound,
             failure=jnp.where(sound, s.failure, code),
         )
-        noted = good | ~begun
-        row = jnp.where(noted, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
+        logged = accepted | ~begun
+        entry = jnp.where(logged, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
         entries = Log(value, measure, s.failure, s.failures, s.tries)
-        log = jax.tree.map(lambda h, e: h.at[row].set(e, mode="drop"), s.log, entries)
+        log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.log, entries)
         listen = self.listen
         if listen is not None:
             news = {
@@ -193,63 +193,64 @@ class Descent:
                 "failures": s.failures,
             }
             known = {"count": self.steps}
-            lax.cond(noted, lambda: tell(listen, Step, known, news), lambda: None)
+            lax.cond(logged, lambda: tell(listen, Step, known, news), lambda: None)
 
-        tries = jnp.where(good, 0, s.tries + 1)
-        # an optimizer that leads nowhere begins anew; its memory is of other entries than now, too
-        lost = self.searched & ~good & begun & ~s.fresh & (tries >= _PATIENCE)
+        tries = jnp.where(accepted, 0, s.tries + 1)
+        # restart the optimizer when its step leads nowhere, or when other entries are blocked than
+        # those with which its memory was made
+        restart = self.searched & ~accepted & begun & ~s.fresh & (tries >= _PATIENCE)
         changed = self.searched & begun & jnp.any(blocked != s.blocked)
         if self.searched:
             norm = jnp.linalg.norm(inside * self.scale)
             s = s._replace(unit=jnp.where(begun | (norm == 0), s.unit, 1 / norm))
 
-        # Where the sizes of the parameters at the start say nothing, a small measure does not
-        # either: it takes a step to know. And a point above the best one is no minimum.
+        # At the start the sizes of the parameters may be meaningless, and a small measure with
+        # them: ask for one accepted step. A point above the best one is no minimum.
         level = value <= best.loss + self.noise * jnp.abs(best.loss)
-        small = good & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
+        small = accepted & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
         converged = small & (measure == 0 if self.searched else True)
         used_up = s.n >= self.steps
-        at_rest = at.measure <= self.tol  # and if there is no lower loss, this is the lowest
-        spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~lost
+        at_rest = at.measure <= self.tol  # if no step lowers the loss then, this is the minimum
+        spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)
         s = s._replace(
-            blocked=jnp.where(good, blocked, s.blocked),
+            blocked=jnp.where(accepted, blocked, s.blocked),
             log=log,
             code=jnp.where(converged | (spent & at_rest), status.OK, code).astype(jnp.int32),
             running=~converged & (begun | sound) & (~used_up | small) & ~spent,
-            fresh=jnp.where(good, changed, s.fresh) | lost,
+            fresh=jnp.where(accepted, changed, s.fresh) | restart,
         )
-        return self.next(s, good, noted, lost, small, tries, factor)
+        return self.next(s, accepted, logged, restart, small, tries, factor)
 
     def next(
         self,
         s: Search,
-        good: Bool[Array, ""],
-        noted: Bool[Array, ""],
-        lost: Bool[Array, ""],
+        accepted: Bool[Array, ""],
+        logged: Bool[Array, ""],
+        restart: Bool[Array, ""],
         small: Bool[Array, ""],
         tries: Int[Array, ""],
         factor: Float[Array, ""] | float,
     ) -> Search:
-        """The state with the next trial point: a new step, or less of this one."""
-        new = good | lost
+        """The state with the next trial point: a new step, or a shorter part of the present one."""
+        new = accepted | restart
         step, state, fresh = lax.cond(
             s.running & new, self.advance, lambda s: (s.step, s.optimizer, s.fresh), s
         )
-        if self.searched:  # the whole step, which knows the curvature, has to promise little too
+        if self.searched:  # the whole step, made with the curvature, must promise little, too
             promised = -(s.at.inside @ step)
             small &= ~fresh & (promised <= self.tol * self.against(s.at.loss, s.first))
             s = s._replace(
                 code=jnp.where(small, status.OK, s.code),
                 running=s.running & ~small & (s.n < self.steps),
             )
-        # where an analysis has failed it will fail again: come from the last good length
-        gone = s.length * jnp.linalg.norm(s.step / self.scale)
-        reach = _GROWTH * jnp.where(s.failures > 0, gone, s.reach)
-        reach = jnp.where(good, reach, s.reach)
-        far = jnp.linalg.norm(step / self.scale)
-        whole = jnp.minimum(1.0, reach / jnp.where(far > 0, far, 1.0))
+        # an analysis will fail again where it has failed: bound steps by the last accepted length
+        length_before = s.length * jnp.linalg.norm(s.step / self.scale)
+        reach = _GROWTH * jnp.where(s.failures > 0, length_before, s.reach)
+        reach = jnp.where(accepted, reach, s.reach)
+        whole_length = jnp.linalg.norm(step / self.scale)
+        whole = jnp.minimum(1.0, reach / jnp.where(whole_length > 0, whole_length, 1.0))
         length = jnp.where(new, whole, s.length * factor)
         return s._replace(
             trial=self.box.project(s.at.x + length * step),
@@ -258,22 +259,22 @@ class Descent:
             optimizer=state,
             fresh=fresh,
             reach=reach,
-            tries=jnp.where(lost, 0, tries),
-            failures=jnp.where(noted, 0, s.failures),
-            failure=jnp.where(noted, 0, s.failure),
+            tries=jnp.where(restart, 0, tries),
+            failures=jnp.where(logged, 0, s.failures),
+            failure=jnp.where(logged, 0, s.failure),
         )
 
     def against(self, value: Float[Array, ""], first: Float[Array, ""]) -> Float[Array, ""]:
-        """What changes of the loss are measured by: itself, but not less than a part of the first.
+        """The size that changes of a loss are compared with: the loss, or a part of the first one.
 
-        The part is for losses that fall to zero, where nothing is small beside what is left. A loss
-        above the first one does not count.
+        The larger of both counts, since no change is small beside a loss that falls to zero. Of a
+        loss above the first one only the part counts.
         """
         least = _FIRST * jnp.abs(first)
         return jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
 
     def value(self, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Int[Array, ""]]:
-        """Loss and status; NONFINITE if it is not a number."""
+        """Loss and status; NONFINITE if the loss is not finite."""
         value, code = self.loss(self.back(x))
         value = value.astype(x.dtype)
         return value, jnp.where((code == status.OK) & ~jnp.isfinite(value), status.NONFINITE, code)
@@ -281,7 +282,7 @@ class Descent:
     def evaluate(
         self, x: Float[Array, " n"]
     ) -> tuple[Float[Array, ""], Float[Array, " n"], Int[Array, ""]]:
-        """Loss, gradient and status."""
+        """Loss, gradient and status; NONFINITE if one of their numbers is not finite."""
         (value, code), gradient = jax.value_and_grad(self.value, has_aux=True)(x)
         sound = jnp.all(jnp.isfinite(gradient))
         return value, gradient, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
@@ -294,10 +295,11 @@ class Descent:
         sound: Bool[Array, ""],
         begun: Bool[Array, ""],
     ) -> tuple[Bool[Array, ""], Float[Array, ""] | float]:
-        """Whether to accept the trial point, and by what to shorten the step if not.
+        """Whether to accept the trial point, and the factor that shortens the step if not.
 
-        In a search the loss has to fall by a part of what the slope promises (Armijo). Where it has
-        no digits left for that, it must not rise, and the slope must have become flatter.
+        The default optimizer asks for a loss that falls by a part of what the slope promises
+        (Armijo). Where the loss has no digits left for that, it must not rise, and the slope must
+        have become flatter. Other optimizers accept every point at which the analysis succeeds.
         """
         if not self.searched:
             return sound, 0.5
@@ -307,21 +309,22 @@ class Descent:
         level = rise <= self.noise * jnp.abs(s.at.loss)
         level &= gradient @ moved <= -_FLAT * promised
         falls = (promised < 0) & ((rise <= _DECREASE * promised) | level)
-        bend = rise - promised  # of the parabola through what is known, whose minimum comes next
+        # curvature of the parabola through loss, slope and trial; the next trial is its minimum
+        bend = rise - promised
         shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
         return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
     def begin(self, x: Float[Array, " n"]) -> optax.OptState:
-        """State of an optimizer that begins at `x`."""
+        """State of an optimizer that starts at `x`."""
         return self.optimizer.init(self.back(x / self.scale))
 
     def advance(self, s: Search) -> tuple[Float[Array, " n"], optax.OptState, Bool[Array, ""]]:
-        """A new step from `s.at`, the optimizer's state, and whether it began anew."""
+        """A new step from `s.at`, the optimizer's state, and whether it started without memory."""
         if not self.searched:
             return *self.propose(s, s.optimizer), s.fresh
         anew = self.begin(s.at.x)
         step, state = self.propose(s, where(s.fresh, anew, s.optimizer))
-        downward = s.at.inside @ step < 0  # else its memory of curvature misleads
+        downward = s.at.inside @ step < 0  # if not, the memory of the curvature is misleading
         step, state = lax.cond(downward, lambda: (step, state), lambda: self.propose(s, anew))
         return step, state, s.fresh | ~downward
 
@@ -330,7 +333,7 @@ class Descent:
     ) -> tuple[Float[Array, " n"], optax.OptState]:
         """The optimizer's step [n] and its state."""
 
-        def value_of(scaled):  # for a line search of its own: no way where the analysis fails
+        def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
             value, code = self.value(self.box.project(self._flat(scaled) * self.scale))
             return jnp.where(code == status.OK, s.unit * value, jnp.inf)
 
@@ -343,7 +346,7 @@ class Descent:
             grad=gradient,
             value_fn=value_of,
         )
-        # float types of its own choice would not fit through the loop
+        # the loop needs the same float types in every iteration
         new = jax.tree.map(lambda a, b: jnp.asarray(b, jnp.asarray(a).dtype), state, new)
         return jnp.where(s.blocked, 0.0, self._flat(update) * self.scale), new
 

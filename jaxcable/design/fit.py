@@ -21,14 +21,14 @@ from .programs import Programs, underivable
 
 @pytree
 class FitHistory:
-    """What happened at each trial point, first of all the start; NaN or -1 after the last one.
+    """Record of the trial points, the start first; NaN or -1 after the last one.
 
     Attributes:
         misfit: Euclidean norm of the residuals at the point, NaN where the analysis failed,
             [steps + 1].
         accepted: 1 if the point was accepted, else 0, [steps + 1].
-        damping: that led to it, [steps + 1].
-        status: code of the inner analysis, [steps + 1].
+        damping: damping of the step to the point, [steps + 1].
+        status: code of the inner analysis at the point, [steps + 1].
 
     Example:
         >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
@@ -49,12 +49,12 @@ class Fit:
     """Result of `fit`.
 
     Attributes:
-        params: in the shape of the start.
-        residual: flattened, [n_residual].
-        jacobian: of the flattened residuals with respect to the flattened parameters,
+        params: parameters found, in the shape of the start.
+        residual: flattened residuals at `params`, [n_residual].
+        jacobian: derivative of the flattened residuals with respect to the flattened parameters,
             [n_residual, n_param].
         misfit: Euclidean norm of the residuals.
-        free: which parameters are not at a bound that holds them, in the shape of `params`.
+        free: True where no bound blocks the parameter, in the shape of `params`.
         history: `FitHistory`.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, accepted or not.
@@ -94,35 +94,39 @@ def fit(
 ) -> Fit:
     """Minimise the sum of squared residuals, within bounds.
 
-    Levenberg-Marquardt: ``(J^T J + mu D^2) d = -J^T r`` by a QR factorisation of the stacked
-    matrix, with ``D`` the largest norm that each column of J has had, so that units of the
-    parameters do not matter (Moré 1978); the damping ``mu`` follows the ratio of the decrease to
-    the one promised (Nielsen 1999). The Jacobian is exact, in forward mode if there are at most as
-    many parameters as residuals and in reverse mode else.
+    This is the Levenberg-Marquardt method. A step solves ``(J^T J + mu D^2) d = -J^T r`` by a QR
+    factorisation of the stacked matrix; ``D`` is the largest norm that each column of J has had, so
+    that units of the parameters do not matter (Moré 1978); the damping ``mu`` follows the ratio of
+    the decrease to the promised one (Nielsen 1999). The Jacobian is exact, in forward mode if there
+    are at most as many parameters as residuals, else in reverse mode.
 
     Args:
-        residuals: function ``residuals(params, *args)`` to an array, or any pytree of them, or
-            (residuals, `Solution`) or (residuals, status codes). Divide them by their standard
-            deviations where these differ.
+        residuals: function ``residuals(params, *args)`` that returns an array or a pytree of
+            arrays, or (residuals, `Solution`), or (residuals, status codes). Divide residuals by
+            their standard deviations where these differ.
         params: start, any pytree of floats.
         bounds: (lower, upper), each None, a scalar, an array or a prefix pytree of `params`.
-        steps: number of trial points after the start, at most.
+
+    Options:
+        steps: largest number of trial points after the start.
         tol: stop when the undamped step would change the residuals by at most `tol` of the misfit,
             or every parameter by at most ``tol^1.5`` of its size (the norm of its array),
             or when the misfit is at most ``tol^2`` of that at the start, or when a step that
             promises 1e-9 of the squared misfit or less does not reduce it (rounding). Default: 1e-6
             in float64, 1e-3 in float32.
-        args: tuple of further arguments of the residuals: what changes from call to call (see
-            `minimize`).
+        args: tuple of further arguments of the residuals; pass here what changes from call to call
+            (see `minimize`).
 
     Returns:
-        `Fit`. Works under jit and vmap; to differentiate it is an error.
+        `Fit`. Works under jit and vmap; differentiating it is an error.
 
     Raises:
-        ValueError: residuals that are no floats, bounds that leave no room, a start outside them.
+        ValueError: residuals that are no floats, bounds that leave no room, or a start outside of
+            them.
 
     A trial point at which the analysis fails is never accepted: the damping grows until a shorter
-    step works, or the status is STALLED. Parameters that nothing depends on stay where they are.
+    step works, or the status is STALLED. Parameters without influence on the residuals stay where
+    they are.
 
     Example:
         The axial stiffness of a cable from three measured forces, ``sum(e F) / sum(e^2)``:
@@ -139,7 +143,7 @@ def fit(
 
 
 def _make(reference, steps):
-    """The program for the function of residuals that `reference()` gives."""
+    """The compiled program for the function of residuals that `reference()` returns."""
 
     @jax.jit
     def run(params, args, box, tol):
@@ -152,21 +156,21 @@ def _make(reference, steps):
             return ravel_pytree(norms)[0]
 
         def flattened(x):
-            told, code = split_residuals(reference()(back(x), *args))
-            found = ravel_pytree(told)[0]
-            if found.size == 0 or not jnp.issubdtype(found.dtype, jnp.floating):
+            values, code = split_residuals(reference()(back(x), *args))
+            vector = ravel_pytree(values)[0]
+            if vector.size == 0 or not jnp.issubdtype(vector.dtype, jnp.floating):
                 raise ValueError("residuals: expected arrays of floats")
-            return found.astype(x.dtype), code
+            return vector.astype(x.dtype), code
 
         end = LevenbergMarquardt(flattened, steps, flat, sizes, tol).run(start)
-        held = flat.blocked(end.x, end.residual @ end.jacobian)
+        blocked = flat.blocked(end.x, end.residual @ end.jacobian)
         return underivable(
             Fit(
                 params=back(end.x),
                 residual=end.residual,
                 jacobian=end.jacobian,
                 misfit=jnp.linalg.norm(end.residual),
-                free=jax.tree.map(lambda f: f > 0.5, back((~held).astype(start.dtype))),
+                free=jax.tree.map(lambda f: f > 0.5, back((~blocked).astype(start.dtype))),
                 history=FitHistory(*end.trials),
                 status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
                 steps=jnp.maximum(end.n, 0),

@@ -1,4 +1,4 @@
-"""Influence matrices: what a small change of prestress, load or shape does to the final state."""
+"""Influence matrices: how small changes of prestress, load or shape change the final state."""
 
 from __future__ import annotations
 
@@ -33,36 +33,40 @@ def influence(
     method: Newton | Incremental | None = None,
     start: Solution | State | None = None,
 ) -> PyTree[Float[Array, " ..."]]:
-    """Jacobian of the final state: exact, through all phases, at the state that they lead to.
+    """Jacobian of the final state: exact, through all phases, at the end of the last one.
 
     Args:
-        structure, phases, method, start: as for `solve`.
-        of: "tension", "displacement", "positions", "reactions" or "rest_length" at the end, or a
-            function of the `Solution` to a pytree of arrays.
-        wrt: what changes:
+        structure, phases: as for `solve`.
+        of: results at the end that are differentiated: "tension", "displacement", "positions",
+            "reactions" or "rest_length", or a function of the `Solution` to a pytree of arrays.
+        wrt: inputs that change:
 
-            - "shortening" or "temperature": of every element, on top of what the phases state. By
-              default after the last phase: turnbuckles turned in the final state. m, K.
+            - "shortening" or "temperature": of every element, added to the statements of the
+              phases; m, K. By default after the last phase, as turnbuckles adjusted in the final
+              state.
             - "pretension", "jacking", "force_density", "prestrain" or "rest_length": of every
-              element that states it; by default in the first phase that does.
+              element for which a phase states it; by default in the first phase that does.
             - "load": force on every node, [n_node, 3], N; by default in the last phase.
             - "nodes": initial positions, [n_node, 3], m.
-        phase: number of the phase that changes, from 0; see `wrt` for the default.
+
+    Options:
+        phase: number of the phase whose input changes, from 0; see `wrt` for the default.
+        method, start: as for `solve`.
 
     Returns:
-        As from `jax.jacobian`: for every array of `of` [...] the shape of `wrt` behind it; with one
-        group of elements, tension by shortening is [n_elem, n_elem], N/m: column j is what
-        shortening element j by a metre would do, if it remained linear. With several groups a
-        pytree in the shape of `elements` for `of`, each of its entries one for `wrt`; None in place
-        of groups that do not state `wrt`. NaN if the analysis fails.
+        The Jacobian as from `jax.jacobian`: every array of `of` with the axes of `wrt` appended.
+        With one group of elements, tension by shortening is [n_elem, n_elem], N/m: column j is the
+        change of the tensions if element j were shortened by a metre and the response stayed
+        linear. With several groups it is a pytree in the shape of `elements` for `of`, each entry a
+        pytree for `wrt`, with None for groups that do not state `wrt`. NaN if the analysis fails.
 
     Raises:
-        ValueError: unknown `of`, `wrt` or `phase`, or nothing in the phases that states `wrt`.
+        ValueError: unknown `of`, `wrt` or `phase`, or no statement of `wrt` in the phases.
 
     Forward mode if `wrt` has at most as many numbers as `of`, else reverse mode.
 
     Example:
-        How a node between two cables gives way (stiffness 14600 N/m, see `stiffness.tangent_of`):
+        The deflection of a node between two cables (14600 N/m, see `stiffness.tangent_of`):
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -81,7 +85,7 @@ def influence(
         raise ValueError(f"phase = {phase}: there are phases 0 to {len(phases) - 1}")
     if (
         phase is None and isinstance(wrt, str) and wrt in INCREMENTS
-    ):  # a phase of its own, which changes nothing yet
+    ):  # a separate phase at the end, which changes nothing yet
         start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
     value, put = _changing(structure, phases or [Phase()], wrt, phase)
@@ -96,11 +100,12 @@ def influence(
 
 
 def _count(tree):
+    """Number of entries of all arrays of a pytree."""
     return sum(leaf.size for leaf in jax.tree.leaves(tree))
 
 
 def _changing(structure, phases, wrt, phase):
-    """The numbers that `wrt` names, and a function that puts others in their place."""
+    """The values that `wrt` names, and a function that replaces them: to (structure, phases)."""
     if not isinstance(wrt, str):
         raise ValueError(f"wrt: expected a name such as 'shortening', got {type(wrt).__name__}")
     if wrt == "nodes":
@@ -119,8 +124,8 @@ def _changing(structure, phases, wrt, phase):
         stated = _stated(phases[phase], structure, wrt)
         able = [wrt != "temperature" or g.expansion is not None for g in structure.groups]
         zeros = [
-            jnp.zeros(len(group.links), dtype) if one and isinstance(group, Prestressable) else None
-            for group, one in zip(structure.groups, able, strict=True)
+            jnp.zeros(len(group.links), dtype) if can and isinstance(group, Prestressable) else None
+            for group, can in zip(structure.groups, able, strict=True)
         ]
         if all(z is None for z in zeros):
             raise ValueError(f"wrt = {wrt!r}: no group of elements can have one")
@@ -143,9 +148,10 @@ def _changing(structure, phases, wrt, phase):
 
 
 def _stated(phase, structure, name):
-    """What a phase states by `name`, a list with an item per group.
+    """The statement `name` of a phase, a list with an item per group.
 
-    Arrays [n_elem], `Only` where an absolute statement concerns some elements, or None.
+    An item is an array [n_elem], `Only` where an absolute statement concerns some elements, or None
+    without a statement.
     """
     stated = [inputs.get(name) for inputs in phase.inputs(structure)]
     return [
@@ -159,6 +165,7 @@ def _stated(phase, structure, name):
 
 
 def _with(phases, number, **changes):
+    """The phases with some fields of phase `number` replaced."""
     return [replace(p, **changes) if k == number else p for k, p in enumerate(phases)]
 
 
@@ -169,13 +176,13 @@ def flat_matrix(
 
     Args:
         jacobian: result of `influence`.
-        wrt: any pytree of the shape of what it is taken with respect to.
+        wrt: any pytree of the shape of the inputs that `influence` differentiated by.
 
     Returns:
         [n_of, n_wrt].
 
     Raises:
-        ValueError: the matrix was taken with respect to something of another shape.
+        ValueError: the shape of `wrt` is not that of these inputs.
 
     Example:
         >>> jacobian = {"net": {"net": np.ones((2, 2)), "guys": np.ones((2, 1))}}
@@ -185,14 +192,14 @@ def flat_matrix(
     shape: Any = jax.tree.structure(wrt)
     sizes = [jnp.size(leaf) for leaf in jax.tree.leaves(wrt)]
 
-    def one(entry):
+    def blocks(entry):
         parts = jax.tree.leaves(entry)
         return [part.reshape(-1, size) for part, size in zip(parts, sizes, strict=True)]
 
     entries = jax.tree.leaves(jacobian, is_leaf=lambda t: shape == jax.tree.structure(t))
     if any(shape != jax.tree.structure(entry) for entry in entries):
         raise ValueError("jacobian: was taken with respect to something of another shape than wrt")
-    return jnp.concatenate([jnp.concatenate(one(entry), axis=1) for entry in entries])
+    return jnp.concatenate([jnp.concatenate(blocks(entry), axis=1) for entry in entries])
 
 
 def adjustment(
@@ -202,17 +209,19 @@ def adjustment(
     *,
     rcond: float = 1e-10,
 ) -> PyTree[Float[Array, " ..."]]:
-    """The adjustments that bring about a change: least squares, and of these the smallest.
+    """The smallest adjustments that bring about a wanted change best, by least squares.
 
-    The retensioning of a net: with ``jacobian = influence(structure, phases)`` and
-    ``change = target - measured`` these are the turnbuckle shortenings, in m, for one step. A
-    change that the net cannot follow (its tensions are not independent at given lengths) is met as
-    well as it can be.
+    To retension a net take ``jacobian = influence(structure, phases)`` and
+    ``change = target - measured``: the adjustments are turnbuckle shortenings, in m, for one step.
+    A change that the net cannot follow (its tensions are not independent at given lengths) is met
+    as well as possible.
 
     Args:
         jacobian: result of `influence`.
-        change: wanted change of what it is the influence on, a pytree of its shape.
+        change: wanted change of the results `of` of `influence`, a pytree of their shape.
         like: a pytree of the shape of the adjustments; default that of `change`.
+
+    Options:
         rcond: singular values below this part of the largest one count as zero. Raise it when
             `change` is measured with errors, which small singular values amplify.
 
@@ -223,11 +232,11 @@ def adjustment(
         ValueError: the matrix does not fit `change` or `like`.
 
     Example:
-        Turns of two turnbuckles that bring 10 N more to both cables:
+        Shortenings of two turnbuckles that bring 10 N more to both cables:
 
         >>> matrix = jnp.array([[30e3, 20e3], [20e3, 30e3]])  # N/m, as from `influence`
-        >>> turns = jc.design.adjustment(matrix, jnp.array([10.0, 10.0]))
-        >>> print(jnp.round(1e3 * turns, 6))  # mm: 10 N / (30 + 20) N/mm
+        >>> shortening = jc.design.adjustment(matrix, jnp.array([10.0, 10.0]))
+        >>> print(jnp.round(1e3 * shortening, 6))  # mm: 10 N / (30 + 20) N/mm
         [0.2 0.2]
     """
     like = change if like is None else like
@@ -249,20 +258,21 @@ def adjustment(
 def scatter(
     jacobian: PyTree[Float[ArrayLike, " ..."]], tolerance: PyTree[Float[ArrayLike, " ..."]]
 ) -> tuple[PyTree[Float[Array, " ..."]], PyTree[Float[Array, " ..."]]]:
-    """What tolerances do, to first order: at worst, and at random.
+    """Effect of tolerances on results, to first order: the worst case, and the random one.
 
     Args:
         jacobian: result of `influence`, for example of tension by shortening in phase 0 for
             tolerances of the cutting lengths.
-        tolerance: of every number that it is taken with respect to, a pytree of that shape; for
-            `worst` the largest deviation, for `random` the standard deviation.
+        tolerance: tolerance of every input that `influence` differentiated by, a pytree of arrays
+            of their shape; for `worst` the largest deviation, for `random` the standard deviation.
 
     Returns:
-        (worst, random), each in the shape of what the influence is on: ``sum_j |J_ij| t_j``, when
-        all conspire, and ``sqrt(sum_j (J_ij t_j)^2)``, when they are independent.
+        (worst, random), each in the shape of the results `of` of `influence`:
+        ``sum_j |J_ij| t_j``, if all deviations add up, and ``sqrt(sum_j (J_ij t_j)^2)``, if they
+        are independent.
 
     Raises:
-        ValueError: `tolerance` is not of the shape that the matrix was taken with respect to.
+        ValueError: `tolerance` does not have the shape of these inputs.
 
     Example:
         Two cables whose tensions, N, change with their lengths, cut to 0.1 mm and 0.2 mm:
@@ -277,13 +287,13 @@ def scatter(
         raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
 
     def add(function, finish):
-        def one(entry):
+        def summed(entry):
             parts = [
                 function(j.reshape(*j.shape[: j.ndim - jnp.ndim(t)], -1)) @ function(jnp.ravel(t))
                 for j, t in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
             ]
             return finish(sum(parts))
 
-        return jax.tree.map(one, jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
+        return jax.tree.map(summed, jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
 
     return add(jnp.abs, lambda s: s), add(jnp.square, jnp.sqrt)

@@ -1,8 +1,8 @@
-"""How far a state is from where its derivative jumps: the distance of cables to slackening.
+"""Distance of cables to slackening, where the derivative of a state jumps.
 
-A cable net is smooth but where a cable becomes slack or taut. A gradient is exact on its own side
-of such a kink and says nothing about the other one; these functions say how far away that is. (Laws
-given by points have corners too: `corner_distance` of the law has theirs.)
+The response of a cable net is smooth except where a cable becomes slack or taut. A gradient is
+exact on its own side of such a kink and says nothing about the other side; these functions say how
+far away the kink is. (Laws given by points have corners, too: see `corner_distance` of the law.)
 """
 
 from __future__ import annotations
@@ -27,16 +27,17 @@ def slack_distance(
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
     """How far every cable is from slackening: its strain above that of zero force, -.
 
-    Positive in a taut cable, negative in a slack one, zero at the kink. It is smooth through zero,
-    so that a bound on it can lead out of slackness; the tension, zero there, cannot.
+    The distance is positive in a taut cable, negative in a slack one and zero at the kink. It is
+    smooth through zero, so that a bound on it can lead out of slackness; the tension, which is zero
+    in every slack cable, cannot.
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: its `Solution` or a `State`, also of a batch.
+        solution: its `Solution` or a `State`; may be a batch.
 
     Returns:
-        In the shape of the elements, [n_elem] each, with the leading axes of a batch; None for
-        groups that are not tension-only. NaN for a `Solution` that failed.
+        Strains in the shape of the elements, [n_elem] each, with the leading axes of a batch; None
+        for groups that are not tension-only. NaN for a `Solution` that failed.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -47,7 +48,7 @@ def slack_distance(
         0 0.002384, 0.002384
     """
     if jnp.ndim(solution.displacement) > 2:
-        return jax.vmap(lambda one: slack_distance(structure, one))(solution)
+        return jax.vmap(lambda case: slack_distance(structure, case))(solution)
     if isinstance(solution, Solution):
         found = slack_distance(structure, solution.last)
         return implicit.nan_unless(solution.status == status.OK, found, found)
@@ -61,7 +62,7 @@ def slack_distance(
 
 
 def _above_slack(group, state, nodes, motion):
-    """Strains of the cables of a group above those of zero force, [n_elem]."""
+    """Strains of the cables of a group, less their strains of zero force, [n_elem]."""
     group = copy(group, links=group.links.array)
     strain = each("section_strain", group, state, nodes, motion)
     return strain - group.strain_at(jnp.zeros_like(strain), state.memory)
@@ -74,7 +75,8 @@ def slack_margin(
 
     Args:
         structure, solution: as for `slack_distance`.
-        width: strain; the bound lies at most ``width log(n)`` below.
+        width: width of the smoothing, a strain; the bound is at most ``width log(n)`` below the
+            smallest distance.
 
     Returns:
         Scalar, -.
@@ -97,17 +99,17 @@ def nearest_kink(
 ) -> PyTree[Float[Array, " ..."]]:
     """Steps along a direction at which cables slacken or tighten, to first order.
 
-    A gradient describes what happens along ``params + t direction`` for t below the smallest of
-    them. It is a first-order estimate: follow it with an analysis.
+    A gradient describes the response along ``params + t direction`` for t below the smallest of
+    these steps. They are first-order estimates: check them with an analysis.
 
     Args:
         distance: function of the parameters, for example
             ``lambda p: slack_distance(structure, jc.solve(structure, phases(p)))``.
-        params, direction: pytrees of one shape.
+        params, direction: parameters and the direction of their change, pytrees of one shape.
 
     Returns:
-        t >= 0 in the shape of what `distance` gives; infinite for cables that move away, NaN if the
-        analysis failed.
+        t >= 0 in the shape of the result of `distance`; infinite for cables that move away from
+        their kink, NaN if the analysis failed.
 
     Example:
         A cable of strain ``e = T / EA``, loosened by 50 N a step from 200 N:
@@ -119,9 +121,9 @@ def nearest_kink(
     """
     values, rates = jax.jvp(distance, (params,), (direction,))
 
-    def one(value, rate):
+    def to_kink(value, rate):
         meets = (value * rate < 0) | ((value == 0) & (rate < 0))
         step = jnp.where(meets, -value / jnp.where(meets, rate, 1.0), jnp.inf)
         return jnp.where(jnp.isnan(value * rate), jnp.nan, step)
 
-    return jax.tree.map(one, values, rates)
+    return jax.tree.map(to_kink, values, rates)

@@ -13,17 +13,17 @@ from ..common import status
 from ..common.types import Array, Bool, Float, Int
 from .box import Box
 
-_DAMPING = 1e-3  # at the start, over the largest column of the scaled Jacobian, which is 1
-_SINGULAR = 1e-12  # damping of a whole step: directions this weak (squared) count as none
-_LARGEST = 1e20  # damping at which no step is left
-_WORTH = 1e-4  # part of the promised decrease that makes a step acceptable
-_ROUNDS = 8  # of steps taken again because of bounds
-_NOISE = 1e-9  # part of the squared misfit that the tolerance of an analysis may hide
-_QUICKEST = 0.1  # factor on the damping after a step that kept its promise
+_DAMPING = 1e-3  # at the start; columns of the scaled Jacobian have norms of at most 1
+_SINGULAR = 1e-12  # damping of a whole step; weaker directions (squared) get no step
+_LARGEST = 1e20  # damping from which a step is too short to matter
+_WORTH = 1e-4  # least part of the promised decrease that makes a step acceptable
+_ROUNDS = 8  # how often a step is computed again because entries have met a bound
+_NOISE = 1e-9  # changes of the squared misfit, relative to it, within the tolerance of an analysis
+_QUICKEST = 0.1  # least factor on the damping after an accepted step
 
 
 class Trials(NamedTuple):
-    """One row for every trial point, see `fit.FitHistory`."""
+    """One entry for every trial point, see `fit.FitHistory`."""
 
     misfit: Float[Array, " steps+1"]
     accepted: Int[Array, " steps+1"]
@@ -36,14 +36,15 @@ class State(NamedTuple):
 
     Attributes:
         trial: point to be evaluated.
-        x, residual, jacobian: the last accepted point.
+        x, residual, jacobian: the last accepted point, its residuals and its Jacobian.
         size: largest norm that each column of the Jacobian has had.
-        damping, growth: of the next step; factor on it if the trial is not accepted.
-        promised: decrease of half the squared misfit that the linear model promised.
+        damping: damping of the step to the trial point.
+        growth: factor on the damping if the trial point is not accepted.
+        promised: decrease of half the squared misfit by the linear model.
         first: misfit at the start.
-        n: number of trial points after the start.
+        n: number of trial points after the start; -1 before the start is evaluated.
         trials: `Trials`.
-        code, running: status, and whether to go on.
+        code, running: status, and whether the loop goes on.
     """
 
     trial: Float[Array, " n"]
@@ -65,10 +66,10 @@ class LevenbergMarquardt:
     """The loop for one problem.
 
     Args:
-        residuals: function of the flat parameters to (residuals [n_residual], status code).
-        steps: number of trial points after the start, at most.
+        residuals: function of the flat parameters that returns (residuals [n_residual], code).
+        steps: largest number of trial points after the start.
         box: `Box` of flat bounds.
-        sizes: function of the flat parameters to their sizes, which `tol` is relative to.
+        sizes: function of the flat parameters that returns their sizes, to which `tol` is relative.
         tol: see `fit`.
     """
 
@@ -89,7 +90,7 @@ class LevenbergMarquardt:
         """Iterate from `x`, [n]."""
         shape, _ = jax.eval_shape(self.residuals, x)
         one, none = jnp.ones((), x.dtype), jnp.int32(0)
-        row, count = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
+        real, whole = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
         state = State(
             trial=x,
             x=x,
@@ -101,7 +102,7 @@ class LevenbergMarquardt:
             promised=one,
             first=one,
             n=none - 1,
-            trials=Trials(row, count, row, count),
+            trials=Trials(real, whole, real, whole),
             code=none,
             running=jnp.ones((), bool),
         )
@@ -113,21 +114,21 @@ class LevenbergMarquardt:
         sound, begun = code == status.OK, s.n >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
-        good = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
+        accepted = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
         promised = s.promised
         misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
-        entries = Trials(misfit, good.astype(jnp.int32), s.damping, code)
+        entries = Trials(misfit, accepted.astype(jnp.int32), s.damping, code)
         less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
-        damping = jnp.where(good, jnp.where(begun, less, s.damping), s.damping * s.growth)
+        damping = jnp.where(accepted, jnp.where(begun, less, s.damping), s.damping * s.growth)
         x, residual, jacobian = (
-            jnp.where(good, new, old)
+            jnp.where(accepted, new, old)
             for new, old in zip(
                 (s.trial, residual, jacobian), (s.x, s.residual, s.jacobian), strict=True
             )
         )
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
-        held = self.box.blocked(x, residual @ jacobian)
-        trial = self.step(x, residual, jacobian, size, damping, held)
+        blocked = self.box.blocked(x, residual @ jacobian)
+        trial = self.step(x, residual, jacobian, size, damping, blocked)
         change = jacobian @ (trial - x)
         s = s._replace(
             trial=trial,
@@ -136,17 +137,17 @@ class LevenbergMarquardt:
             jacobian=jacobian,
             size=size,
             damping=damping,
-            growth=jnp.where(good, 2.0, 2 * s.growth),
+            growth=jnp.where(accepted, 2.0, 2 * s.growth),
             promised=-(residual @ change) - 0.5 * jnp.sum(change**2),
             first=jnp.where(begun, s.first, misfit),
             n=s.n + 1,
             trials=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.trials, entries),
         )
-        # what is left to gain has no digits
+        # a promised decrease within the noise of the analysis cannot be observed: converged
         noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps))
-        level = begun & sound & ~good & (promised >= 0) & (promised <= noise * before)
-        converged = (begun | sound) & (self.converged(s, held) | level)
-        hopeless = ~good & ((damping > _LARGEST) | jnp.all(trial == x))
+        level = begun & sound & ~accepted & (promised >= 0) & (promised <= noise * before)
+        converged = (begun | sound) & (self.converged(s, blocked) | level)
+        hopeless = ~accepted & ((damping > _LARGEST) | jnp.all(trial == x))
         code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
         code = jnp.where(begun | sound, code, status.BAD_START)
         return s._replace(
@@ -154,10 +155,10 @@ class LevenbergMarquardt:
             running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
         )
 
-    def converged(self, s: State, held: Bool[Array, " n"]) -> Bool[Array, ""]:
-        """Whether the whole step would change next to nothing; a damped one is always short."""
+    def converged(self, s: State, blocked: Bool[Array, " n"]) -> Bool[Array, ""]:
+        """Whether the undamped step would change next to nothing; a damped one is always short."""
         size = jnp.linalg.norm(s.jacobian, axis=0)
-        whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, held)
+        whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, blocked)
         misfit = jnp.linalg.norm(s.residual)
         stationary = jnp.linalg.norm(s.jacobian @ whole) <= self.tol * misfit
         settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * self.sizes(s.x))
@@ -171,29 +172,30 @@ class LevenbergMarquardt:
         jacobian: Float[Array, "n_residual n"],
         size: Float[Array, " n"],
         damping: Float[Array, ""],
-        held: Bool[Array, " n"],
+        blocked: Bool[Array, " n"],
     ) -> Float[Array, " n"]:
-        """The next trial point: a damped step, taken again without the entries that meet a bound.
+        """The next trial point: a damped step, computed again while entries meet a bound.
 
-        What meets a bound stops there, and the others take account of it.
+        An entry that meets a bound stops there, and the step of the other entries is computed again
+        with that.
         """
 
         def again(s):
-            move, fixed, _, count = s
-            known = jnp.where(fixed, move, 0.0)
-            free = damped_step(residual + jacobian @ known, jacobian, size, damping, fixed)
-            wanted = x + jnp.where(fixed, known, free)
+            move, stopped, _, count = s
+            known = jnp.where(stopped, move, 0.0)
+            others = damped_step(residual + jacobian @ known, jacobian, size, damping, stopped)
+            wanted = x + jnp.where(stopped, known, others)
             trial = self.box.project(wanted)
-            return trial - x, fixed | (trial != wanted), jnp.any(trial != wanted), count + 1
+            return trial - x, stopped | (trial != wanted), jnp.any(trial != wanted), count + 1
 
-        start = (jnp.zeros_like(x), held, jnp.ones((), bool), 0)
+        start = (jnp.zeros_like(x), blocked, jnp.ones((), bool), 0)
         move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
         return self.box.project(x + move)
 
     def evaluate(
         self, x: Float[Array, " n"]
     ) -> tuple[Float[Array, " n_residual"], Float[Array, "n_residual n"], Int[Array, ""]]:
-        """Residuals, Jacobian and status; NONFINITE if a number of them is not finite."""
+        """Residuals, Jacobian and status; NONFINITE if one of their numbers is not finite."""
         shape, _ = jax.eval_shape(self.residuals, x)
         if x.size <= shape.size:
             residual, push, code = jax.linearize(self.residuals, x, has_aux=True)
@@ -210,14 +212,14 @@ def damped_step(
     jacobian: Float[Array, "n_residual n"],
     size: Float[Array, " n"],
     damping: Float[Array, ""] | float,
-    held: Bool[Array, " n"],
+    blocked: Bool[Array, " n"],
 ) -> Float[Array, " n"]:
-    """``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where held.
+    """Solve ``(J^T J + mu D^2) d = -J^T r`` by QR of ``[J/D; sqrt(mu) I]``; zero where blocked.
 
-    `size` is D, [n]; a column that has never had an entry takes 1, and no step.
+    `size` is D, [n]. A column of zeros has size 0; 1 is used for it, and its step is zero.
     """
     size = jnp.where(size > 0, size, 1.0)
-    scaled = jnp.where(held[None, :], 0.0, jacobian / size[None, :])
+    scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])
     damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
     q, r = jnp.linalg.qr(jnp.concatenate([scaled, damper]))
     return jax.scipy.linalg.solve_triangular(r, -(residual @ q[: residual.size])) / size

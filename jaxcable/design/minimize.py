@@ -20,21 +20,21 @@ from .descent import Descent
 from .outcome import split_loss
 from .programs import Programs, underivable
 
-_PART = 0.1  # of its size: a typical change of a parameter
+_PART = 0.1  # typical change of a parameter over its size
 
 
 @pytree
 class History:
-    """What happened in each accepted step, first of all the start; NaN or -1 after the last one.
+    """Record of the accepted points, the start first; NaN or -1 after the last one.
 
     Attributes:
-        loss: [steps + 1].
-        gradient_norm: what `tol` bounds (see `minimize`), [steps + 1].
-        status: 0, or the code of the inner analysis that failed last on the way to this point, so
-            that the step had to be shortened, [steps + 1].
-        failures: number of such failures in this step, [steps + 1].
-        shortened: how often the step was shortened, for this or for a loss that did not fall,
-            [steps + 1].
+        loss: loss at the point, [steps + 1].
+        gradient_norm: measure of the gradient, which `tol` bounds (see `minimize`), [steps + 1].
+        status: 0, or the code of the last analysis that failed on the way to the point and so
+            shortened the step, [steps + 1].
+        failures: number of such failures on the way to the point, [steps + 1].
+        shortened: how often the step was shortened, because an analysis failed or because the loss
+            did not fall, [steps + 1].
 
     Example:
         >>> loss = lambda x: (x[0] - 3.0) ** 2 + 10.0 * (x[1] - 1.0) ** 2 + 5.0
@@ -56,25 +56,25 @@ class Design:
     """Result of `minimize`.
 
     Attributes:
-        params: where the loss was lowest (within 1e-9 of it if converged), in the shape of the
-            start.
-        loss: there.
-        gradient: there, in the shape of `params`; not projected.
-        gradient_norm: there, as in `History`.
+        params: parameters of the lowest loss found (if converged, those of the last accepted point,
+            whose loss is within 1e-9 of the lowest in float64), in the shape of the start.
+        loss: loss at `params`.
+        gradient: gradient at `params`, in their shape; not projected.
+        gradient_norm: measure of the gradient at `params`, as in `History`.
         history: `History`.
         status: 0 if `gradient_norm` fell to `tol`; `describe` has the texts.
         steps: number of accepted steps.
-        evaluations: number of times that the loop asked for loss and gradient (a line search of the
-            optimizer asks for more).
-        failures: number of trial points at which the inner analysis failed, those of a last step
-            that led nowhere included.
+        evaluations: number of evaluations of loss and gradient by the loop; a line search of the
+            optimizer adds its own.
+        failures: number of trial points at which the inner analysis failed, including those of a
+            last step that was never accepted.
 
     Example:
         >>> loss = lambda x: (x[0] - 3.0) ** 2 + 10.0 * (x[1] - 1.0) ** 2 + 5.0
         >>> found = jc.minimize(loss, jnp.array([0.0, 0.0]), bounds=(0.0, 2.0))
         >>> print(jc.describe(found.status), jnp.round(found.params, 4), f"{found.loss:.4f}")
         converged [2. 1.] 6.0000
-        >>> print(f"{found.gradient[0]:.4f}")  # the bound holds the first
+        >>> print(f"{found.gradient[0]:.4f}")  # the upper bound blocks the first parameter
         -2.0000
     """
 
@@ -109,43 +109,45 @@ def minimize(
     """Minimise a loss, within bounds, by an optax transformation.
 
     Args:
-        loss: function ``loss(params, *args)`` to a scalar, or to (scalar, `Solution`), or (scalar,
-            status codes); with a second part the loop knows what failed. A batch of solutions fails
-            if one of them does.
+        loss: function ``loss(params, *args)`` that returns a scalar, or (scalar, `Solution`), or
+            (scalar, status codes). The second part shows which trial points failed; a batch of
+            solutions fails if one of them does.
         params: start, any pytree of floats.
         bounds: (lower, upper), each None, a scalar, an array or a prefix pytree of `params`.
-        optimizer: any optax transformation, also one with a line search of its own such as
-            `optax.lbfgs()`; it sees the parameters in their own units. Default: L-BFGS with a
-            search along the projected path that accepts nothing but a lower loss; it does not
-            depend on units.
-        steps: number of accepted steps, at most.
-        tol: stop when ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is
-            at most `tol`: a change of a parameter by its own size promises less than `tol` of the
-            loss, or of a tenth of the first one. (So a start with a huge loss asks for a smaller
-            `tol`.) The size ``s`` is the largest entry
-            of the parameter's array, now or at the start (if all are zero there, of its finite
-            bounds, or 1); entries at a bound that the step would cross do not count. The default
-            optimizer asks for more: that its whole step promises no more than that. Default: 1e-6
-            in float64, 1e-3 in float32.
-        args: tuple of further arguments of the loss, any pytrees. The loss is compiled once for a
-            function object, as by `jax.jit`: what it takes from outside is frozen then. Pass what
-            changes here.
-        scale: sizes of a typical change, as `bounds`: the optimizer sees the parameters divided by
-            them. Default: a tenth of ``s`` at the start for the default optimizer, 1 for others.
+        optimizer: any optax transformation, also one with its own line search such as
+            `optax.lbfgs()`; it works in the units of the parameters unless `scale` is given.
+            Default: L-BFGS with a search along the projected path that accepts lower losses only
+            and does not depend on units.
 
-        progress: True to have long work say on stderr where it is (step, loss, gradient); or a
-            function of a `progress.Step`, called after each.
+    Options:
+        steps: largest number of accepted steps.
+        tol: stop when ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is
+            at most `tol`: a change of a parameter by its size ``s`` then promises less than `tol`
+            of the loss, or of a tenth of the loss at the start. (So a start with a huge loss needs
+            a smaller `tol`.) The size is the largest entry of the parameter's array, now or at the
+            start (if all are zero at the start, the largest finite bound, or 1). Entries at a bound
+            that the step would cross do not count. With the default optimizer its whole step must
+            not promise more than that either. Default: 1e-6 in float64, 1e-3 in float32.
+        args: tuple of further arguments of the loss, any pytrees. The loss is compiled once per
+            function object, as by `jax.jit`, with the outside values that it uses frozen; pass
+            here what changes from call to call.
+        scale: size of a typical change of every parameter, in the forms that a bound can have; the
+            optimizer works on the parameters divided by it. Default: a tenth of ``s`` at the start
+            for the default optimizer, 1 for others.
+        progress: True to show progress on stderr (step, loss, gradient norm); or a function of a
+            `progress.Step`, called at the start and after every accepted step.
 
     Returns:
-        `Design`. Works under jit and vmap (many starts at once); to differentiate it is an error.
+        `Design`. Works under jit and vmap (many starts at once); differentiating it is an error.
 
     Raises:
-        ValueError: no optax transformation, a loss that is no scalar, bounds that leave no room, a
-            start outside of them. While they are traced the latter two are the status OUTSIDE.
+        ValueError: no optax transformation, a loss that is no scalar, bounds that leave no room, or
+            a start outside of them. Where the numbers are traced, bounds without room and a start
+            outside of them end in the status OUTSIDE.
 
-    Bounds hold exactly at every point at which the loss is asked for (projection). Entries at a
+    Bounds hold exactly at every point at which the loss is evaluated (projection). Entries at a
     bound that the step would cross are hidden from the optimizer, so that a quasi-Newton method
-    works in the space that is left (Bertsekas, *Projected Newton methods for optimization problems
+    works in the space that remains (Bertsekas, *Projected Newton methods for optimization problems
     with simple constraints*, 1982). A point at which the analysis fails is never accepted: the step
     is halved and tried again, up to 40 times; then the status is STALLED. Near the minimum, where
     the loss has no digits left, its slope decides (Hager and Zhang, *Algorithm 851*, 2006).
@@ -183,7 +185,10 @@ def minimize(
 
 
 def _floor(x, low, high):
-    """Least size of every entry: the largest of its array at the start, of its bounds, or 1."""
+    """Least size of every entry: the largest of its array at the start, else of its bounds, or 1.
+
+    Bounds that are infinite do not count.
+    """
     ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
     start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
     size = jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
@@ -191,7 +196,7 @@ def _floor(x, low, high):
 
 
 def _make(reference, optimizer, steps, listen):
-    """The program for the loss that `reference()` gives."""
+    """The compiled program for the loss that `reference()` returns."""
 
     @jax.jit
     def run(params, args, box, floor, scale, tol):
@@ -222,7 +227,7 @@ def _make(reference, optimizer, steps, listen):
                 status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
                 steps=jnp.maximum(end.n, 0),
                 evaluations=end.evaluations,
-                # those of accepted steps, and of the last one if it led nowhere
+                # of accepted steps, and of a last step that was never accepted
                 failures=jnp.sum(jnp.maximum(log.failures, 0)) + end.failures,
             )
         )

@@ -1,8 +1,8 @@
 """Objectives: small pure functions of a `Solution`, smooth (but for `material_use`), with units.
 
-They take a batch of solutions (a leading axis for load cases) as well: sums run over all cases, and
-the largest and smallest values are those of the worst case. Add them up to a loss with weights that
-carry the units; of a failed analysis they are NaN.
+They also take a batch of solutions (a leading axis for load cases): sums run over all cases, and
+the largest and smallest values are those of the worst case. Add them up to a loss, with weights
+that carry the units. Objectives of a failed analysis are NaN.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ def smooth_max(
 ) -> Float[Array, ""]:
     """Smooth upper bound of the largest entry: ``width log sum exp(x / width)``.
 
-    At most ``width log(n)`` above it. Order of the axes does not matter.
+    The bound is at most ``width log(n)`` above the largest entry.
 
     Args:
         values: array, or a pytree of arrays, of n entries in all.
-        width: in their unit.
+        width: width of the smoothing, in the unit of the values.
 
     Returns:
-        Scalar, in their unit.
+        Scalar, in the unit of the values.
 
     Source: Kreisselmeier and Steinhauser (1979).
 
@@ -46,14 +46,14 @@ def smooth_min(
 ) -> Float[Array, ""]:
     """Smooth lower bound of the smallest entry; see `smooth_max`.
 
-    At most ``width log(n)`` below it.
+    The bound is at most ``width log(n)`` below the smallest entry.
 
     Args:
         values: array, or a pytree of arrays, of n entries in all.
-        width: in their unit.
+        width: width of the smoothing, in the unit of the values.
 
     Returns:
-        Scalar, in their unit.
+        Scalar, in the unit of the values.
 
     Example:
         >>> print(f"{jc.design.smooth_min(jnp.ones(3), width=0.1):.4f}")  # 1 - 0.1 log(3)
@@ -69,7 +69,7 @@ def mean_over_cases(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> PyTree[Fl
         values: a pytree of arrays with the cases on their leading axis.
 
     Returns:
-        The same in the shape of one case.
+        Means, in the shape of one case.
 
     Example:
         >>> cases = {"net": jnp.array([[100.0, 200.0], [300.0, 400.0]])}  # two cases
@@ -84,11 +84,11 @@ def shape_distance(
     positions: Float[ArrayLike, "n 3"],
     nodes: Int[ArrayLike, " n"] | None = None,
 ) -> Float[Array, ""]:
-    """Sum of the squared distances of nodes from where they should be, m2.
+    """Sum of the squared distances of nodes from wanted positions, m2.
 
     Args:
         solution: `Solution`.
-        positions: target, [n_node, 3], or [n, 3] of the chosen `nodes`, m.
+        positions: wanted positions, [n_node, 3], or [n, 3] of the chosen `nodes`, m.
         nodes: node numbers, [n]; default all.
 
     Returns:
@@ -112,8 +112,8 @@ def tension_distance(
 
     Args:
         solution: `Solution`.
-        tension: wanted, N, a scalar or a pytree of the shape of the elements (arrays [n_elem] or
-            scalars).
+        tension: wanted tensions, N, a scalar or a pytree of the shape of the elements (arrays
+            [n_elem] or scalars).
 
     Returns:
         Scalar, N2; NaN for a failed analysis.
@@ -156,13 +156,13 @@ def largest_deflection(
 ) -> Float[Array, ""]:
     """Smooth upper bound of the largest deflection of a node in a phase, m.
 
-    ``width sqrt(log sum exp(d^2 / width^2))``, smooth at nodes that do not move: below
-    ``sqrt(d_max^2 + width^2 log(n))``, hence close as soon as deflections are several widths.
+    The bound ``width sqrt(log sum exp(d^2 / width^2))`` is smooth at nodes that do not move. It is
+    below ``sqrt(d_max^2 + width^2 log(n))``, hence close if deflections are several widths.
 
     Args:
         solution: `Solution`.
-        width: m; a few per cent of the deflections of interest.
-        phase: number of the phase, default the last; the deflection is from where it began.
+        width: width of the smoothing, m; a few per cent of the deflections of interest.
+        phase: number of the phase, default the last; deflections are from the start of the phase.
 
     Returns:
         Scalar, m; NaN for a failed analysis.
@@ -182,8 +182,8 @@ def largest_deflection(
 def total_prestress(solution: Solution, phase: int = 0) -> Float[Array, ""]:
     """Sum of the tensions at the end of a phase, by default the first, N.
 
-    Of load cases from `solve_cases` the first phase is their loading: take the solution that they
-    start from.
+    The first phase of load cases from `solve_cases` is their loading: use the solution from which
+    they start.
 
     Args:
         solution: `Solution`.
@@ -206,11 +206,11 @@ def material_use(
 ) -> Float[Array, ""]:
     """Volume of material if every element were sized for its force: ``sum |N| L0 / stress``, m3.
 
-    N is the largest force along an element, `peak_tension`. Not smooth where another load case, or
-    the other end of a catenary, comes to govern.
+    N is the largest force along an element, `peak_tension`. The volume is not smooth where another
+    load case, or the other end of a catenary, becomes the governing one.
 
     Args:
-        solution: `Solution`; of several load cases the largest force of every element counts.
+        solution: `Solution`; with several load cases the largest force of every element counts.
         stress: allowed stress, Pa, a scalar or a pytree of the shape of the elements.
 
     Returns:
@@ -239,6 +239,6 @@ def _added(parts):
 
 
 def _for_all(target, found):
-    """A target as an array that broadcasts over the cases of a batch."""
+    """The target with leading axes of length 1, so that it broadcasts over the cases of a batch."""
     target = jnp.asarray(target)
     return target.reshape((1,) * (found.ndim - target.ndim) + target.shape)

@@ -1,4 +1,4 @@
-"""What a loss or residuals may return beside their value: solutions, or status codes."""
+"""Values and status codes of what a loss or a function of residuals returns."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 
 
 def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """Scalar and status of what a loss returns: a scalar, or (scalar, what carries the status)."""
-    value, told = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
+    """Scalar and status from the result of a loss: a scalar, or (scalar, solutions or codes)."""
+    value, outcomes = result if isinstance(result, tuple) and len(result) == 2 else (result, ())
     if value is None or hasattr(value, "status"):
         got = "None; it needs a return" if value is None else f"a {type(value).__name__} first"
         raise ValueError(f"loss: expected a scalar float, or (scalar, solution), got {got}")
@@ -23,13 +23,13 @@ def split_loss(result: Any) -> tuple[Float[Array, ""], Int[Array, ""]]:
             f"loss: expected a scalar float, or (scalar, solution), got {value.dtype}"
             f"{list(value.shape)}"
         )
-    return value, worst_code(told, "loss")
+    return value, worst_code(outcomes, "loss")
 
 
 def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[Array, ""]]:
-    """Residuals and status of what a function returns: a pytree, or (pytree, solutions or codes).
+    """Residuals and status from a result: a pytree of residuals, or (pytree, solutions or codes).
 
-    A pair counts as the latter if there is nothing else than solutions and integers in its second.
+    A pair is taken for the latter if its second part holds solutions and integers only.
     """
     if isinstance(result, tuple) and len(result) == 2:
         leaves = jax.tree.leaves(result[1], is_leaf=_has_status)
@@ -38,10 +38,10 @@ def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[
     return result, worst_code((), "residuals")
 
 
-def worst_code(told: PyTree[Any], name: str) -> Int[Array, ""]:
-    """The largest status code in a pytree of solutions and arrays of codes; OK if it is empty."""
+def worst_code(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
+    """The largest status code in a pytree of solutions and arrays of codes; OK for no leaves."""
     code = jnp.int32(status.OK)
-    for item in jax.tree.leaves(told, is_leaf=_has_status):
+    for item in jax.tree.leaves(outcomes, is_leaf=_has_status):
         codes = jnp.asarray(getattr(item, "status", item))
         if not jnp.issubdtype(codes.dtype, jnp.integer):
             raise ValueError(f"{name}: beside the value expected solutions or status codes")

@@ -14,20 +14,21 @@ from ..common.types import PyTree
 class Programs:
     """Programs by function object, so that a second call does not compile again.
 
-    Nothing is kept alive: the programs of a function are forgotten with it.
+    The programs of a function are dropped when the function is deleted: they do not keep it alive.
 
     Args:
-        make: function (reference, *options) to a program; it calls `reference()` for the function.
+        make: function ``make(reference, *options)`` that returns a program; the program calls
+            `reference()` to get the function.
     """
 
     def __init__(self, make: Callable[..., Callable[..., Any]]):
         self.make, self.kept = make, weakref.WeakKeyDictionary()
 
     def __call__(self, function: Callable[..., Any], *options: Hashable) -> Any:
-        """The program of a function, made if there is none yet."""
+        """The program of a function with some options; it is made at the first call."""
         try:
             programs = self.kept.setdefault(function, {})
-        except TypeError:  # no weak references to it, or no hash
+        except TypeError:  # the function has no hash, or allows no weak references: keep nothing
             return self.make(lambda: function, *options)
         if options not in programs:
             programs[options] = self.make(weakref.ref(function), *options)
@@ -36,7 +37,7 @@ class Programs:
 
 @jax.custom_jvp
 def underivable(tree: PyTree[Any]) -> PyTree[Any]:
-    """The identity; to differentiate it is an error, and not a silent NaN or zero."""
+    """The identity; differentiating it is an error, instead of a silent NaN or zero."""
     return tree
 
 

@@ -29,13 +29,16 @@ def solve_cases(
     """Solve many load cases from one prestressed state, all at once.
 
     Args:
-        structure, phases, method, start: as for `solve`: the way to the prestressed state.
-        cases: list of `Phase`, one a case, alike but for their numbers (the same kinds of loads on
-            the same nodes, zero where a case has none); or one `Phase` whose arrays all have a
+        structure, phases, method: as for `solve`; `phases` lead to the prestressed state.
+        cases: list of `Phase`, one per case, which differ in numbers only (the same kinds of loads
+            on the same nodes, zero where a case has none); or one `Phase` whose arrays all have a
             leading axis [n_case].
 
+    Options:
+        start: as for `solve`: the state at which `phases` begin.
+
     Returns:
-        `Solution` of the cases, a leading axis [n_case] in every array.
+        `Solution` of the cases, with a leading axis [n_case] in every array.
 
     Raises:
         ValueError: cases that differ in more than numbers.
@@ -76,8 +79,8 @@ class Envelope:
     """Extremes over load cases, each in the shape of one case.
 
     Attributes:
-        lowest, highest: values; NaN where the analysis of a case has failed.
-        lowest_case, highest_case: numbers of the cases that govern.
+        lowest, highest: extreme values; NaN where the analysis of a case has failed.
+        lowest_case, highest_case: numbers of the governing cases.
 
     Example:
         >>> tension = jnp.array([[200.0, 250.0], [230.0, 210.0]])  # [n_case, n_elem], N
@@ -96,7 +99,7 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
     """Extremes over load cases.
 
     Args:
-        values: any result with the cases on its leading axis, a pytree: ``solution.peak_tension``.
+        values: a pytree with the cases on the leading axes, such as ``solution.peak_tension``.
 
     Returns:
         `Envelope`, its entries in the shape of one case.
@@ -116,20 +119,20 @@ def utilisation(
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
     """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
 
-    Compression is compared with the strength alone: buckling is not in it. How far a state is from
-    buckling is what `stiffness.buckling_factor` and `trace_path` tell. Of beams it is that of their
-    axial force alone (`fibre_stress` has bending too).
+    Compression is compared with the strength alone, without buckling: `stiffness.buckling_factor`
+    and `trace_path` show how far a state is from that. Of beams the axial force alone counts
+    (`fibre_stress` includes bending).
 
     Args:
         structure: `Structure` whose groups have a `strength`, or a law that ends.
-        tension: `Solution`, `State`, or the result or path of a phase: the largest force along each
-            element counts, its `peak_tension`. Or forces in the shape of the elements, N, as they
-            are; of catenaries give `peak_tension` then, as their `tension` is the mean of both
-            ends. Leading axes (load cases, increments) are kept.
+        tension: `Solution`, `State`, or the result or path of a phase, of which the largest force
+            along each element counts, its `peak_tension`; or forces in the shape of the elements,
+            N. (Then give `peak_tension` of catenaries: their `tension` is the mean of both ends.)
+            Leading axes (load cases, increments) are kept.
 
     Returns:
-        In the shape of the elements; None for groups of unknown strength. Differentiable in forces
-        and strengths.
+        Utilisation in the shape of the elements; None for groups of unknown strength. It is
+        differentiable in forces and strengths.
 
     Raises:
         ValueError: no group has a strength, or forces of another number of groups.
@@ -146,7 +149,7 @@ def utilisation(
         >>> print(solution.status, f"{used[0]:.3f}, by the mean {mean[0]:.3f}")
         0 0.190, by the mean 0.116
 
-        Forces as they are:
+        Given forces:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, strength=2e3)
@@ -156,12 +159,12 @@ def utilisation(
     """
     groups = structure.groups
     forces = getattr(tension, "peak_tension", tension)
-    leaves = jax.tree.leaves(forces, is_leaf=lambda own: own is None)
+    leaves = jax.tree.leaves(forces, is_leaf=lambda leaf: leaf is None)
     if len(leaves) != len(groups):
         raise ValueError(f"tension: has {len(leaves)} arrays, the structure {len(groups)} groups")
     found = []
     for group, force in zip(groups, leaves, strict=True):
-        if force is None:  # of a group without an axial force
+        if force is None:  # a group without axial forces
             found.append(None)
             continue
         force = jnp.asarray(force)

@@ -1,7 +1,7 @@
 """Scenes and results in files: JSON, NPZ, CSV; ParaView and OpenSees; nets of other programs.
 
-Files are data: nothing in them is executed. One that is not what it should be ends as a `FileError`
-with its name and the line or field.
+Files are data: nothing in them is executed. A file with wrong contents raises a `FileError` that
+names the file and the line or field.
 """
 
 from .codec import register

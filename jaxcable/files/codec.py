@@ -1,11 +1,13 @@
 """Objects of the package as plain data for JSON, and back: fixed tables of types and fields.
 
-- A number, a text, true or false stand for themselves; null and a field that is absent for None.
-- A list of numbers, however nested, is an array; one of float32 is
+- A number, a text, true or false stand for themselves; null or an absent field stands for None.
+- A list of numbers, also a nested one, is an array; an array of float32 is
   ``{"type": "float32", "values": [...]}``.
-- An object with a text under "type" is one of `TYPES`, its other fields those of the class.
-- An object without is a dict, a list that holds objects a list, ``{"type": "tuple", "items": []}``
-  a tuple; so is ``{"type": "list", ...}`` where a list of numbers is meant as a list.
+- An object with a text under "type" is of the class of that name in `TYPES`; its other fields are
+  those of the class.
+- An object without "type" is a dict. A list that holds objects is a list. A tuple is
+  ``{"type": "tuple", "items": []}``, and a list of numbers that is no array is
+  ``{"type": "list", "items": []}``.
 """
 
 from __future__ import annotations
@@ -50,11 +52,17 @@ TYPES: dict[str, type] = {
         *(SupportMovement, Elastic, Parallel, Polygonal, Section),
     )
 }
-"""What a file can hold, by the name of its type."""
+"""Classes whose objects a file can hold, by name."""
 
 
 def register(cls: Kind) -> Kind:
-    """Let files hold objects of a class of one's own: a group, a load, a law; returns the class.
+    """Let files hold objects of a user's class: a group, a load, a law.
+
+    Args:
+        cls: the class, a dataclass whose fields are the arguments of its constructor.
+
+    Returns:
+        The class, so that `register` can be a decorator.
 
     Raises:
         ValueError: another class has that name.
@@ -70,19 +78,19 @@ def register(cls: Kind) -> Kind:
 
 
 _IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
-_DEEPEST = 32  # nested objects; no structure comes near
+_DEEPEST = 32  # levels of nested objects, more than any structure needs
 
 
 def encode(value: Any, where: str, implied: type | None = None) -> Any:
     """Plain data of an object, a container, an array or a number.
 
     Args:
-        value: what to write.
-        where: its place in words, for messages.
-        implied: the class that a reader expects here; any other is named.
+        value: object, container, array or number.
+        where: its place in the scene, in words, for messages.
+        implied: the class that a reader expects here; its name is left out of the data.
 
     Raises:
-        ValueError: something that a file cannot hold: other types, tracers, NaN.
+        ValueError: a file cannot hold the value: other types, tracers, NaN.
     """
     if value is None or isinstance(value, bool | str):
         return value
@@ -109,36 +117,38 @@ def encode(value: Any, where: str, implied: type | None = None) -> Any:
 
 
 def _encode_object(value, where, implied):
+    """Plain data of an object of a class in `TYPES`, a dict; fields with defaults are left out."""
     cls = type(value)
     fields = {} if cls is implied else {"type": cls.__name__}
     for field in dataclasses.fields(cls):
-        own = getattr(value, field.name)
-        if own is None or field.name in _worked_out(cls):
+        content = getattr(value, field.name)
+        if content is None or field.name in _worked_out(cls):
             continue
-        if field.default is not dataclasses.MISSING and own is field.default:
+        if field.default is not dataclasses.MISSING and content is field.default:
             continue
-        if is_group(value) and isinstance(own, np.ndarray | jax.Array):
-            own = _once(np.asarray(own))
+        if is_group(value) and isinstance(content, np.ndarray | jax.Array):
+            content = _once(np.asarray(content))
         if cls is Section and field.name == "laws":
-            own = list(own)  # its constructor makes a tuple of it again
+            content = list(content)  # its constructor makes a tuple of it again
         place = f"{where}.{field.name}"
-        fields[field.name] = encode(own, place, _IMPLIED.get(field.name))
+        fields[field.name] = encode(content, place, _IMPLIED.get(field.name))
     return fields
 
 
 def _worked_out(cls):
-    """Fields of a class that nobody states: its constructor or the analysis puts them in."""
+    """Fields of a class that users do not state: its constructor or the analysis fills them."""
     return cls.worked_out if issubclass(cls, Load | Law) else ()
 
 
-def _once(rows):
-    """One row for all if they are the same, as constructors take it; [n, ...] else."""
-    if len(rows) > 1 and rows.tobytes() == rows[:1].tobytes() * len(rows):
-        return rows[0]
-    return rows
+def _once(values):
+    """The value of all elements if they have the same, as constructors accept it; else [n, ...]."""
+    if len(values) > 1 and values.tobytes() == values[:1].tobytes() * len(values):
+        return values[0]
+    return values
 
 
 def _encode_numbers(value, where):
+    """A number, or an array as nested lists; float32 is marked."""
     array = np.asarray(value)
     if not np.issubdtype(array.dtype, np.number) and array.dtype != bool:
         raise ValueError(f"{where}: an array of {array.dtype} cannot be written to a file")
@@ -151,7 +161,13 @@ def _encode_numbers(value, where):
 
 
 def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -> Any:
-    """The object that `encode` made plain data of.
+    """The object that `encode` has turned into plain data.
+
+    Args:
+        data: plain data, as from JSON.
+        where: place of the data in the file, in words, for messages.
+        implied: class of an object whose data do not name one.
+        depth: level of nesting.
 
     Raises:
         FileError: names the field and what is wrong with it.
@@ -181,6 +197,7 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
 
 
 def _decode_single(data, where):
+    """An array or a number of float32."""
     if data.keys() != {"type", "values"}:
         raise FileError(f'{where}: float32 has the fields "type" and "values" and no other')
     values = _decode_numbers(data["values"], where)
@@ -190,6 +207,7 @@ def _decode_single(data, where):
 
 
 def _decode_items(data, where, name, depth):
+    """A list or a tuple with "items"."""
     items = data.get("items")
     if data.keys() != {"type", "items"} or not isinstance(items, list):
         raise FileError(f'{where}: a {name} has the fields "type" and "items" and no other')
@@ -199,6 +217,7 @@ def _decode_items(data, where, name, depth):
 
 
 def _decode_object(data, where, implied, depth):
+    """An object of a class in `TYPES`; FileError for unknown types and fields, or wrong values."""
     name = data.get("type", implied.__name__ if implied else None)
     if not isinstance(name, str) or name not in TYPES:
         raise FileError(f"{where}: unknown type {name!r}{_meant(name, TYPES)}")
@@ -228,11 +247,12 @@ def _decode_object(data, where, implied, depth):
             raise FileError(f"{where}: {missing[0]}: missing; a {name} needs it") from None
         raise FileError(f"{where}: not the numbers that a {name} needs: {error}") from None
     except (AttributeError, IndexError, KeyError, OverflowError) as error:
-        # what a constructor trips over when a field holds another kind of thing altogether
+        # errors of constructors when a field holds a value of a wrong kind
         raise FileError(f"{where}: not the fields that a {name} needs: {error}") from None
 
 
 def _required(field, values):
+    """Whether a field has no default and no value."""
     nothing = dataclasses.MISSING
     return (
         field.default is nothing and field.default_factory is nothing and field.name not in values
@@ -240,12 +260,13 @@ def _required(field, values):
 
 
 def _meant(name, known):
-    """Names that a misspelt one may have meant, as the end of a message."""
+    """The end of a message on an unknown name: the known name most like it, or all of them."""
     near = difflib.get_close_matches(str(name), list(known), n=1)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
 
 
 def _decode_numbers(data, where):
+    """An array from nested lists of finite numbers."""
     try:
         array = np.array(data)
     except (ValueError, OverflowError):

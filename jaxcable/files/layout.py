@@ -1,4 +1,4 @@
-"""JSON that a person can read: objects indented, rows of numbers on one line."""
+"""JSON that a person can read: objects indented, lists of numbers on one line."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 
 def laid_out(data: Any, indent: int = 0) -> str:
-    """The text of plain data; numbers with all their digits."""
+    """Plain data as JSON text, with all digits of numbers."""
     inner = "\n" + " " * (indent + 1)
     if isinstance(data, dict) and data:
         items = (f"{json.dumps(key)}: {laid_out(v, indent + 1)}" for key, v in data.items())
         return "{" + inner + ("," + inner).join(items) + "\n" + " " * indent + "}"
     if isinstance(data, list) and any(isinstance(item, dict | list) for item in data):
-        rows = (laid_out(item, indent + 1) for item in data)
-        return "[" + inner + ("," + inner).join(rows) + "\n" + " " * indent + "]"
+        lines = (laid_out(item, indent + 1) for item in data)
+        return "[" + inner + ("," + inner).join(lines) + "\n" + " " * indent + "]"
     return json.dumps(data, allow_nan=False, ensure_ascii=False)

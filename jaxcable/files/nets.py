@@ -1,4 +1,4 @@
-"""A net as other programs know it: nodes, links and what they say about them."""
+"""A net from a file of another program: nodes, links, and properties and loads if there are any."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ KINDS = {"cable": Cables, "bar": Bars}
 
 @dataclasses.dataclass(frozen=True)
 class Net:
-    """What a file says about a net; `scene` makes an analysis of it.
+    """A net as read from a file of another program; `scene` completes it to a `Scene`.
 
     Attributes:
-        nodes: [n_node, 3], m.
+        nodes: positions, [n_node, 3], m.
         links: node numbers, [n_elem, 2].
-        fixed: True where a freedom is held, [n_node, 3]; all False if the file names no supports.
+        fixed: True where a freedom is held, [n_node, 3]; all False if the file has no supports.
         loads: force on every node, [n_node, 3], N, or None.
         values: dict from the name of a property of `Cables` or of a prestress of `Phase` to
-            [n_elem]; NaN where the file gives none.
+            [n_elem]; NaN for elements without a value in the file.
         kinds: "cable" or "bar" for every element, a tuple.
-        groups: name of its group for every element, a tuple, or None.
-        names: what the file calls the nodes, a tuple.
+        groups: name of the group of every element, a tuple, or None.
+        names: names of the nodes in the file, a tuple.
 
     Example:
         >>> nodes, links = np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[0, 1]])
@@ -61,14 +61,18 @@ class Net:
         """The `Scene` of the net: prestress in a first phase, the loads in a second.
 
         Args:
-            anchors: numbers of nodes that are held, [n]; besides those that the file names. "ends":
-                nodes with one link.
-            increments: of the two phases.
+            anchors: numbers of nodes that are pinned, [n], in addition to the supports in the file;
+                or "ends" for all nodes with one link.
+            increments: number of increments of both phases.
             given: properties of `Cables` (``axial_stiffness=...``) and prestress of `Phase`
-                (``pretension=...``, ``force_density=...``), scalars, where the file gives none.
+                (``pretension=...``, ``force_density=...``), scalars, for elements without a value
+                in the file.
+
+        Returns:
+            `Scene`.
 
         Raises:
-            ValueError: an unknown property, one missing, no supports.
+            ValueError: an unknown property, a missing one, no supports.
 
         Example:
             >>> net = jc.files.Net(
@@ -86,18 +90,18 @@ class Net:
             raise ValueError(f"{min(unknown)}: not a property of a net; known are {known}")
         values = {}
         for name in (*PROPERTIES, *STATEMENTS):
-            row = self._filled(name, given.get(name))
-            if row is not None:
-                values[name] = row
+            filled = self._filled(name, given.get(name))
+            if filled is not None:
+                values[name] = filled
         if "axial_stiffness" not in values:
             raise ValueError("axial_stiffness: the file has none; give axial_stiffness=..., N")
         labels = self.groups
         if labels is None:
             labels = self.kinds if len(set(self.kinds)) > 1 else ("",) * len(self.links)
         chosen = {label: np.array([g == label for g in labels]) for label in dict.fromkeys(labels)}
-        elements = {label: self._group(label, own, values) for label, own in chosen.items()}
+        elements = {label: self._group(label, mask, values) for label, mask in chosen.items()}
         stated: dict[str, Any] = {
-            name: {label: values[name][own] for label, own in chosen.items()}
+            name: {label: values[name][mask] for label, mask in chosen.items()}
             for name in STATEMENTS
             if name in values
         }
@@ -114,25 +118,28 @@ class Net:
         return Scene(structure, phases or [Phase()])
 
     def _filled(self, name, given):
-        own = self.values.get(name)
-        if own is None and given is None:
+        """Values of a property, [n_elem]: from the file, else `given`; None if there are none."""
+        values = self.values.get(name)
+        if values is None and given is None:
             return None
-        own = np.full(len(self.links), np.nan) if own is None else np.asarray(own, float)
+        values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
         if given is not None:
-            own = np.where(np.isnan(own), float(given), own)
-        if np.isnan(own).any():
-            k = int(np.isnan(own).argmax())
+            values = np.where(np.isnan(values), float(given), values)
+        if np.isnan(values).any():
+            k = int(np.isnan(values).argmax())
             raise ValueError(f"{name}: link {k} has none; give {name}=... for those without")
-        return own
+        return values
 
-    def _group(self, label, own, values):
-        kinds = {self.kinds[k] for k in np.flatnonzero(own)} if self.kinds else {"cable"}
+    def _group(self, label, mask, values):
+        """The element group of a label: `Cables` or `Bars` of the elements in a mask, [n_elem]."""
+        kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
         if len(kinds) > 1:
             raise ValueError(f"groups: {label!r} has cables and bars; give them different groups")
-        properties = {name: values[name][own] for name in PROPERTIES if name in values}
-        return KINDS[kinds.pop()](self.links[own], **properties)
+        properties = {name: values[name][mask] for name in PROPERTIES if name in values}
+        return KINDS[kinds.pop()](self.links[mask], **properties)
 
     def _supports(self, anchors):
+        """`Supports`: those of the file, and anchors."""
         fixed = self.fixed.copy()
         if isinstance(anchors, str):
             if anchors != "ends":

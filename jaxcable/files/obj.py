@@ -14,8 +14,8 @@ from . import reading
 from .nets import Net
 from .reading import LARGEST, FileError, read_text
 
-_FARTHEST = 1e12  # m; beyond it squares of distances lose everything
-_CROWD = 50  # points near one another, on average, that no net has
+_FARTHEST = 1e12  # largest coordinate, m; squares of distances are useless beyond it
+_CROWD = 50  # largest average number of points within the tolerance of a point
 
 
 def read_obj(
@@ -27,21 +27,25 @@ def read_obj(
 ) -> Net:
     """Read points (``v``), lines, polylines (``l``) and edges of faces (``f``) of an OBJ file.
 
-    Programs often write every line with points of its own: points nearer than `tolerance` become
-    one node, and a link that occurs twice is taken once. Groups (``g``, ``o``) become those of the
-    net. Everything else in the file is passed over.
+    Programs often write separate points for every line: points nearer than `tolerance` become one
+    node, and a link that occurs twice is taken once. Groups (``g``, ``o``) become groups of the
+    net. Everything else in the file is skipped.
 
     Args:
-        path: of the file.
+        path: path of the file.
         scale: metres per unit of the file: 1e-3 for millimetres.
-        tolerance: distance, m.
-        largest: size in bytes up to which a file is read.
+
+    Options:
+        tolerance: largest distance of points that become one node, m.
+        largest: largest size that is read, bytes.
 
     Returns:
-        `Net`, with neither supports nor stiffness: ``net.scene(anchors, axial_stiffness=...)``.
+        `Net`, without supports and stiffness; add them by
+        ``net.scene(anchors, axial_stiffness=...)``.
 
     Raises:
-        FileError: names the line; no points or lines, an unknown point, a line without length.
+        FileError: no points or lines, an unknown point, a line without length; the message names
+            the line.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -89,7 +93,7 @@ def read_obj(
             raise FileError(f"{path}: line {number}: a line without length")
         found.setdefault((min(first, second), max(first, second)), (first, second, label))
     links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
-    used, links = np.unique(links, return_inverse=True)  # points that no line touches are no nodes
+    used, links = np.unique(links, return_inverse=True)  # drop points without a line
     origin = np.unique(node, return_index=True)[1]
     groups = tuple(label for *_, label in found.values())
     return Net(
@@ -103,7 +107,7 @@ def read_obj(
 
 
 def _point(word, count):
-    """Index of a point from "7", "7/1" or "-1"."""
+    """Index of a point, from 0, of a word like "7", "7/1" or "-1" (the last point so far)."""
     try:
         number = reading.whole(word.split("/")[0])
     except ValueError:
@@ -115,7 +119,7 @@ def _point(word, count):
 
 
 def _joined(places, tolerance):
-    """Number of the node that each point belongs to, in the order of their first points."""
+    """Node number of each point; nodes are numbered in the order of their first points."""
     distinct, which = np.unique(places, axis=0, return_inverse=True)
     tree = cKDTree(distinct)
     if tree.count_neighbors(tree, tolerance) > _CROWD * len(distinct):

@@ -1,9 +1,9 @@
 """A script for OpenSees (openseespy) that computes the end state of an analysis again.
 
-Cables and bars become ``corotTruss`` elements, whose strain is that of the initial chord ``c``. A
-force ``N(e)`` at the strain ``e = (l - L0) / L0`` of the unstressed length is therefore a curve of
-``(l - c) / c = (e L0 - (c - L0)) / c``: straight lines stay straight, so that
-``ElasticMultiLinear`` holds prestress, slackness and numerically given laws exactly.
+Cables and bars become ``corotTruss`` elements, whose strain is relative to the initial chord ``c``.
+A force ``N(e)`` at the strain ``e = (l - L0) / L0`` relative to the unstressed length is therefore
+a curve over ``(l - c) / c = (e L0 - (c - L0)) / c``: straight lines stay straight, so that
+``ElasticMultiLinear`` describes prestress, slackness and laws given by points exactly.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ def save_opensees(
 ) -> list[Path]:
     """Write a Python script that finds the same equilibrium with OpenSees.
 
-    Given are what the analysis was given: initial nodes, links, laws, the unstressed lengths and
-    loads at the end of all phases, where the supports went. What it found is there for comparison
-    only: the script prints the largest difference of displacements, writes its own to a CSV file if
-    it is called with a name, and ends with the status 0, or 1 if OpenSees found no equilibrium or
-    another one. It iterates from the initial nodes, in one step or more, with one algorithm after
-    the other; nodes without any stiffness at the start or at the end are more than it can do.
+    The script has the input of the analysis: initial nodes, links, laws, and the unstressed
+    lengths, loads and displacements of supports at the end of all phases. The displacements of the
+    solution serve for comparison only. The script prints the largest difference between them and
+    those of OpenSees, writes the latter to a CSV file if it is called with a name, and ends with
+    status 0, or 1 if OpenSees found no equilibrium or another one. It iterates from the initial
+    nodes, in one or more load steps, with several algorithms one after the other. It fails if nodes
+    have no stiffness at the start or at the end.
 
     Args:
-        path: of the file, ending with .py.
+        path: path of the file, ending with .py.
         structure: `Structure` of cables and bars that was analysed.
-        solution: its `Solution`, with status OK. Loads that follow are taken as they
-            are at the end, dead.
-        steps: load steps to begin with.
+        solution: its `Solution`, with status OK. Following loads become dead loads as at the end.
+        steps: number of load steps of the first attempt.
 
     Returns:
-        The paths that were written, a list of one.
+        Paths of the files written, a list of one.
 
     Raises:
         ValueError: beams, catenaries, sliding cables; laws with plastic strain; a failed analysis.
@@ -90,9 +90,9 @@ def save_opensees(
     }
     with written(path) as stream:
         stream.write(_HEAD)
-        for name, rows in data.items():
+        for name, values in data.items():
             stream.write(f"\n# {comments[name]}\n{name} = [\n")
-            stream.writelines(f"    {row!r},\n" for row in rows)
+            stream.writelines(f"    {value!r},\n" for value in values)
             stream.write("]\n")
         stream.write(f"STEPS = {int(steps)}\n{_PROGRAM}")
     return [path]
@@ -117,16 +117,16 @@ def _members(structure, group, state):
     ends = np.asarray(structure.nodes, float)[links]
     chord = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     rest, elongation = (np.asarray(v, float) for v in (state.rest_length, state.elongation))
-    rows = []
+    elements = []
     for k, (i, j) in enumerate(links.tolist()):
         strain, force = _curve(group, k)
-        own = (strain * rest[k] - elongation[k]) / chord[k]
-        rows.append([i, j, own.tolist(), force.tolist()])
-    return rows
+        chord_strain = (strain * rest[k] - elongation[k]) / chord[k]
+        elements.append([i, j, chord_strain.tolist(), force.tolist()])
+    return elements
 
 
 def _curve(group, k):
-    """Points of the force-strain curve of element `k`, slack side included: strain, force."""
+    """Strains and forces at the points of the law of element `k`, with its slack side."""
     softness = 0.0 if group.compliance is None else float(group.compliance[k])
     if group.axial_stiffness is not None:
         stiffness = float(group.axial_stiffness[k])
@@ -137,7 +137,7 @@ def _curve(group, k):
         low, high = (float(v) for v in law.limits)
         strain = np.unique(np.append(np.asarray(law.corners()), [0.0, 1e-3]))
         strain = strain[(strain >= low) & (strain <= high)]
-        # OpenSees goes on along the last lines: they are those of a law without ends
+        # OpenSees extrapolates the first and the last line: add a point on each, within the limits
         strain = np.unique([max(low, strain[0] - 1.0), *strain, min(high, strain[-1] + 1.0)])
         force = area * np.asarray(law.stress_at(strain))
     strain = strain + softness * force
@@ -204,7 +204,7 @@ def main():
         print("OpenSees found no equilibrium")
         return 1
     found = [ops.nodeDisp(k) for k in range(1, len(NODES) + 1)]
-    apart = max(abs(a - b) for own, other in zip(found, EXPECTED) for a, b in zip(own, other))
+    apart = max(abs(a - b) for node, other in zip(found, EXPECTED) for a, b in zip(node, other))
     print(f"largest difference of displacements: {apart:.3e} m ({algorithm[0]}, {steps} steps)")
     if len(sys.argv) > 1:
         with open(sys.argv[1], "w") as stream:

@@ -19,24 +19,24 @@ _LINK_COLUMNS = ("first", "last", "kind", "group", *PROPERTIES, *STATEMENTS)
 def read_csv(nodes: str | PathLike[str], links: str | PathLike[str], largest: int = LARGEST) -> Net:
     """Read a net from two CSV tables, whose first lines name their columns; SI units.
 
-    - nodes: ``x, y, z``; optional ``node`` (a name; default the row's number, from 0), ``support``
-      (0, 1, or the held directions, as ``xz``), ``fx, fy, fz`` (loads, N).
+    - nodes: ``x, y, z``; optional ``node`` (a name; default the number of the node, from 0),
+      ``support`` (0, 1, or the held directions, as ``xz``), ``fx, fy, fz`` (loads, N).
     - links: ``first, last`` (names of nodes); optional ``kind`` (cable or bar), ``group``,
       ``axial_stiffness``, ``rest_length``, ``weight``, ``strength``, ``expansion``, ``pretension``,
       ``force_density``, ``prestrain``.
 
-    Commas or semicolons separate; empty fields have no value; lines that start with # are passed
-    over. A column with another name is refused: nothing is lost silently.
+    Fields are separated by commas or semicolons; an empty field means no value; lines that start
+    with # are skipped. A column with another name is refused, so that nothing is lost silently.
 
     Args:
         nodes, links: paths of the two files.
-        largest: size in bytes up to which each is read.
+        largest: largest size that is read of each file, bytes.
 
     Returns:
-        `Net`; ``net.scene()`` makes an analysis of it.
+        `Net`; ``net.scene()`` makes a scene of it.
 
     Raises:
-        FileError: names the file, the line and the column.
+        FileError: wrong contents; the message names the file, the line and the column.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -47,30 +47,30 @@ def read_csv(nodes: str | PathLike[str], links: str | PathLike[str], largest: in
         >>> jc.files.read_csv(folder / "n.csv", folder / "l.csv").links.tolist()
         [[0, 1]]
     """
-    rows = _rows(nodes, _NODE_COLUMNS, ("x", "y", "z"), largest)
+    lines = _rows(nodes, _NODE_COLUMNS, ("x", "y", "z"), largest)
     names, places, fixed, loads = {}, [], [], []
-    for line, row in rows:
-        name = row.get("node") or str(len(names))
+    for line, fields in lines:
+        name = fields.get("node") or str(len(names))
         if name in names:
             raise FileError(f"{nodes}: line {line}: node {name!r} occurs twice")
         names[name] = len(names)
-        places.append([_number(nodes, line, row, axis) for axis in "xyz"])
-        fixed.append(_held(nodes, line, row.get("support", "")))
-        loads.append([_number(nodes, line, row, "f" + axis, 0.0) for axis in "xyz"])
+        places.append([_number(nodes, line, fields, axis) for axis in "xyz"])
+        fixed.append(_held(nodes, line, fields.get("support", "")))
+        loads.append([_number(nodes, line, fields, "f" + axis, 0.0) for axis in "xyz"])
     pairs, kinds, groups, values = [], [], [], {}
     known = (*PROPERTIES, *STATEMENTS)
-    for line, row in _rows(links, _LINK_COLUMNS, ("first", "last"), largest):
+    for line, fields in _rows(links, _LINK_COLUMNS, ("first", "last"), largest):
         for column in ("first", "last"):
-            if row[column] not in names:
-                raise FileError(f"{links}: line {line}: {column}: no node {row[column]!r}")
-        pairs.append([names[row["first"]], names[row["last"]]])
-        kinds.append(row.get("kind") or "cable")
+            if fields[column] not in names:
+                raise FileError(f"{links}: line {line}: {column}: no node {fields[column]!r}")
+        pairs.append([names[fields["first"]], names[fields["last"]]])
+        kinds.append(fields.get("kind") or "cable")
         if kinds[-1] not in KINDS:
             raise FileError(f"{links}: line {line}: kind: {kinds[-1]!r} is neither cable nor bar")
-        groups.append(row.get("group", ""))
+        groups.append(fields.get("group", ""))
         for column in known:
-            if column in row:
-                value = _number(links, line, row, column, np.nan)
+            if column in fields:
+                value = _number(links, line, fields, column, np.nan)
                 values.setdefault(column, []).append(value)
     forces = np.array(loads)
     return Net(
@@ -86,7 +86,7 @@ def read_csv(nodes: str | PathLike[str], links: str | PathLike[str], largest: in
 
 
 def _rows(path, known, needed, largest):
-    """Pairs (line, dict from column to text) of a table, a list."""
+    """The lines of a table after its header: pairs (line number, dict from column to text)."""
     text = read_text(path, largest)
     lines = [
         (k, line)
@@ -97,7 +97,7 @@ def _rows(path, known, needed, largest):
         raise FileError(f"{path}: is empty")
     comma = ";" if ";" in lines[0][1] else ","
     try:
-        header, *rows = csv.reader([line for _, line in lines], delimiter=comma, strict=True)
+        header, *records = csv.reader([line for _, line in lines], delimiter=comma, strict=True)
     except csv.Error as error:
         raise FileError(f"{path}: no table: {error}") from None
     header = [word.strip().lower() for word in header]
@@ -111,20 +111,23 @@ def _rows(path, known, needed, largest):
     for word in needed:
         if word not in header:
             raise FileError(f"{path}: line {lines[0][0]}: column {word!r} is missing")
-    if not rows:
+    if not records:
         raise FileError(f"{path}: has no rows")
     found = []
-    if len(rows) != len(lines) - 1:
+    if len(records) != len(lines) - 1:
         raise FileError(f"{path}: a field with a line break; quotes are not closed")
-    for (line, _), row in zip(lines[1:], rows, strict=True):
-        if len(row) != len(header):
-            raise FileError(f"{path}: line {line}: {len(row)} fields, the header has {len(header)}")
-        found.append((line, dict(zip(header, map(str.strip, row), strict=True))))
+    for (line, _), record in zip(lines[1:], records, strict=True):
+        if len(record) != len(header):
+            raise FileError(
+                f"{path}: line {line}: {len(record)} fields, the header has {len(header)}"
+            )
+        found.append((line, dict(zip(header, map(str.strip, record), strict=True))))
     return found
 
 
-def _number(path, line, row, column, absent=None):
-    word = row.get(column, "")
+def _number(path, line, fields, column, absent=None):
+    """The number in a column of a line; `absent`, unless it is None, for an empty field."""
+    word = fields.get(column, "")
     if not word and absent is not None:
         return absent
     try:
@@ -137,6 +140,7 @@ def _number(path, line, row, column, absent=None):
 
 
 def _held(path, line, word):
+    """Which of x, y, z the field `support` holds, a list of three bools."""
     if word in ("", "0"):
         return [False] * 3
     if word == "1":

@@ -1,7 +1,8 @@
-"""Reading files that nobody vouches for, writing files that are never half there.
+"""Reading of untrusted files, and writing of files that are never left half written.
 
-A file is data: nothing in it is executed, unpickled or looked up by name outside of fixed tables.
-It is read up to a limit of size and refused with one line that says where it is wrong.
+A file is data: nothing in it is executed, unpickled or looked up by name outside of constant
+tables. It is read up to a limit of size; the message that refuses it is one line, with the place of
+the error.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from typing import IO, Any
 from ..common.interrupt import AT_EXIT
 
 LARGEST = 64 * 1024 * 1024
-"""Bytes up to which a file is read unless the caller says otherwise: a net of a million links."""
+"""Default of the largest size that is read, bytes: enough for a net of a million links."""
 
 
 class FileError(ValueError):
-    """A file that is not what it should be; the text names the file, and the line or the field.
+    """A file has wrong contents; the message names the file, and the line or the field.
 
     Example:
         >>> import tempfile, pathlib
@@ -38,12 +39,12 @@ class FileError(ValueError):
 
 
 def number(word: str) -> float:
-    """The number that a word is, as `float`, but of ASCII digits alone and without underscores.
+    """The number in a word, as by `float`, but from ASCII characters and without underscores.
 
     Raises:
-        ValueError: it is none.
+        ValueError: the word is no number.
     """
-    if not word.isascii() or "_" in word:  # Python takes 1_0 for 10
+    if not word.isascii() or "_" in word:  # float("1_0") is 10
         raise ValueError(f"{word!r} is no number")
     try:
         return float(word)
@@ -52,7 +53,7 @@ def number(word: str) -> float:
 
 
 def whole(word: str) -> int:
-    """The whole number that a word is, as `int`, with the strictness of `number`."""
+    """The whole number in a word, as by `int`, with the strictness of `number`."""
     if not word.isascii() or "_" in word:
         raise ValueError(f"{word!r} is no whole number")
     return int(word)
@@ -63,11 +64,11 @@ def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
 
     Raises:
         OSError: there is no such file, or it cannot be read.
-        FileError: too large, or no text.
+        FileError: the file is too large, or no text.
     """
     path = Path(path)
     with path.open("rb") as stream:
-        data = stream.read(int(largest) + 1)  # a device or a pipe tells no size beforehand
+        data = stream.read(int(largest) + 1)  # devices and pipes have no size to check beforehand
     if len(data) > largest:
         raise FileError(
             f"{path}: larger than {largest / 1e6:.0f} MB; if it is meant, allow more (largest=...)"
@@ -82,11 +83,11 @@ def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
 
 
 def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, Any]:
-    """The JSON object in a file, a dict; keys that occur twice and NaN are refused.
+    """The JSON object in a file, a dict; repeated keys and NaN are refused.
 
     Raises:
-        OSError, FileError: as `read_text`; and for text that is no JSON object, with line and
-            column.
+        OSError, FileError: as `read_text`; also FileError, with line and column, for text that is
+            no JSON object.
     """
     text = read_text(path, largest)
     if not text.lstrip()[:1] == "{":
@@ -103,6 +104,7 @@ def read_json(path: str | PathLike[str], largest: int = LARGEST) -> dict[str, An
 
 
 def _unique(pairs):
+    """A JSON object as a dict; ValueError for a repeated key."""
     found = {}
     for key, value in pairs:
         if key in found:
@@ -112,23 +114,29 @@ def _unique(pairs):
 
 
 def _whole(digits):
+    """A whole number in JSON; ValueError for more than 20 digits."""
     if len(digits) > 20:
         raise ValueError(f"a whole number of {len(digits)} digits")
     return int(digits)
 
 
 def _refuse(name):
+    """Raise ValueError for NaN and infinities."""
     raise ValueError(f"{name} is no number; a file holds finite numbers only")
 
 
 @contextlib.contextmanager
 def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
-    """A stream whose content becomes the file `path` when all of it is written, or not at all.
+    """A stream for a file that appears at `path` when it is written completely, or not at all.
+
+    Args:
+        path: path of the file.
+        mode: "w" for text in UTF-8, "wb" for bytes.
 
     Raises:
-        OSError: the folder is missing or cannot be written to.
+        OSError: the folder is missing, or the file cannot be written.
     """
-    path = Path(os.path.realpath(path))  # a link stays one, and leads to the new content
+    path = Path(os.path.realpath(path))  # replace the target of a link, not the link
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "Is not a regular file", str(path))
     if path.exists() and not os.access(path, os.W_OK):
@@ -141,7 +149,7 @@ def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
             yield stream
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)  # mkstemp's files are for one's own eyes
+        os.chmod(name, 0o666 & ~umask)  # mkstemp allows the user alone to read its files
         os.replace(name, path)
     except BaseException:
         with contextlib.suppress(OSError):

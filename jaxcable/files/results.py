@@ -30,21 +30,22 @@ _PER_INCREMENT = (
 
 
 def save_result(path: str | PathLike[str], structure: Structure, solution: Solution) -> list[Path]:
-    """Write a result; the suffix says how.
+    """Write a result to files, in the format that the suffix names.
 
     - ``.npz``: all arrays of `flat`, binary (NumPy).
-    - ``.json``: the same, readable; numbers that are not finite become null, and floats
-      come back in double precision.
-    - ``.csv``: three tables beside each other, ``name-nodes.csv``, ``name-elements.csv`` and
+    - ``.json``: the same arrays as text; numbers that are not finite become null, and floats are
+      read back in double precision.
+    - ``.csv``: three tables, ``name-nodes.csv``, ``name-elements.csv`` and
       ``name-increments.csv``, with units in their first line.
 
     Args:
-        path: of the file.
+        path: path of the file.
         structure: `Structure` that was analysed.
-        solution: its `Solution`, also a failed one: the last converged state is there as ``last.``.
+        solution: its `Solution`; may be a failed one. The last converged state has the names
+            ``last.``.
 
     Returns:
-        The paths that were written, a list.
+        Paths of the files written, a list.
 
     Raises:
         ValueError: another suffix, or a batch for a table.
@@ -62,11 +63,11 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
     if path.suffix == ".npz":
         with written(path, "wb") as stream:
             arrays = flat(structure, solution)
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # none is an option
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # no name is an option
         return [path]
     if path.suffix == ".json":
         numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
-        data = {"format": FORMAT, "version": 1, **_told(solution), **numbers}
+        data = {"format": FORMAT, "version": 1, **_described(solution), **numbers}
         with written(path) as stream:
             json.dump(data, stream, allow_nan=False)
             stream.write("\n")
@@ -82,12 +83,19 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
 
 
 def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[str, np.ndarray]:
-    """The arrays of a result that `save_result` has written to ``.npz`` or ``.json``, a dict.
+    """Read the arrays of a result that `save_result` has written to ``.npz`` or ``.json``.
+
+    Args:
+        path: path of the file.
+        largest: largest size that is read, bytes.
+
+    Returns:
+        Dict from name to NumPy array.
 
     Raises:
-        FileError: no such file inside; arrays of Python objects are refused, as they could execute
-            something. `largest`: bytes up to which it is read.
-        OSError: it cannot be read.
+        FileError: the file holds no such result, or is too large. Arrays of Python objects are
+            refused, since loading them could execute code.
+        OSError: the file cannot be read.
 
     Example:
         >>> import tempfile, pathlib
@@ -103,9 +111,9 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
         data = read_json(path, largest)
         if data.get("format") != FORMAT:
             raise FileError(f'{path}: format: expected "{FORMAT}"')
-        told = ("format", "version", "description")
+        words = ("format", "version", "description")
         try:
-            return {k: np.array(v, _kind(k)) for k, v in data.items() if k not in told}
+            return {k: np.array(v, _kind(k)) for k, v in data.items() if k not in words}
         except (ValueError, TypeError, OverflowError) as error:
             raise FileError(f"{path}: {error}") from None
     with path.open("rb") as stream:
@@ -113,6 +121,7 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
 
 
 def _read_npz(path, stream, largest):
+    """The arrays of an NPZ file, a dict; FileError if it unpacks to more than `largest` bytes."""
     try:
         with zipfile.ZipFile(stream) as archive:
             size = sum(item.file_size for item in archive.infolist())
@@ -124,12 +133,12 @@ def _read_npz(path, stream, largest):
             return {name: archive[name] for name in archive.files}
     except FileError:
         raise
-    except Exception as error:  # zlib, zipfile and NumPy raise a dozen kinds for broken archives
+    except Exception as error:  # zlib, zipfile and NumPy raise many types for broken archives
         raise FileError(f"{path}: no result in NPZ: {error}") from None
 
 
 def _stated_size(archive, name):
-    """Bytes that an array of an archive says that it has."""
+    """Size of an array in an archive by its header, bytes."""
     with archive.open(name) as stream:
         version = np.lib.format.read_magic(stream)
         headers = {(1, 0): np.lib.format.read_array_header_1_0}
@@ -142,8 +151,8 @@ def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
     """All arrays of a result by name: ``tension``, ``tension.net`` of a group, ``phase1.residual``.
 
     Returns:
-        Dict from name to NumPy array. ``links`` has the first and last node of every element. A
-        batch keeps its leading axis.
+        Dict from name to NumPy array. ``links`` has the first and last node of every element.
+        Arrays of a batch keep their leading axis.
     """
     names = [name for name, _ in groups_by_name(structure)]
     if len(set(names)) < len(names):
@@ -169,19 +178,22 @@ def flat(structure: Structure, solution: Solution) -> dict[str, np.ndarray]:
 
 
 def _put(found, name, structure, values):
-    names = [own for own, _ in groups_by_name(structure)]
-    for own, value in zip(names, per_group(structure, values), strict=True):
+    """Add the values of all groups to a dict, as ``name`` or ``name.group``."""
+    groups = [group for group, _ in groups_by_name(structure)]
+    for group, value in zip(groups, per_group(structure, values), strict=True):
         if value is not None:
-            found[f"{name}.{own}".rstrip(".")] = value
+            found[f"{name}.{group}".rstrip(".")] = value
 
 
-def _told(solution):
+def _described(solution):
+    """A dict with the text of the status; empty for a batch."""
     if np.ndim(solution.status) != 0:
         return {}
     return {"description": status.describe(solution.status)}
 
 
 def _plain(array):
+    """An array as nested lists, with None for numbers that are not finite."""
     if np.issubdtype(array.dtype, np.floating):
         array = array.astype(object)
         array = np.where(np.isfinite(array.astype(float)), array, None)
@@ -189,7 +201,7 @@ def _plain(array):
 
 
 def _kind(name):
-    """Type of an array by its name; null becomes NaN."""
+    """Type of the numbers of an array, by its name; arrays of floats may hold null for NaN."""
     words = name.split(".")
     last = words[1] if len(words) > 1 and words[0].startswith(("phase", "last")) else words[0]
     counts = ("status", "iterations", "factorizations", "n_slack", "n_loose", "links", "phase")
@@ -197,10 +209,10 @@ def _kind(name):
 
 
 def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]]]:
-    """Tables of a result: nodes, elements and increments, each a list of rows, the header first.
+    """Tables of a result: nodes, elements and increments, each a list of lines, the header first.
 
     Raises:
-        ValueError: the solution is a batch, or that of another structure.
+        ValueError: the solution is a batch, or belongs to another structure.
     """
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
@@ -220,24 +232,24 @@ def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]
     lengths = Column("unstressed length", "m", per_group(structure, solution.rest_length))
     told = columns(structure.groups, solution.told)
     told.insert(1 if told and told[0].label == "tension" else len(told), lengths)
-    heads = [f"{own.label.replace('_', ' ')} ({own.unit})" for own in told]
+    heads = [f"{column.label.replace('_', ' ')} ({column.unit})" for column in told]
     elements: list[list[Any]] = [["group", "element", "first", "last", *heads]]
-    values = zip(*(own.values for own in told), strict=True)
-    for (name, group), own in zip(groups_by_name(structure), values, strict=True):
+    values = zip(*(column.values for column in told), strict=True)
+    for (name, group), of_group in zip(groups_by_name(structure), values, strict=True):
         for k, ends in enumerate(first_and_last(group).tolist()):
-            numbers = (None if column is None else float(column[k]) for column in own)
+            numbers = (None if result is None else float(result[k]) for result in of_group)
             elements.append([name, k, *ends, *numbers])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
     units = {"residual": "residual (N)"}
     increments: list[list[Any]] = [["phase", "increment", *(units.get(n, n) for n in names)]]
     for number, phase in enumerate(solution.phases, 1):
         arrays = [np.asarray(getattr(phase.path, name)).tolist() for name in names]
-        increments += [[number, k, *row] for k, row in enumerate(zip(*arrays, strict=True), 1)]
+        increments += [[number, k, *line] for k, line in enumerate(zip(*arrays, strict=True), 1)]
     return {"nodes": nodes, "elements": elements, "increments": increments}
 
 
 def as_csv(rows: Iterable[Iterable[Any]]) -> str:
-    """Rows as the text of a CSV file; floats with all their digits."""
+    """Lines of a table as the text of a CSV file, with all digits of floats."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()

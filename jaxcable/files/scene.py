@@ -13,7 +13,7 @@ The format, version 1::
       {"loads": {"type": "NodalLoads", "nodes": [1], "forces": [0.0, 0.0, -10.0]}}]}
 
 Fields are the arguments of the classes of this package, in SI units; node numbers start at 0. An
-object with a "type" is one of `codec.TYPES`; without one it is a dict (of element groups, say).
+object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable scene"
 VERSION = 1
-_MOST_INCREMENTS = 1_000_000  # a few characters in a file must not ask for all of the memory
+_MOST_INCREMENTS = 1_000_000  # limits the memory that a small file can claim
 
 
 def save_scene(
@@ -41,16 +41,16 @@ def save_scene(
 ) -> None:
     """Write a structure and its phases to a JSON file, which `load_scene` reads back exactly.
 
-    Every number keeps all its digits (also of float32), so that the loaded scene solves to the
-    identical result. The file appears when it is complete, or not at all.
+    Every number keeps all its digits (also in float32), so that the loaded scene has an identical
+    solution. The file is written completely or not at all.
 
     Args:
-        path: of the file.
+        path: path of the file.
         scene: `Scene`, or a pair (structure, phases).
 
     Raises:
-        ValueError: what a file cannot hold: NaN, a number that is being traced, keys of groups that
-            are no texts.
+        ValueError: a file cannot hold the scene: NaN, a traced number, names of groups that are no
+            texts.
         OSError: the file cannot be written.
 
     Example:
@@ -86,15 +86,15 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
     """Read a scene that `save_scene`, or a person, has written; nothing in it is executed.
 
     Args:
-        path: of the file.
-        largest: size in bytes up to which a file is read.
+        path: path of the file.
+        largest: largest size that is read, bytes.
 
     Returns:
-        `Scene`: ``jc.solve(*scene)`` analyses it.
+        `Scene`; analyse it by ``jc.solve(*scene)``.
 
     Raises:
-        FileError: a `ValueError` that names the file and the line (no JSON) or the field (not what
-            the class takes, or not in the structure).
+        FileError: a `ValueError` that names the file and the line (no JSON) or the field (the class
+            does not accept its value, or the structure lacks a node or element).
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -112,6 +112,7 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
 
 
 def _scene(data):
+    """The `Scene` in the data of a file, checked."""
     if data.get("format") != FORMAT:
         raise FileError(f'format: expected "{FORMAT}", got {_short(data.get("format"))}')
     version = data.get("version")
@@ -138,7 +139,7 @@ def _scene(data):
         if phases[-1].increments > _MOST_INCREMENTS:
             raise FileError(f"phases[{k}].increments: more than {_MOST_INCREMENTS}")
     try:
-        with warnings.catch_warnings():  # what is suspicious is said when it is analysed
+        with warnings.catch_warnings():  # the analysis gives warnings, reading does not
             warnings.simplefilter("ignore", InputWarning)
             prepare(structure, phases, None, None)
     except ValueError as error:
@@ -147,5 +148,6 @@ def _scene(data):
 
 
 def _short(value):
+    """A value as a text of at most 60 characters, for messages."""
     text = "nothing" if value is None else repr(value)
     return text if len(text) < 60 else text[:57] + "..."

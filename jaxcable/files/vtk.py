@@ -1,4 +1,4 @@
-"""VTK files (legacy, ASCII) for ParaView and whatever else reads them."""
+"""VTK files (legacy, ASCII) for ParaView and other programs."""
 
 from __future__ import annotations
 
@@ -23,21 +23,22 @@ def save_vtk(
     """Write a result as lines in space, for ParaView.
 
     Points have their ``displacement`` (over all phases), ``reaction`` and ``load``; lines have
-    ``tension``, ``peak_tension``, what else elements tell in a number each, ``rest_length``, and
-    the numbers of their ``element`` and ``group``. Cables over several nodes are drawn in pieces.
+    ``tension``, ``peak_tension``, other results of elements with one number each, ``rest_length``,
+    and the numbers of their ``element`` and ``group``. A cable over several nodes is written as
+    several lines.
 
     Args:
-        path: of the file, ending with .vtk.
+        path: path of the file, ending with .vtk.
         structure: `Structure` that was analysed.
-        solution: its `Solution`; of a failed one the last converged state is written.
-        increments: write a file for every increment that has converged, ``name-0001.vtk`` and so
-            on, which ParaView opens as a series; ``displacement`` is that since the phase began.
+        solution: its `Solution`; if it has failed, the last converged state is written.
+        increments: True to write a file for every converged increment, ``name-0001.vtk`` and so on,
+            which ParaView opens as a series; ``displacement`` is then since the phase began.
 
     Returns:
-        The paths that were written, a list.
+        Paths of the files written, a list.
 
     Raises:
-        ValueError: another suffix, or a batch.
+        ValueError: another suffix, a batch, or another structure than that of the solution.
         OSError: the file cannot be written.
 
     Example:
@@ -56,8 +57,8 @@ def save_vtk(
     if not increments:
         last = solution.last
         names = {"displacement": "displacement", "reaction": "reactions", "load": "load"}
-        vectors = {name: np.asarray(getattr(last, own)) for name, own in names.items()}
-        scalars = {own.label: own.values for own in columns(structure.groups, last.told)}
+        vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
+        scalars = {column.label: column.values for column in columns(structure.groups, last.told)}
         scalars["rest_length"] = per_group(structure, last.rest_length)
         _write(path, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
@@ -67,21 +68,22 @@ def save_vtk(
         if not len(good):
             break
         begin = np.asarray(phase.positions) - np.asarray(phase.displacement)
-        if int(phase.status) != 0:  # it failed on its way; the last state is its last good one
+        if int(phase.status) != 0:  # the last state of the solution is its last good increment
             begin = np.asarray(solution.last.positions - phase.path.displacement[good[-1]])
         for k in good:
             moved = np.asarray(phase.path.displacement[k])
             done.append(path.with_name(f"{path.stem}-{len(done) + 1:04d}.vtk"))
-            told = {  # one by one: a mapped dict would be sorted
-                name: jax.tree.map(lambda x, k=k: x[k], own)
-                for name, own in phase.path.told.items()
+            told = {  # keeps the order of the results: tree.map would sort the names
+                name: jax.tree.map(lambda x, k=k: x[k], result)
+                for name, result in phase.path.told.items()
             }
-            scalars = {own.label: own.values for own in columns(structure.groups, told)}
+            scalars = {column.label: column.values for column in columns(structure.groups, told)}
             _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
     return done
 
 
 def _write(path, structure, points, vectors, scalars):
+    """Write one file: points [n_node, 3], vectors of points, scalars of elements per group."""
     ends, element, group = pieces(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
@@ -97,9 +99,9 @@ def _write(path, structure, points, vectors, scalars):
         lines += [f"SCALARS {name} int 1", "LOOKUP_TABLE default", *map(str, number.tolist())]
     for label, values in scalars.items():
         name, pairs = label.replace(" ", "_"), zip(structure.groups, values, strict=True)
-        own = [np.full(len(g.links), np.nan) if x is None else x for g, x in pairs]
-        row = np.concatenate(own)[element]
-        lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, row.tolist())]
+        parts = [np.full(len(g.links), np.nan) if x is None else x for g, x in pairs]
+        of_piece = np.concatenate(parts)[element]
+        lines += [f"SCALARS {name} double 1", "LOOKUP_TABLE default", *map(repr, of_piece.tolist())]
     lines += [f"POINT_DATA {len(points)}"]
     for name, values in vectors.items():
         lines += [f"VECTORS {name} double", *_rows(values)]
@@ -108,9 +110,10 @@ def _write(path, structure, points, vectors, scalars):
 
 
 def _title(text):
-    """A title as the format has it: one line of at most 256 characters of ASCII."""
+    """A title that the format allows: one line of at most 256 characters of ASCII."""
     return text.encode("ascii", "replace").decode().replace("\n", " ")[:255]
 
 
 def _rows(vectors):
+    """Vectors as lines of text."""
     return [" ".join(map(repr, row)) for row in vectors.tolist()]

@@ -1,6 +1,6 @@
-"""The straight members of a structure, those of all groups in one row, and how they balance nodes.
+"""Arrays over all straight members of a structure, and their equilibrium matrix.
 
-"All members" below means: group after group in pytree order, [n_elem].
+"All members" below are the members of all groups, group after group in pytree order, [n_elem].
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from ..model.structure import Structure
 from .members import check_members
 
 Nodes = TypeVar("Nodes", jax.Array, np.ndarray)
-"""Positions: what follows from NumPy's is NumPy's, and from those of jax its."""
+"""Type of positions: results are NumPy arrays for NumPy arrays, and jax arrays for jax arrays."""
 
 
 def members(
     structure: Structure,
 ) -> tuple[Int[np.ndarray, "n_elem 2"], Bool[np.ndarray, " n_elem"]]:
-    """Node numbers [n_elem, 2], and whether a member holds only in tension [n_elem], of all.
+    """Node numbers of all members [n_elem, 2], and whether a member carries tension only [n_elem].
 
     Raises:
         ValueError: a group that is not of straight bars or cables.
@@ -34,10 +34,10 @@ def members(
     return links, np.concatenate(cable)
 
 
-def in_a_row(
+def of_all_members(
     structure: Structure, value: PyTree[Float[ArrayLike, " ..."]], name: str
 ) -> Float[Array | np.ndarray, " n_elem"]:
-    """Values of all members, [n_elem], from that, a scalar, or the shape of the elements."""
+    """Values of all members, [n_elem], from such an array, a scalar, or the elements' shape."""
     sizes = [len(group.links) for group in structure.groups]
     if isinstance(value, list | tuple) and all(np.ndim(v) == 0 for v in value):
         value = np.asarray(value)
@@ -61,16 +61,16 @@ def in_a_row(
 
 
 def arranged(
-    structure: Structure, row: Float[Array | np.ndarray, "... n_all"]
+    structure: Structure, values: Float[Array | np.ndarray, "... n_all"]
 ) -> PyTree[Float[Array | np.ndarray, "... n_elem"]]:
-    """Values of all members [..., n_elem] in the shape of the elements."""
+    """Values of all members, [..., n_elem], brought into the shape of the elements."""
     ends = np.cumsum([len(group.links) for group in structure.groups])[:-1]
-    parts = np.split(np.arange(row.shape[-1]), ends)
-    return structure.arrange([row[..., part] for part in parts])
+    parts = np.split(np.arange(values.shape[-1]), ends)
+    return structure.arrange([values[..., part] for part in parts])
 
 
 def host_nodes(structure: Structure, what: str) -> Float[np.ndarray, "n_node 3"]:
-    """Positions as NumPy numbers in double precision; ValueError if traced or not finite."""
+    """Positions as a NumPy array in double precision; ValueError if traced or not finite."""
     nodes = checks.concrete(structure.nodes)
     if nodes is None:
         raise ValueError(f"{what}: ranks are decided on the host; nodes cannot be traced here")
@@ -96,8 +96,8 @@ def balance(
 ) -> tuple[Float[Nodes, "3*n_node n_elem"], Float[Nodes, " n_elem"]]:
     """Equilibrium matrix of all nodes, [3 n_node, n_elem], and lengths, [n_elem], m.
 
-    Matrix times tensions is the load that they balance, node by node, x, y, z. Differentiable in
-    the nodes if they are a jax array.
+    Matrix times tensions is the load that they balance: x, y, z of one node after the other. It is
+    differentiable in the nodes if they are a jax array.
     """
     xp = jnp if isinstance(nodes, jax.Array) else np
     joins = incidence(links, len(nodes)).astype(nodes.dtype)

@@ -1,9 +1,9 @@
 """Loads that depend on the form that is sought: self-weight, line and area loads.
 
-Where they act in an analysis that begins with the form found, they are what they are there: per
-unstressed length that which is cut, ``l / (1 + e)`` with the strain e that belongs to the force by
-the group's law, per initial or projected length and area the form's own. While the form is sought
-they follow the nodes, with exact derivatives.
+They are the loads of an analysis that begins with the form found. There the unstressed length is
+``l / (1 + e)``, with the strain e that belongs to the force by the group's law, and initial or
+projected lengths and areas are those of the form. While the form is sought the loads follow the
+nodes, with exact derivatives.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from ..model.structure import Structure
 def split(
     structure: Structure, loads: Load | Sequence[Load] | None, takes_more: bool = True
 ) -> tuple[list[NodalLoads], list[SelfWeight | LineLoads | AreaLoads]]:
-    """Loads as checked lists: `NodalLoads`, and those that depend on the form.
+    """Loads as two checked lists: `NodalLoads`, and loads that depend on the form.
 
     Raises:
-        ValueError: a load of another kind; with `takes_more` false any but a nodal one.
+        ValueError: a load of another kind; with `takes_more` false any load but `NodalLoads`.
     """
-    given: list[Any] = as_list(loads)  # of the kinds that are asked for below
+    given: list[Any] = as_list(loads)  # their kinds are checked below
     nodal, others = [], []
     for k, load in enumerate(given):
         more = takes_more and isinstance(load, SelfWeight | LineLoads | AreaLoads)
@@ -47,7 +47,7 @@ def split(
         if not more:
             nodal.append(load)
             continue
-        if load.asks_begun:  # the form is where the analysis begins
+        if load.asks_begun:  # the phase begins in the form: its geometry is the input geometry
             load = copy(load, geometry="input")
         others.append(load.among(structure))
     return nodal, others
@@ -56,18 +56,18 @@ def split(
 def touched(
     structure: Structure, others: Sequence[Load]
 ) -> tuple[tuple[Indices, int, tuple[()]], ...]:
-    """(nodes that a load couples, 3, ()) for `number_freedoms`, as `OnForm` gives its blocks."""
+    """Triples (nodes that a load couples, 3, ()) for `number_freedoms`, ordered as in `OnForm`."""
     nodes = []
     for load in others:
         if isinstance(load, AreaLoads):
             nodes.append(load.faces)
         else:
             nodes += [group.links for _, group in _loaded(load, structure.groups)]
-    return tuple((own if isinstance(own, Indices) else Indices(own), 3, ()) for own in nodes)
+    return tuple((ends if isinstance(ends, Indices) else Indices(ends), 3, ()) for ends in nodes)
 
 
 def _loaded(load, groups):
-    """Pairs (number, group) of those that a load along elements acts on."""
+    """Pairs (number, group) of the groups that a load along elements acts on."""
     for number, group in enumerate(groups):
         weightless = isinstance(load, SelfWeight) and group.weight is None
         if not weightless and number in load.on:
@@ -76,18 +76,18 @@ def _loaded(load, groups):
 
 @pytree
 class OnForm:
-    """Loads of `split` on members of given forces, as a load that follows (see `loads`).
+    """Loads that depend on the form, on members with given forces, as a following load.
 
     Attributes:
-        groups: element groups of the structure, their links arrays.
-        loads: `SelfWeight`, `LineLoads` and `AreaLoads`.
+        groups: element groups of the structure, with links as arrays.
+        loads: `SelfWeight`, `LineLoads` and `AreaLoads`, as `split` returns them.
     """
 
     groups: list[Element]
     loads: list[SelfWeight | LineLoads | AreaLoads]
 
     def _parts(self, states, moved):
-        """Function, what it takes of each element or face, its nodes [n, k]; one after the other.
+        """Generate (function, its arguments of every element or face, their nodes [n, k]).
 
         States are those of `strings.Strings`.
         """
@@ -98,12 +98,12 @@ class OnForm:
                 continue
             for number, group in _loaded(load, self.groups):
                 part = None if load.part is None else load.part[number]
-                own = group.properties(), group.initial_memory(), states[number], part
-                yield _on_element(load, number, group), own, group.links
+                arguments = group.properties(), group.initial_memory(), states[number], part
+                yield _on_element(load, number, group), arguments, group.links
 
     @property
     def acts(self) -> Bool[Array, ""]:
-        """They do act."""
+        """Whether the load acts: always."""
         return jnp.ones((), bool)
 
     def following_forces(
@@ -115,8 +115,8 @@ class OnForm:
     ) -> Float[Array, "n_node 3"]:
         """Force on every node, [n_node, 3], N, at the positions `moved` [n_node, 3]."""
         total = jnp.zeros_like(moved)
-        for function, own, links in self._parts(states, moved):
-            total = total.at[links].add(jax.vmap(function)(moved[links], *own))
+        for function, arguments, links in self._parts(states, moved):
+            total = total.at[links].add(jax.vmap(function)(moved[links], *arguments))
         return total
 
     def following_blocks(
@@ -126,15 +126,15 @@ class OnForm:
         nodes: Float[Array, "n_node 3"] | None,
         moved: Float[Array, "n_node 3"],
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return [
-            (jax.vmap(jax.jacfwd(function))(moved[links], *own), links)
-            for function, own, links in self._parts(states, moved)
+            (jax.vmap(jax.jacfwd(function))(moved[links], *arguments), links)
+            for function, arguments, links in self._parts(states, moved)
         ]
 
 
 def _on_face(load):
-    """Force on the corners of a face [k, 3], as a function of them and the force per area."""
+    """The function from corners of a face and force per area to forces on the corners, [k, 3]."""
 
     def force(corners, forces):
         alone = copy(load, faces=jnp.arange(len(corners))[None], forces=forces)
@@ -144,23 +144,23 @@ def _on_face(load):
 
 
 def _on_element(load, number, group):
-    """Force on both ends of an element, [2, 3], as a function of these and its properties."""
+    """The function from ends and properties of an element to the force on both ends, [2, 3]."""
 
     def force(ends, properties, memory, string, part):
         vector = ends[1] - ends[0]
         length = jnp.sqrt(vector @ vector)
-        # springs of strings are about the length 0 here: forces are held, or densities
+        # prescribed force, or force density times length (a spring of length 0)
         axial = string.force + string.stiffness * length
         strain = element(group, properties).strain_at(axial, memory)
-        # beyond its law the form has a status; here it must not become NaN
+        # a force beyond the law ends in a status of the form; until then avoid NaN
         strain = jnp.where(jnp.isfinite(strain) & (strain > -1), strain, 0.0)
         rest_length = (length / (1 + strain))[None]
         alone = copy(
             group, links=jnp.arange(2)[None], **{k: v[None] for k, v in properties.items()}
         )
         state = AxialState(rest_length, length[None] - rest_length)
-        own = load if part is None else copy(load, part={number: part[None]})
-        whole = rest_length * own.per_length(number, alone, state, ends)[0]
+        acting = load if part is None else copy(load, part={number: part[None]})
+        whole = rest_length * acting.per_length(number, alone, state, ends)[0]
         return jnp.stack([0.5 * whole, 0.5 * whole])
 
     return force
@@ -170,9 +170,9 @@ def carries(
     groups: Sequence[Straight], tensions: Sequence[Float[Array, " n_elem"]]
 ) -> Bool[Array, ""]:
     """Whether the law of every element has an unstressed length for its force, bool."""
-    fine = jnp.ones((), bool)
+    carried = jnp.ones((), bool)
     for group, tension in zip(groups, tensions, strict=True):
         low, high = group.capacity()
         strain = group.strain_at(tension, group.initial_memory())
-        fine = fine & jnp.all((tension >= low) & (tension <= high) & (strain > -1))
-    return fine
+        carried = carried & jnp.all((tension >= low) & (tension <= high) & (strain > -1))
+    return carried

@@ -1,9 +1,10 @@
 """Prestress that a structure can carry in its geometry, equal within groups of elements.
 
-With ``G`` [n_elem, n_group] one where an element belongs to a group, tensions ``G t`` are in
-equilibrium if ``A G t = 0``: the null space of ``A G`` holds the integral prestress modes. Most
-structures with the symmetry of their groups have one mode. With one group's tension given, the
-others are then the least squares solution of a full rank system, which is differentiable.
+Let ``G`` [n_elem, n_group] be one where an element belongs to a group, else zero. Tensions ``G t``
+are in equilibrium if ``A G t = 0``: the null space of ``A G`` is spanned by the integral prestress
+modes. Most structures with the symmetry of their groups have one mode. If the tension of one group
+is given, the others are the least squares solution of a system of full rank, which is
+differentiable.
 
 Source: Yuan and Dong (2002, 2003), integral feasible prestress of cable domes.
 """
@@ -19,18 +20,19 @@ from ..common.rules import Rule, or_nan
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, in_a_row, members
+from ._balance import arranged, balance, host_nodes, members, of_all_members
 
 
 @pytree
 class Prestress:
-    """What `feasible_prestress` found.
+    """A prestress with equal tensions within groups: the result of `feasible_prestress`.
 
     Attributes:
-        tension: in the shape of the elements, each [n_elem], N; for `Phase(pretension=...)`.
-        group_tension: of every group, [n_group], N.
-        unbalanced: largest force left at a free freedom over the largest tension; of the order of
-            rounding where the geometry has the symmetry of the groups.
+        tension: tensions in the shape of the elements, each [n_elem], N, for
+            `Phase(pretension=...)`.
+        group_tension: tension of every group, [n_group], N.
+        unbalanced: largest unbalanced force at a free freedom over the largest tension; of the
+            order of rounding if the geometry has the symmetry of the groups.
         modes: integral prestress modes, an orthonormal basis, [n_mode, n_group]; None if the nodes
             were traced.
 
@@ -64,29 +66,31 @@ def feasible_prestress(
 ) -> Prestress:
     """Self-equilibrated tensions, equal within groups, with every cable taut.
 
-    With several modes, the one is taken in which the smallest cable tension is the largest part of
-    the largest force (a linear program).
+    If there are several modes, a linear program combines them so that the smallest cable tension is
+    as large as possible relative to the largest force.
 
-    Differentiable in the nodes and in `tension`. Inside a transformation that traces the nodes,
-    `group` must be given, and neither the number of modes nor the signs are looked at: look at them
-    once outside. There must be one mode (of several the result is NaN); derivatives are those of
-    the least squares solution, exact where nodes change without losing the symmetry of the groups.
+    The result is differentiable in the nodes and in `tension`. Where the nodes are traced, `group`
+    must be given, and neither the number of modes nor the signs are checked: check them once
+    outside. There must be one mode (with several the result is NaN). Derivatives are those of the
+    least squares solution, exact if nodes change without losing the symmetry of the groups.
 
     Args:
-        structure: `Structure` of `Bars` and `Cables`, its supports count.
-        groups: group numbers from 0, [n_elem] of all elements in a row, or in the shape of the
-            elements; elements with one number have equal tensions. Default: every element its own.
-            `symmetric_groups` finds them.
-        group: number of the group whose tension is given, or None for the largest force.
-        tension: of that group, N, negative for struts; or the largest absolute force, N.
-        tol: relative limit of singular values that count as zero, as in `self_stress`.
+        structure: `Structure` of `Bars` and `Cables`; its supports count.
+        groups: group numbers from 0, [n_elem] of all elements group after group, or in the shape of
+            the elements; elements with the same number have equal tensions. Default: every element
+            is a group of its own. `symmetric_groups` finds them.
+        group: number of the group whose tension is given, or None to give the largest force.
+
+    Options:
+        tension: tension of that group, N, negative for struts; or the largest absolute force, N.
+        tol: singular values up to `tol` times the largest count as zero, as in `self_stress`.
 
     Returns:
         `Prestress`.
 
     Raises:
-        ValueError: no state of self-stress is equal within the groups, or none has all cables taut;
-            names the group; wrong group numbers.
+        ValueError: no state of self-stress is equal within the groups, or none has all cables taut
+            (the message names the group); wrong group numbers.
 
     Source: Yuan and Dong (2002, 2003).
 
@@ -127,23 +131,23 @@ def feasible_prestress(
             raise ValueError(f"group = {group}: has no force in the prestress; give another group")
         else:
             text = f"with group {group} so, cables would be in compression"
-            own = tension, taut[group]
-            tension = or_nan(Rule("tension", own, lambda force, taut: force * taut <= 0, text))
+            forces = tension, taut[group]
+            tension = or_nan(Rule("tension", forces, lambda force, taut: force * taut <= 0, text))
         modes = np.linalg.qr(modes.T)[0].T
         if len(modes) > 1:
             return _result(structure, free, links, number, taut / taut[group] * tension, modes)
     solved = _others(structure, free, links, spread, group, tension, tol)
     pulled = (spread * cable[:, None]).any(axis=0)
-    if isinstance(solved, jax.Array) and pulled.any():  # of traced nodes nobody knew it before
+    if isinstance(solved, jax.Array) and pulled.any():  # not checked above where nodes are traced
         solved = jnp.where(jnp.any(pulled & (solved <= 0)), jnp.nan, solved)
     return _result(structure, free, links, number, solved, modes)
 
 
 def _numbers(structure, groups, n_elem):
-    """Group of every element, [n_elem], checked."""
+    """Group number of every element, [n_elem], checked."""
     if groups is None:
         return np.arange(n_elem)
-    number = np.asarray(in_a_row(structure, groups, "groups"))
+    number = np.asarray(of_all_members(structure, groups, "groups"))
     if not np.issubdtype(number.dtype, np.integer):
         raise ValueError(f"groups: expected integers, got {number.dtype}")
     if number.min() < 0:
@@ -156,7 +160,7 @@ def _numbers(structure, groups, n_elem):
 
 
 def _null(matrix, tol):
-    """Orthonormal basis of the null space, rows; ValueError if it is empty."""
+    """Orthonormal basis of the null space, [n_mode, n_group]; ValueError if it is empty."""
     _, values, right = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
     if rank == matrix.shape[1]:
@@ -171,7 +175,7 @@ def _null(matrix, tol):
 def _taut(modes, cable):
     """Combination of the modes with all cables taut, largest force 1, [n_group].
 
-    Without cables any would do: the first mode.
+    Without cables it is the first mode.
     """
     if len(modes) == 1 or not cable.any():
         state = modes[0] / np.abs(modes[0]).max()
@@ -180,17 +184,17 @@ def _taut(modes, cable):
         elif not cable.any() and state[np.abs(state).argmax()] < 0:
             state = -state
     else:
-        # t is the smallest cable tension, all forces are within -1 and 1
+        # unknowns: factors of the modes, and t, the smallest cable tension; forces from -1 to 1
         from scipy.optimize import linprog
 
-        n_mode, own = len(modes), modes[:, cable].T
-        none = np.zeros((modes.shape[1], 1))
+        n_mode, cable_modes = len(modes), modes[:, cable].T
+        zero = np.zeros((modes.shape[1], 1))
         found = linprog(
             np.append(np.zeros(n_mode), -1.0),
             A_ub=np.block(
-                [[-own, np.ones((len(own), 1))], [modes.T, none], [-modes.T, none]],
+                [[-cable_modes, np.ones((len(cable_modes), 1))], [modes.T, zero], [-modes.T, zero]],
             ),
-            b_ub=np.concatenate([np.zeros(len(own)), np.ones(2 * modes.shape[1])]),
+            b_ub=np.concatenate([np.zeros(len(cable_modes)), np.ones(2 * modes.shape[1])]),
             bounds=[(None, None)] * n_mode + [(None, 1.0)],
         )
         if not found.success:
@@ -215,9 +219,10 @@ def _taut(modes, cable):
 
 
 def _others(structure, free, links, spread, group, tension, tol):
-    """Tensions of all groups, [n_group], N, from that of one: least squares by QR.
+    """Tensions of all groups, [n_group], N, from that of one group: least squares by QR.
 
-    NaN, with NaN derivatives, if the others have a state of self-stress of their own.
+    The other tensions are NaN, with NaN derivatives, if these groups alone have a state of
+    self-stress.
     """
     nodes, xp = _numbers_of(structure.nodes, tension)
     sums = balance(nodes, links)[0][free] @ spread.astype(nodes.dtype)
@@ -233,19 +238,20 @@ def _others(structure, free, links, spread, group, tension, tol):
 
 
 def _numbers_of(nodes, tension):
-    """Nodes, and NumPy or jax.numpy: whichever they and the tension are of."""
+    """Nodes, and the module for them: jax.numpy if nodes or tension are a jax array, else NumPy."""
     if isinstance(nodes, jax.Array) or isinstance(tension, jax.Array):
         return jnp.asarray(nodes), jnp
     return nodes, np
 
 
 def _result(structure, free, links, number, group_tension, modes):
+    """The `Prestress` of tensions of all groups."""
     nodes, xp = _numbers_of(structure.nodes, group_tension)
-    row = xp.asarray(group_tension, nodes.dtype)[number]
-    left = balance(nodes, links)[0][free] @ row
+    tension = xp.asarray(group_tension, nodes.dtype)[number]
+    unbalanced = balance(nodes, links)[0][free] @ tension
     return Prestress(
-        tension=arranged(structure, row),
+        tension=arranged(structure, tension),
         group_tension=group_tension,
-        unbalanced=xp.max(xp.abs(left)) / xp.max(xp.abs(row)),
+        unbalanced=xp.max(xp.abs(unbalanced)) / xp.max(xp.abs(tension)),
         modes=modes,
     )

@@ -5,8 +5,8 @@ With ``q = N / l`` equilibrium is linear in the positions, and the same in each 
     sum_j q_ij (x_i - x_j) = p_i,      D_ff x_f = p_f - D_fs x_s,      D = C^T Q C
 
 (Schek 1974, The force density method for form finding and computation of general networks; after
-Linkwitz). The matrix has one unknown a node, not three, and is factorised once for the three right
-sides of x, y and z wherever supports hold whole nodes.
+Linkwitz). The matrix has one unknown per node instead of three. Where supports hold whole nodes it
+is factorised once for the right sides of x, y and z.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from .along import OnForm, carries, split, touched
 from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
 
-_FIRST = 5  # steps with the loads of the form before, ahead of Newton's method
+_FIRST = 5  # iterations, each with the loads of the form before, ahead of Newton's method
 
 
 def force_density(
@@ -50,28 +50,29 @@ def force_density(
 ) -> Float[Array, "n_node 3"]:
     """Positions in which a net with given force densities is in equilibrium.
 
-    ``D_ff x_f = p_f - D_fs x_s`` with ``D = C^T diag(q) C``. A pure function of pytrees: jit, vmap,
-    grad, jvp, jacfwd and hessian work on it, with respect to q, supports and loads.
+    The positions solve ``D_ff x_f = p_f - D_fs x_s`` with ``D = C^T diag(q) C``. This is a pure
+    function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it, with respect to q,
+    supports and loads.
 
     Args:
         structure: `Structure` of cables and bars. Of its nodes only the held coordinates count.
         q: force over length, N/m: a scalar, [n_elem], or a prefix pytree of the elements. Negative
             in struts, which must be `Bars`.
-        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them; those
+        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them. Loads
             along elements and on areas are per lengths and areas of the form found, and per
-            unstressed lengths that go with its forces, as in an analysis that begins there. With
-            them the problem is not linear, and Newton's method solves it.
+            unstressed lengths that go with its forces, as in an analysis that begins with the form.
+            With them the problem is not linear, and Newton's method solves it.
         linear_solver: "dense", "superlu" or "pardiso"; None chooses by size, as `Newton` does.
 
     Returns:
-        Positions of all nodes, [n_node, 3], m. Of a direction whose matrix is singular the free
-        coordinates are NaN, with NaN derivatives: the net is not held, a node has no force density
-        at all, or struts and cables cancel. With loads along elements or on areas all free
-        coordinates are NaN where there is no form, or one that an element's law cannot bear.
+        Positions of all nodes, [n_node, 3], m. If the matrix of a direction is singular (supports
+        do not hold the net, a node has no force density at all, or struts and cables cancel), its
+        free coordinates are NaN, with NaN derivatives. With loads along elements or on areas all
+        free coordinates are NaN if there is no form, or one that an element's law cannot bear.
 
     Raises:
         ValueError: elements that are not straight members, other loads, a negative force density
-            in a cable, an element without one.
+            in a cable, an element without a force density.
 
     Source: Schek (1974), after Linkwitz.
 
@@ -91,19 +92,23 @@ def force_density(
     linear.check(linear_solver)
     loads, others = split(structure, loads)
     densities, chosen = stated(q, structure, "q")
-    for k, (group, own, meant) in enumerate(zip(structure.groups, densities, chosen, strict=True)):
+    for k, (group, given, meant) in enumerate(
+        zip(structure.groups, densities, chosen, strict=True)
+    ):
         if not meant.all():
             raise ValueError(
                 f"q: element {int((~meant).argmax())} of group {k} has no force density; "
                 "every element needs one"
             )
         if group.tension_only:
-            densities[k] = or_nan(not_negative("q", own, "a cable carries tension only; use Bars"))
+            densities[k] = or_nan(
+                not_negative("q", given, "a cable carries tension only; use Bars")
+            )
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     net = number_axes(fixed, links, linear_solver)
     if others:
-        coupled = (*((own, 3, ()) for own in links), *touched(structure, others))
+        coupled = (*((ends, 3, ()) for ends in links), *touched(structure, others))
         freedoms = number_freedoms(fixed, None, coupled, linear_solver, False)
         task = thaw((structure.nodes, densities, loads, structure.groups, others))
         return _loaded(*task, net, freedoms, Newton(linear_solver=linear_solver))
@@ -112,13 +117,13 @@ def force_density(
 
 @pytree(static=("axes",))
 class _Block:
-    """Directions whose unknowns are the same nodes.
+    """Directions in which supports leave the same nodes free; they share one matrix.
 
     Attributes:
         axes: these directions, of 0, 1, 2.
-        free: nodes that are free along them, [n_free].
-        number: unknown of every end of an element, n_free if it is held, [n_elem, 2].
-        pattern: `linear.Pattern` of their matrix.
+        free: numbers of the free nodes, [n_free].
+        number: unknown of both ends of every element, n_free if the end is held, [n_elem, 2].
+        pattern: `linear.Pattern` of the matrix.
     """
 
     axes: tuple[int, ...]
@@ -138,14 +143,14 @@ class _Block:
 def number_axes(
     fixed: Indices, links: tuple[Indices, ...], solver: str | None
 ) -> tuple[Int[Array, "n_elem 2"], list[_Block]]:
-    """Links of all elements, [n_elem, 2], and the unknowns of each direction; kept.
+    """Links of all elements, [n_elem, 2], and the blocks of directions; cached.
 
     Args:
         fixed: True where a coordinate is held, `Indices` [n_node, 3].
-        links: of every group, a tuple of `Indices`.
-        solver: name or None.
+        links: links of every group, a tuple of `Indices`.
+        solver: name of a linear solver, or None.
     """
-    mask, ends = fixed.array, np.concatenate([own.array for own in links])
+    mask, ends = fixed.array, np.concatenate([group_links.array for group_links in links])
     alike = {}
     for axis in range(3):
         alike.setdefault(mask[:, axis].tobytes(), []).append(axis)
@@ -158,7 +163,7 @@ def number_axes(
         number[free] = np.arange(len(free), dtype=np.int32)
         number = number[ends]
         pattern = linear.make_pattern([number], len(free), True, solver)
-        with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
+        with jax.ensure_compile_time_eval():  # known arrays, even if a caller is being traced
             blocks.append(_Block(tuple(axes), jnp.asarray(free), jnp.asarray(number), pattern))
     with jax.ensure_compile_time_eval():
         return jnp.asarray(ends), blocks
@@ -166,11 +171,11 @@ def number_axes(
 
 @jax.jit
 def _positions(thawed, arrays, net):
-    """The compiled core."""
+    """The compiled core with nodal loads: one linear solve per block of directions."""
     parameters = fill(thawed, arrays)
     nodes, densities, loads = parameters
     nodes = jnp.asarray(nodes)
-    q = jnp.concatenate([jnp.asarray(own, nodes.dtype) for own in densities])
+    q = jnp.concatenate([jnp.asarray(density, nodes.dtype) for density in densities])
     load = total(loads, nodes.shape, nodes.dtype)
     positions = nodes
     for block in net[1]:
@@ -182,7 +187,7 @@ def _positions(thawed, arrays, net):
 
 @jax.jit
 def _loaded(thawed, arrays, net, freedoms, method):
-    """The compiled core with loads that depend on the form: all coordinates at once.
+    """The compiled core with loads that depend on the form: Newton's method for all coordinates.
 
     Members are springs that pull with ``q l``; see `strings`.
     """
@@ -194,7 +199,7 @@ def _loaded(thawed, arrays, net, freedoms, method):
     def system(data):
         nodes, densities, load, others = data
         strings = [Strings(group.links) for group in groups]
-        lengths = [own.chord(nodes[own.links]) for own in strings]
+        lengths = [group.chord(nodes[group.links]) for group in strings]
         pairs = zip(densities, lengths, strict=True)
         states = [StringState(jnp.zeros_like(q), q, length) for q, length in pairs]
         followers = [others]
@@ -228,9 +233,9 @@ def shape(
     load: Float[Array, "n_node 3"],
     net: tuple[Int[Array, "n_elem 2"], list[_Block]],
 ) -> Float[Array, "n_node 3"]:
-    """Positions [n_node, 3] for force densities [n_elem] on the numbering of `number_axes`.
+    """Positions [n_node, 3] for force densities [n_elem], with the numbering of `number_axes`.
 
-    Not differentiable; NaN where there are none.
+    Not differentiable; NaN in directions whose matrix is singular.
     """
     positions = nodes
     for block in net[1]:
@@ -245,10 +250,11 @@ class Balance:
 
     Attributes:
         q: force densities, [n_elem], N/m.
-        held: what the held coordinates do between the ends of elements, [n_elem, n_axis], m.
-        load: on the free nodes, [n_free, n_axis], N.
+        held: difference of the coordinates of the ends of every element, those of free ends being
+            zero, [n_elem, n_axis], m.
+        load: loads on the free nodes, [n_free, n_axis], N.
         block: `_Block`.
-        factor: of its matrix, a constant.
+        factor: factor of its matrix, a constant.
     """
 
     q: Float[Array, " n_elem"]
@@ -283,7 +289,7 @@ class Balance:
         return zero.at[self.block.number].add(ends, mode="drop")
 
     def pull(self, x: Float[Array, "n_free n_axis"]) -> Float[Array, "n_free n_axis"]:
-        """The same of free coordinates, held ones being zero: ``D_ff x``, [n_free, n_axis]."""
+        """``D_ff x``, [n_free, n_axis]: `gather` of free coordinates x, held ones being zero."""
         ends = x.at[self.block.number].get(mode="fill", fill_value=0.0)
         return self.gather(ends[:, 0] - ends[:, 1])
 
@@ -294,17 +300,17 @@ class Balance:
     def solve(self, rhs: Float[Array, "n_free n_axis"]) -> Float[Array, "n_free n_axis"]:
         """Solve for all columns with one factor; NaN if the matrix is singular."""
 
-        def one(b):
+        def solve_column(b):
             return self.factor.solve(b, lambda v: self.pull(v[:, None])[:, 0])
 
-        return jax.vmap(one, 1, 1)(rhs)
+        return jax.vmap(solve_column, 1, 1)(rhs)
 
 
 def _differentiable(balance):
-    """Free coordinates [n_free, n_axis]; NaN if there are none.
+    """Free coordinates [n_free, n_axis], with their derivative; NaN if the matrix is singular.
 
-    The value first, then its derivative apart from it: a singular case of a batch must not reach
-    what the batch shares.
+    The value is computed first, and the derivative attached to it afterwards, so that a singular
+    case does not pollute the other cases of a batch.
     """
     start = lax.stop_gradient(balance.solve(balance.rhs()))
     ok = jnp.all(jnp.isfinite(start))

@@ -1,4 +1,4 @@
-"""A form that was found: a shape in equilibrium, ready to be analysed."""
+"""The result of form finding, `Form`: a shape in equilibrium, ready to be analysed."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from .along import carries
 class Form:
     """A shape, its forces, and the unstressed lengths to cut.
 
-    It goes straight into an analysis: ``jc.replace(structure, nodes=form.positions)`` with
-    ``jc.Phase(pretension=form.tension, loads=loads)``, or with ``rest_length=form.rest_length``, is
-    in equilibrium at once. Everything but the status, the residuals and the iterations is NaN,
-    with NaN derivatives, unless the status is OK.
+    The structure ``jc.replace(structure, nodes=form.positions)`` is in equilibrium at once in an
+    analysis with ``jc.Phase(pretension=form.tension, loads=loads)``, or with
+    ``rest_length=form.rest_length``. Unless the status is OK everything but the status, the
+    residuals and the iterations is NaN, with NaN derivatives.
 
     Attributes:
-        positions: of all nodes, [n_node, 3], m.
+        positions: positions of all nodes, [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
         length: distance of an element's ends, likewise, m.
         rest_length: unstressed length, likewise, m: `length` over one plus the strain that belongs
             to the tension by the group's law.
         force_density: tension over length, likewise, N/m.
-        status: code, `describe` has the texts.
+        status: status code; `describe` has the texts.
         residual: largest unbalanced force at a free freedom, N.
-        relative_residual: the same over the largest, over nodes, of the sum of the absolute end
-            forces plus the load.
-        iterations: linear solves, or steps of a relaxation.
+        relative_residual: `residual` over its scale: the largest, over nodes, of the sum of the
+            absolute end forces plus the load.
+        iterations: number of linear solves, or of time steps of a relaxation.
 
     Example:
-        600 N on two cables of 500 N: a 3-4-5 triangle, wherever the search begins.
+        600 N on two cables of 500 N: a 3-4-5 triangle, found from any start.
 
         >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -76,26 +76,26 @@ def make_form(
     parameters: PyTree[Array],
     rests: Sequence[Float[Array, " n_elem"]] | None = None,
 ) -> Form:
-    """The `Form` of a shape and its forces, its lists per group not yet in the shape of `elements`.
+    """The `Form` of a shape and its forces, with lists per group in place of the elements' shape.
 
-    A law that cannot carry its force makes the status MATERIAL_FAILURE.
+    The status is MATERIAL_FAILURE if a law cannot carry its force; see `arranged` for the shape.
 
     Args:
-        groups: element groups, their links arrays.
-        positions: [n_node, 3], m.
-        tensions: per group [n_elem], N.
-        code: status so far.
-        residual, scale: unbalanced force, and what it is judged by, N.
-        iterations: number.
+        groups: element groups, with links as arrays.
+        positions: positions of all nodes, [n_node, 3], m.
+        tensions: axial forces per group, [n_elem], N.
+        code: status of the search.
+        residual, scale: largest unbalanced force, and the force that it is compared with, N.
+        iterations: number of linear solves or time steps.
         parameters: everything that the form depends on.
         rests: unstressed lengths per group, [n_elem], m, if they are known; else they follow from
             the tensions.
     """
-    fine = carries(*lax.stop_gradient((groups, tensions)))
-    torn = jnp.where(fine, status.OK, status.MATERIAL_FAILURE)
-    code = status.first_failure(code, torn).astype(jnp.int32)
+    carried = carries(*lax.stop_gradient((groups, tensions)))
+    law_code = jnp.where(carried, status.OK, status.MATERIAL_FAILURE)
+    code = status.first_failure(code, law_code).astype(jnp.int32)
     ok = code == status.OK
-    # a law asked beyond its curve, or NaN, must not spoil what a batch shares
+    # forces beyond the curve of a law, or NaN, must not pollute the other cases of a batch
     groups, positions, tensions = implicit.gate(ok, (groups, positions, tensions))
     lengths, cut = [], []
     for group, tension in zip(groups, tensions, strict=True):
@@ -108,12 +108,12 @@ def make_form(
     values = positions, tensions, lengths, rests, densities
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
     relative = residual / jnp.where(scale > 0, scale, 1.0)
-    own = positions, tensions, lengths, rests, densities
-    return Form(*own, code, residual, relative, iterations)
+    arrays = positions, tensions, lengths, rests, densities
+    return Form(*arrays, code, residual, relative, iterations)
 
 
 def arranged(form: Form, structure: Structure) -> Form:
-    """A `Form` whose lists per group are in the shape of the structure's elements."""
+    """A `Form` with its lists per group brought into the shape of the structure's elements."""
     names = ("tension", "length", "rest_length", "force_density")
     lists = {name: structure.arrange(getattr(form, name)) for name in names}
     others = {

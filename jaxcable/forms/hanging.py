@@ -22,15 +22,15 @@ from ..stiffness.tangent import filled, prepared
 def catenary_curves(
     structure: Structure, solution: Solution | State, n: int = 21
 ) -> PyTree[Float[Array, "n_elem n 3"] | None]:
-    """Places along the catenaries of a solution, for pictures.
+    """Positions along the catenaries of a solution, for pictures.
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is meant) or `State`.
-        n: places an element, evenly along its unstressed length.
+        solution: `Solution` (its last converged state is used) or `State`.
+        n: number of positions per element, evenly along its unstressed length.
 
     Returns:
-        In the shape of `elements`, each [n_elem, n, 3], m; None for other groups.
+        Positions in the shape of `elements`, each [n_elem, n, 3], m; None for other groups.
 
     Raises:
         ValueError: the structure has no catenaries.
@@ -55,14 +55,14 @@ def catenary_curves(
 def end_tensions(
     structure: Structure, solution: Solution | State
 ) -> PyTree[Float[Array, "n_elem 2"] | None]:
-    """Tensions at both ends of the catenaries of a solution, in whose `tension` is their mean.
+    """Tensions at both ends of the catenaries of a solution (its `tension` is their mean).
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is meant) or `State`.
+        solution: `Solution` (its last converged state is used) or `State`.
 
     Returns:
-        In the shape of `elements`, each [n_elem, 2], N; None for other groups.
+        Tensions in the shape of `elements`, each [n_elem, 2], N; None for other groups.
 
     Raises:
         ValueError: the structure has no catenaries.
@@ -83,15 +83,16 @@ def end_tensions(
 
 
 def _of_catenaries(structure, solution, method, *arguments):
-    able = [isinstance(group, Sagging) for group in structure.groups]
-    if not any(able):
+    """Results of a method of the catenaries, in the shape of `elements`; None for other groups."""
+    catenaries = [isinstance(group, Sagging) for group in structure.groups]
+    if not any(catenaries):
         raise ValueError("structure: has no catenaries")
     thawed, arrays, _ = prepared(structure, solution)
     nodes, groups, carry = filled(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
     results = []
-    for group, state, one in zip(groups, states, able, strict=True):
-        if not one:
+    for group, state, hangs in zip(groups, states, catenaries, strict=True):
+        if not hangs:
             results.append(None)
             continue
         call = jax.vmap(
@@ -114,20 +115,20 @@ def hanging_chain(
 ) -> tuple[Float[Array, "n+1 3"], Float[Array, " n"]]:
     """A cable as a chain of `n` equal straight elements that hangs by a stated sag.
 
-    Under its weight, -z, half of each element's at each of its ends, it is in equilibrium as it is
-    returned. As n grows it becomes the catenary with that sag.
+    The chain is returned in equilibrium under its weight along -z, of which each element puts half
+    on each of its ends. As n grows it becomes the catenary with that sag.
 
     Args:
-        first, second: ends, [3], m, not above each other.
+        first, second: positions of the ends, [3], m; they must not lie above each other.
         n: number of elements, at least 2.
         sag: how far the middle of the chain (a node, or the middle of an element) hangs below the
             middle of its chord, m, positive.
-        weight: per unstressed length, N/m.
+        weight: weight per unstressed length, N/m.
         axial_stiffness: EA, N.
 
     Returns:
-        Places of its nodes, [n + 1, 3], m, and the unstressed length of every element, [n], m.
-        NaN if there is no such chain; differentiable in all but `n`.
+        Positions of the nodes, [n + 1, 3], m, and the unstressed length of every element, [n], m.
+        NaN if there is no such chain; differentiable in all arguments but `n`.
 
     Raises:
         ValueError: wrong shapes, or values that are not positive.
@@ -155,23 +156,24 @@ def hanging_chain(
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
-    place, rest_length = _chain(chord, sag, weight, stiffness, n)
-    return jnp.asarray(first)[None] + place, jnp.full(n, rest_length / n)
+    relative, rest_length = _chain(chord, sag, weight, stiffness, n)
+    return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
 
 
 def _chain(chord, sag, weight, stiffness, n):
-    """Places from the first node [n + 1, 3] and the length of the whole chain.
+    """Positions relative to the first node, [n + 1, 3], and the unstressed length of the chain.
 
-    Unknowns: the horizontal and vertical force in the middle, and the length; all elements are
-    ``(L/n) (F/|F| + F/EA)``. Newton's method from the catenary with the same sag.
+    The unknowns are the horizontal and vertical force in the middle, and the unstressed length L;
+    an element is the vector ``(L/n) (F/|F| + F/EA)``. Newton's method starts from the catenary with
+    the same sag.
     """
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
-    step = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
-    half = jnp.sign(step)
+    offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
+    side = jnp.sign(offset)
 
     def pieces(unknowns):
         h, v, length = unknowns
-        up = v + weight * length / n * step
+        up = v + weight * length / n * offset
         force = jnp.stack([jnp.broadcast_to(h, (n,)), up], 1)
         size = jnp.sqrt(jnp.sum(force**2, axis=1, keepdims=True))
         return length / n * (force / size + force / stiffness)
@@ -179,7 +181,7 @@ def _chain(chord, sag, weight, stiffness, n):
     def mismatch(scaled):
         piece = pieces(scaled * scale)
         wanted = jnp.stack([level, chord[2], sag])
-        found = jnp.stack([jnp.sum(piece[:, 0]), jnp.sum(piece[:, 1]), 0.5 * half @ piece[:, 1]])
+        found = jnp.stack([jnp.sum(piece[:, 0]), jnp.sum(piece[:, 1]), 0.5 * side @ piece[:, 1]])
         return (found - wanted) / jnp.stack([level, level, sag])
 
     down = weight * jnp.array([0.0, 0.0, -1.0], chord.dtype)
@@ -196,13 +198,13 @@ def _chain(chord, sag, weight, stiffness, n):
             rounding = (moved < 1e-6) & (moved > 0.5 * before)
             return (moved > 4 * jnp.finfo(u.dtype).eps) & ~rounding & (count < 50)
 
-        def one(s):
+        def iterate(s):
             u, before, _, count = s
             change = jnp.linalg.solve(jax.jacfwd(f)(u), f(u))
             return u - change, jnp.max(jnp.abs(change)), before, count + 1
 
         far = jnp.full((), jnp.inf, u.dtype)
-        end, moved, _, _ = lax.while_loop(unfinished, one, (u, far, far, 0))
+        end, moved, _, _ = lax.while_loop(unfinished, iterate, (u, far, far, 0))
         found = (moved < 1e-6) & (end[0] > 0) & (end[2] > 0)
         return jnp.where(found, end, jnp.nan)
 
@@ -213,7 +215,7 @@ def _chain(chord, sag, weight, stiffness, n):
         lambda g, y: jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
     )
     piece = pieces(scaled * scale)
-    along = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)])
+    sums = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)])
     unit = jnp.stack([chord[0], chord[1]]) / level
-    place = jnp.column_stack([jnp.outer(along[:, 0], unit), along[:, 1]])
+    place = jnp.column_stack([jnp.outer(sums[:, 0], unit), sums[:, 1]])
     return place, (scaled * scale)[2]

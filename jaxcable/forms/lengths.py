@@ -1,10 +1,9 @@
-"""Form finding with given lengths: their forces are unknowns, multipliers of these conditions.
+"""Form finding with given lengths: the forces of these elements are unknown multipliers.
 
-The form is stationary for the Lagrangian ``sum T l + sum N (l - L) - p.x``, whose unknowns are the
-free displacements x and the forces N of the elements of given length L: a saddle, symmetric and
-indefinite. Its matrix comes from the Lagrangian by autodiff. Newton's method on it, with steps
-halved until the residual falls, starts from elements that keep their lengths nearly by stiff
-springs (`prescribed`).
+The form is a stationary point of the Lagrangian ``sum T l + sum N (l - L) - p.x``, whose unknowns
+are the free displacements x and the forces N of the elements of given length L. It is a saddle: its
+Hessian, by autodiff, is symmetric and indefinite. Newton's method halves steps until the residual
+falls; it starts from a form in which stiff springs keep the lengths nearly (`prescribed`).
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from ..elements.prestress import stretch
 from ..mechanics.assembly import System
 from ..spaces.freedoms import number_freedoms
 
-_HALVINGS = 12
+_HALVINGS = 12  # how often a step is tried: whole, then halved
 
 
 @pytree
@@ -36,9 +35,10 @@ class Numbering:
     Attributes:
         number: unknown of every freedom, [n_node, 3]; n_all if it is held.
         elements: per group the numbers of its elements of given length, or None.
-        ends: per such group the unknowns of both ends and of the force, [n_given, 7].
-        pattern: `linear.Pattern`.
-        zero: of n_all zeros, whose shape tells the number of unknowns.
+        ends: per group the unknowns of both ends and of the force of these elements, [n_given, 7],
+            or None.
+        pattern: `linear.Pattern` of the Hessian.
+        zero: n_all zeros; the shape is the number of unknowns.
     """
 
     number: Int[Array | np.ndarray, "n_node 3"]
@@ -52,35 +52,35 @@ class Numbering:
 def number(
     fixed: Indices, links: tuple[Indices, ...], sought: tuple[Indices, ...], solver: str | None
 ) -> Numbering:
-    """The `Numbering`; kept for the next call.
+    """The `Numbering`; cached.
 
     Args:
         fixed: True where a coordinate is held, `Indices` [n_node, 3].
-        links: of every group, a tuple of `Indices`.
+        links: links of every group, a tuple of `Indices`.
         sought: whether the length of an element is given, a tuple of `Indices`, [n_elem] bool.
-        solver: name or None.
+        solver: name of a linear solver, or None.
 
     Raises:
-        ValueError: a solver is named that does not exchange rows far apart, which zeros on the
+        ValueError: the named solver does not exchange distant rows of the matrix, as zeros on the
             diagonal need.
     """
     linear.check(solver, exchanges_rows=True)
     freedoms = number_freedoms(fixed)
     n_free = len(freedoms.free)
-    n_all = n_free + sum(int(own.array.sum()) for own in sought)
-    own_number = np.where(freedoms.number == n_free, n_all, freedoms.number).astype(np.int32)
+    n_all = n_free + sum(int(mask.array.sum()) for mask in sought)
+    of_freedom = np.where(freedoms.number == n_free, n_all, freedoms.number).astype(np.int32)
     elements, ends, count = [], [], n_free
-    for own, among in zip(links, sought, strict=True):
-        chosen = np.flatnonzero(among.array).astype(np.int32)
-        rows = own_number[own.array[chosen]].reshape(-1, 6)
+    for group_links, mask in zip(links, sought, strict=True):
+        chosen = np.flatnonzero(mask.array).astype(np.int32)
+        moving = of_freedom[group_links.array[chosen]].reshape(-1, 6)
         force = np.arange(count, count + len(chosen), dtype=np.int32)
         count += len(chosen)
         elements.append(chosen if len(chosen) else None)
-        ends.append(np.column_stack([rows, force]) if len(chosen) else None)
-    numbers = [own_number[own.array].reshape(-1, 6) for own in links]
-    numbers += [rows for rows in ends if rows is not None]
+        ends.append(np.column_stack([moving, force]) if len(chosen) else None)
+    numbers = [of_freedom[group_links.array].reshape(-1, 6) for group_links in links]
+    numbers += [unknowns for unknowns in ends if unknowns is not None]
     pattern = linear.make_pattern(numbers, n_all, True, solver, exchanges_rows=True)
-    return Numbering(own_number, elements, ends, pattern, np.zeros(n_all))
+    return Numbering(of_freedom, elements, ends, pattern, np.zeros(n_all))
 
 
 @pytree
@@ -88,9 +88,11 @@ class Saddle:
     """Equilibrium with given lengths.
 
     Attributes:
-        system: `System` of members that hold their forces; zero where the length is given.
-        given: per group L of all elements, one of any value where it is not given; None without, m.
-        unit: force that an unknown of 1 stands for, N; keeps the two kinds of rows alike.
+        system: `System` of members that keep their forces; zero where the length is given.
+        given: per group the lengths L of all elements, with any value where none is given, m; None
+            for a group without given lengths.
+        unit: force for an unknown of 1, N; it gives displacements and forces matrix entries of like
+            size.
         numbering: `Numbering`.
     """
 
@@ -102,7 +104,7 @@ class Saddle:
     def split(
         self, z: Float[Array, " n_all"]
     ) -> tuple[Float[Array, " n_free"], list[Float[Array, " n_given"]]]:
-        """Displacements [n_free] and forces of the elements of given length per group, N."""
+        """Displacements [n_free] and, per group, forces of the elements of given length, N."""
         n_free = self.system.freedoms.free.shape[0]
         parts, at = [], n_free
         for chosen in self.numbering.elements:
@@ -113,47 +115,47 @@ class Saddle:
 
     def motion(self, z: Float[Array, " n_all"]) -> Float[Array, "n_node 3"]:
         """Displacements of all nodes, [n_node, 3], m."""
-        held: Any = self.system.space.prescribed  # there always is one
-        return self.system.move(held, self.split(z)[0])
+        prescribed: Any = self.system.space.prescribed  # never None here
+        return self.system.move(prescribed, self.split(z)[0])
 
     def join(
         self, motion: Float[Array, "n_node 3"], forces: Sequence[Float[Array, " n_elem"]]
     ) -> Float[Array, " n_all"]:
-        """The unknowns [n_all] of displacements [n_node, 3] and of all forces per group, N."""
+        """The unknowns [n_all] from displacements [n_node, 3] and all forces per group, N."""
         x = motion.reshape(-1)[self.system.freedoms.free]
         pairs = zip(forces, self.numbering.elements, strict=True)
-        own = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
-        return jnp.concatenate([x, *own])
+        given = [force[chosen] / self.unit for force, chosen in pairs if chosen is not None]
+        return jnp.concatenate([x, *given])
 
     def forces(self, z: Float[Array, " n_all"]) -> list[Float[Array, " n_elem"]]:
         """Axial forces, per group [n_elem], N."""
         states: Sequence[Any] = self.system.states  # of `strings.StringState`
         pairs = zip(states, self.numbering.elements, self.split(z)[1], strict=True)
         return [
-            state.force if chosen is None else state.force.at[chosen].set(own)
-            for state, chosen, own in pairs
+            state.force if chosen is None else state.force.at[chosen].set(given)
+            for state, chosen, given in pairs
         ]
 
     def filled(self, z: Float[Array, " n_all"]) -> tuple[System, Float[Array, "n_node 3"]]:
-        """The system with all forces, and the motion of its nodes."""
+        """The system with all forces in its states, and the displacements of its nodes."""
         pairs = zip(self.system.states, self.forces(z), strict=True)
         system = copy(self.system, states=[copy(state, force=force) for state, force in pairs])
         return system, self.motion(z)
 
     def _given(self, motion):
-        """Initial ends, motion of the ends, L and unknowns, of each group with given lengths."""
+        """Generate (initial ends, motion of the ends, L, unknowns) of groups with given lengths."""
         n = self.numbering
-        for group, chosen, rows, own in zip(
+        for group, chosen, unknowns, lengths in zip(
             self.system.groups, n.elements, n.ends, self.given, strict=True
         ):
             if chosen is not None:
                 links = group.links[chosen]
-                yield self.system.nodes[links], motion[links], own[chosen], rows
+                yield self.system.nodes[links], motion[links], lengths[chosen], unknowns
 
     def residual(self, z: Float[Array, " n_all"]) -> Float[Array, " n_all"]:
         """Gradient of the Lagrangian, [n_all]: unbalanced forces, then gaps times the unit."""
         system, motion = self.filled(z)
-        gaps = [self.unit * jax.vmap(_gap)(*own) for *own, _ in self._given(motion)]
+        gaps = [self.unit * jax.vmap(_gap)(*data) for *data, _ in self._given(motion)]
         return jnp.concatenate([system.residual(motion), *gaps])
 
     def judged(
@@ -161,7 +163,7 @@ class Saddle:
     ) -> tuple[Float[Array, " n_free"], Float[Array, ""], Float[Array, " n_given"]]:
         """Unbalanced forces [n_free], their scale, and gaps over lengths, [n_given]."""
         system, motion = self.filled(z)
-        gaps = [jax.vmap(_gap)(*own) / own[2] for *own, _ in self._given(motion)]
+        gaps = [jax.vmap(_gap)(*data) / data[2] for *data, _ in self._given(motion)]
         return *system.residual_and_scale(motion), jnp.concatenate(gaps)
 
     def tangent(self, z: Float[Array, " n_all"]) -> Float[Array, "n_all n_all"] | linear.Sparse:
@@ -173,24 +175,25 @@ class Saddle:
         return self._assemble(parts, motion)
 
     def _assemble(self, parts, motion):
-        """Matrix of blocks of the displacements, and the couplings with the forces."""
+        """Matrix of blocks of the displacements, and their couplings with the forces."""
         couple = jax.vmap(functools.partial(_coupling, self.unit))
-        parts = parts + [(couple(*own), rows) for *own, rows in self._given(motion)]
+        parts = parts + [(couple(*data), unknowns) for *data, unknowns in self._given(motion)]
         return linear.assemble(parts, len(self.numbering.zero), self.numbering.pattern)
 
     def balanced(self, motion: Float[Array, "n_node 3"]) -> Float[Array, " n_all"]:
-        """Unknowns with displacements [n_node, 3] and the forces that leave least of the residual.
+        """Unknowns with displacements [n_node, 3] and the forces of least unbalanced forces.
 
-        Weighted least squares: the saddle with a matrix of ones on the diagonal for the stiffness.
+        Weighted least squares, by the matrix of the saddle with identity blocks in place of the
+        stiffness of elements.
         """
         states: Sequence[Any] = self.system.states
         none = [jnp.zeros_like(state.force) for state in states]
         z, n_free = self.join(motion, none), self.system.freedoms.free.shape[0]
         blocks = []
         for group in self.system.groups:
-            rows = self.numbering.number[group.links].reshape(-1, 6)
-            ones = jnp.broadcast_to(jnp.eye(6, dtype=z.dtype), (len(rows), 6, 6))
-            blocks.append((ones, rows))
+            unknowns = self.numbering.number[group.links].reshape(-1, 6)
+            ones = jnp.broadcast_to(jnp.eye(6, dtype=z.dtype), (len(unknowns), 6, 6))
+            blocks.append((ones, unknowns))
         matrix = self._assemble(blocks, motion)
         rhs = -self.residual(z).at[n_free:].set(0.0)
         found, regular = linear.solve_general(matrix, rhs)
@@ -198,7 +201,7 @@ class Saddle:
 
 
 def _gap(ends, moved, length):
-    """``l - L`` without the difference of two nearly equal lengths, if L is the initial one."""
+    """``l - L``, without a difference of nearly equal lengths if L is the initial length."""
     _, _, change, start = stretch(ends, moved)
     return (start - length) + change
 
@@ -206,7 +209,7 @@ def _gap(ends, moved, length):
 def _coupling(unit, ends, moved, length):
     """Hessian of ``N (l - L)`` at N = 0 by both ends and N over the unit, [7, 7].
 
-    What it is at another N is in the tangent of an element that holds this force.
+    The part that grows with N is in the tangent of the members, which keep this force.
     """
 
     def lagrangian(u):
@@ -235,12 +238,12 @@ def settle(
     Args:
         saddle: `Saddle`.
         z: start, [n_all].
-        tol: relative residual of forces and of lengths.
-        limit: steps allowed.
+        tol: relative residual of forces and of lengths at convergence.
+        limit: largest number of steps.
         active: False to return at once.
 
     Returns:
-        The point, its status, steps, unbalanced forces, scale.
+        The last point, its status, the number of steps, unbalanced forces and their scale.
     """
 
     def worst(z):
@@ -285,7 +288,7 @@ def settle(
 def attach(
     saddle: Saddle, z: Float[Array, " n_all"], valid: Bool[Array, ""]
 ) -> Float[Array, " n_all"]:
-    """`z` with the derivative of the saddle, as `implicit.attach`; `saddle` is gated already."""
+    """`z` with the derivative of the saddle, as by `implicit.attach`; expects a gated `saddle`."""
     z = lax.stop_gradient(z)
     frozen = lax.stop_gradient(saddle)
     factor = linear.factorize(linear.or_identity(frozen.tangent(z), valid))

@@ -1,4 +1,4 @@
-"""What form finding takes of a structure: straight members between two nodes."""
+"""Checks of the structures that form finding takes (straight members), of loads and statements."""
 
 from __future__ import annotations
 
@@ -34,8 +34,11 @@ def check_members(structure: Structure) -> None:
 def verdict(
     nodes: Float[Array, "n_node 3"], groups: Sequence[Element], *others: Any
 ) -> Int[Array, ""]:
-    """INVALID_INPUT where numbers of a structure or of `others` break their rules, traced."""
-    rules = [*rules_of([groups, others]), *(r for own in groups for r in place_rules(nodes, own))]
+    """Status: INVALID_INPUT if numbers of a structure or of `others` break their rules, else OK.
+
+    It can be traced.
+    """
+    rules = [*rules_of([groups, others]), *(r for g in groups for r in place_rules(nodes, g))]
     return jnp.where(kept(rules), status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
@@ -53,18 +56,19 @@ def stated(
     """A scalar, [n_elem], `only(...)`, or a prefix pytree of the elements, spread over the groups.
 
     Returns:
-        values: per group floats [n_elem], zero where nothing is said, or None if nothing is.
-        chosen: per group the elements that are meant, [n_elem] bool, NumPy.
+        values: per group floats [n_elem], zero for elements without a value, or None if no element
+            of the group has a value.
+        chosen: per group the elements that have a value, [n_elem] bool, NumPy.
     """
     values, chosen = [], []
-    for group, own in zip(structure.groups, spread(value, structure, name), strict=True):
+    for group, given in zip(structure.groups, spread(value, structure, name), strict=True):
         n_elem = len(group.links)
-        meant = np.full(n_elem, own is not None)
-        if isinstance(own, Selection):
+        meant = np.full(n_elem, given is not None)
+        if isinstance(given, Selection):
             raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
-        if isinstance(own, Only):
-            meant = own.chosen(n_elem, name)
-            own = own.spread(np.zeros(n_elem))
-        values.append(checks.per_element(own, n_elem, name))
+        if isinstance(given, Only):
+            meant = given.chosen(n_elem, name)
+            given = given.spread(np.zeros(n_elem))
+        values.append(checks.per_element(given, n_elem, name))
         chosen.append(meant)
     return values, chosen

@@ -1,12 +1,12 @@
 """Form finding with prescribed forces: the shape in which given tensions balance.
 
 Forces ``T`` and loads ``p`` are given, positions are sought: ``sum_j T_ij (x_i - x_j)/l_ij = p_i``.
-That is the stationary point of ``sum T l - p.x``, which is convex where all forces are tensions
-(a sum of norms): a minimal net if they are equal. Elements whose length is given instead take part
-with their force as an unknown (`lengths`), the multiplier of that condition.
+They are a stationary point of ``sum T l - p.x``, which is convex where all forces are tensions
+(a sum of norms). With equal tensions the form is a minimal net. Elements whose length is given
+instead take part with their force as an unknown, the multiplier of that condition (`lengths`).
 
-The iteration is `newton.equilibrate` on members that hold their force whatever their length, with
-its tangent by autodiff and its line search. The derivative is the implicit function theorem's.
+The iteration is `newton.equilibrate`, with its tangent by autodiff and its line search, on members
+that keep their force whatever their length. The derivative is by the implicit function theorem.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ from .form import Form, arranged, make_form
 from .members import check_members, stated, total, verdict
 from .strings import Strings, StringState
 
-_DRAPING = 5  # steps by force densities before Newton's method
-_STIFF = 1e3  # of the springs that keep lengths, over the largest force
-_NEAR = 1e-4  # relative residual at which springs have done their work
+_DRAPING = 5  # iterations by force densities before Newton's method
+_STIFF = 1e3  # stiffness times length of the springs that keep lengths, over the largest force
+_NEAR = 1e-4  # relative residual at which the iteration with springs ends
 
 
 def find_form(
@@ -59,43 +59,45 @@ def find_form(
 
     Every element has one of `tension`, `stress` and `length`; each is a scalar, [n_elem],
     `selection.only(elements, values)`, or a prefix pytree of the structure's elements with such
-    leaves and None. A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on
-    it, with respect to forces, lengths, supports and loads.
+    leaves and None. This is a pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian
+    work on it, with respect to forces, lengths, supports and loads.
 
-    Where every force is a tension and no length is given, the shape is that of least
-    ``sum T l - p.x`` and is found from any sensible start. It need not exist: forces that cannot
-    balance each other draw nodes together until an element has no length, or away without limit;
-    the status then is NOT_CONVERGED, NONFINITE or MECHANISM. Where it is not unique (all elements
-    at a node in one line: it may slide) the one found depends on the start, and the derivatives of
-    such a node are NaN. With struts or lengths there can be several forms; the one found is near
-    the start.
+    If every force is a tension and no length is given, the form minimises ``sum T l - p.x`` and is
+    found from any sensible start. It need not exist: forces that cannot balance each other draw
+    nodes together until an element has no length, or apart without limit; the status then is
+    NOT_CONVERGED, NONFINITE or MECHANISM. If it is not unique (a node whose elements all lie in one
+    line may slide) the form found depends on the start, and the derivatives of such a node are NaN.
+    With struts or lengths there can be several forms; the form found is near the start.
 
     Args:
-        structure: `Structure` of cables and bars; its nodes are supports and start.
+        structure: `Structure` of cables and bars; its nodes are the supports and the start.
         tension: axial force, N; negative in struts, which must be `Bars`.
-        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them; those
+        loads: `NodalLoads`, `SelfWeight`, `LineLoads` and `AreaLoads`, one or a list of them. Loads
             along elements and on areas are per lengths and areas of the form found, and per
-            unstressed lengths that go with its forces, as in an analysis that begins there. (They
-            depend on where nodes are and spoil the convexity of the problem a little.)
-        length: final distance of the ends, under force, m.
+            unstressed lengths that go with its forces, as in an analysis that begins with the form.
+            (They depend on the positions of nodes, and the problem is no longer quite convex.)
+
+    Options:
+        length: distance of an element's ends in the form, under force, m.
         stress: tension over area, Pa, of groups with an area or a section.
-        method: `Newton`; as for `solve`, with the same meaning of `tol`. Lengths are met within
-            `tol` of their own; their forces need another solver than PARDISO (default: SuperLU).
+        method: `Newton`, as for `solve`, with the same meaning of `tol`. Lengths are met within
+            `tol` relative to them; given lengths exclude the solver PARDISO (default: SuperLU).
 
     Returns:
-        `Form`; look at its `status`, or call `raise_if_failed`. A cable of given length that would
-        have to push is NOT_CONVERGED; a force beyond the law's curve is MATERIAL_FAILURE.
+        `Form`; check its `status`, or call `raise_if_failed`. The status is NOT_CONVERGED if a
+        cable of given length would have to push, and MATERIAL_FAILURE if a force is beyond the
+        curve of a law.
 
     Raises:
         ValueError: elements that are not straight members, an element with two statements or none,
-            other loads, lengths beside loads that depend on the form, a negative tension in a
-            cable, a length that is not positive.
+            other loads, lengths together with loads that depend on the form, a negative tension in
+            a cable, a length that is not positive.
 
     Source: Linkwitz and Schek (1971) for nets with prescribed forces and lengths; Weber's problem
     for the convexity and for nodes that meet.
 
     Example:
-        600 N on two cables of 500 N: a 3-4-5 triangle, wherever the search begins.
+        600 N on two cables of 500 N: a 3-4-5 triangle, found from any start.
 
         >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -105,7 +107,7 @@ def find_form(
         >>> print(f"{jc.describe(form.status)}: {form.length[0]:.6f} m")
         converged: 5.000000 m
 
-        The analysis of what was found begins in equilibrium:
+        The analysis of this form begins in equilibrium:
 
         >>> found = jc.replace(structure, nodes=form.positions)
         >>> solution = jc.solve(found, jc.Phase(pretension=form.tension, loads=weight))
@@ -119,7 +121,7 @@ def find_form(
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
     loads, others = split(structure, loads)
     tensions, sought, given = statements(structure, tension, stress, length)
-    mixed = any(own.any() for own in sought)
+    mixed = any(mask.any() for mask in sought)
     if mixed and others:
         raise ValueError(
             f"loads: {type(others[0]).__name__} depends on unstressed lengths and places of the "
@@ -128,7 +130,7 @@ def find_form(
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)
     solver = method.linear_solver
-    coupled = (*((own, 3, ()) for own in links), *touched(structure, others))
+    coupled = (*((ends, 3, ()) for ends in links), *touched(structure, others))
     freedoms = number_freedoms(fixed, None, coupled, solver, not others)
     extra = lengths.number(fixed, links, tuple(map(Indices, sought)), solver) if mixed else None
     convex = not mixed and all(group.tension_only for group in structure.groups)
@@ -139,12 +141,13 @@ def find_form(
 
 
 def statements(structure, tension, stress, length):
-    """What is said about the elements, checked.
+    """The statements on all elements, checked: exactly one for every element.
 
     Returns:
         tensions: prescribed forces per group, [n_elem], zero where the length is given, N.
-        sought: whether the length is given, per group [n_elem] bool, NumPy.
-        given: (these lengths, 1 elsewhere, [n_elem] m; where they are) per group, or None.
+        sought: whether the length is given and the force sought, per group [n_elem] bool, NumPy.
+        given: per group the pair (lengths [n_elem], m, 1 where none is given; where they are given,
+            [n_elem] bool), or None for a group without lengths.
     """
     names = ("tension", "stress", "length")
     values, chosen = zip(
@@ -153,47 +156,49 @@ def statements(structure, tension, stress, length):
     )
     tensions, given = [], []
     for k, group in enumerate(structure.groups):
-        said = np.stack([own[k] for own in chosen])
-        count = said.sum(axis=0)
+        has = np.stack([masks[k] for masks in chosen])
+        count = has.sum(axis=0)
         if (count != 1).any():
             e = int((count != 1).argmax())
-            twice = ", ".join(n for n, own in zip(names, said, strict=True) if own[e])
+            twice = ", ".join(n for n, mask in zip(names, has, strict=True) if mask[e])
             raise ValueError(
                 f"{twice}: element {e} of group {k} has more than one of them; give one"
                 if count[e]
                 else f"tension: element {e} of group {k} has neither tension, stress nor length"
             )
         forces = jnp.zeros(len(group.links))
-        if said[0].any():
-            own = _pulling(values[0][k], said[0], group, "tension")
-            forces = jnp.where(said[0], own, 0.0)
-        if said[1].any():
+        if has[0].any():
+            pulls = _pulling(values[0][k], has[0], group, "tension")
+            forces = jnp.where(has[0], pulls, 0.0)
+        if has[1].any():
             area = group._section()[2]
             if area is None:
                 raise ValueError(f"stress: group {k} has no area; give tension")
-            own = _pulling(values[1][k], said[1], group, "stress")
-            forces = jnp.where(said[1], own * area, forces)
+            stresses = _pulling(values[1][k], has[1], group, "stress")
+            forces = jnp.where(has[1], stresses * area, forces)
         tensions.append(forces)
-        own = values[2][k]
-        if own is not None:
-            rule = Rule("length", (own, said[2]), lambda v, own: own & (v <= 0), "must be positive")
-            own = or_nan(rule)
-            own = jnp.where(said[2], own, 1.0), said[2]
-        given.append(own)
+        wanted = values[2][k]
+        if wanted is not None:
+            rule = Rule(
+                "length", (wanted, has[2]), lambda v, mask: mask & (v <= 0), "must be positive"
+            )
+            wanted = or_nan(rule)
+            wanted = jnp.where(has[2], wanted, 1.0), has[2]
+        given.append(wanted)
     return tensions, chosen[2], given
 
 
-def _pulling(values, said, group, name):
-    """Forces or stresses [n_elem], of cables refused if they push, NaN where that is traced."""
+def _pulling(values, mask, group, name):
+    """Forces or stresses [n_elem]; negative values of cables are refused, or NaN if traced."""
     if not group.tension_only:
         return values
     text = "a cable carries tension only; use Bars"
-    return or_nan(Rule(name, (values, said), lambda v, said: said & (v < 0), text))
+    return or_nan(Rule(name, (values, mask), lambda v, mask: mask & (v < 0), text))
 
 
 @functools.partial(jax.jit, static_argnames=("convex",))
 def _find(thawed, arrays, freedoms, extra, net, method, convex):
-    """The compiled core; results per element are lists, one item per group."""
+    """The compiled core; results per element are lists with one item per group."""
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
     nodes, groups, tensions, given, loads, others = cast(parameters, dtype)
@@ -223,7 +228,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         z = lengths.attach(saddle, z, valid)
         forces, motion = saddle.forces(z), saddle.motion(z)
         attached = saddle.system
-    # a frozen start where nothing was found, so that lengths are those of real elements
+    # without a form take the start, so that lengths and their derivatives stay finite
     positions = jnp.where(valid, attached.nodes + motion, nodes)
     pushing = [
         jnp.any(force < 0)
@@ -237,13 +242,17 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
 
 
 def _system(groups, data, freedoms, convex, stiffness=None):
-    """The `System` of members that hold their forces; with a stiffness [N] also nearly lengths."""
+    """The `System` of members with prescribed forces.
+
+    With `stiffness` (a force, N: spring constant times length) springs also keep the given lengths
+    nearly.
+    """
     nodes, tensions, given, load, others = data
     states, strings = [], []
-    for group, force, own in zip(groups, tensions, given, strict=True):
+    for group, force, wanted in zip(groups, tensions, given, strict=True):
         spring = excess = jnp.zeros_like(force)
-        if stiffness is not None and own is not None:
-            length, sought = own
+        if stiffness is not None and wanted is not None:
+            length, sought = wanted
             spring = jnp.where(sought, stiffness / length, 0.0)
             ends = nodes[group.links]
             excess = jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1) - length
@@ -255,14 +264,14 @@ def _system(groups, data, freedoms, convex, stiffness=None):
 
 
 def _draped(data, net):
-    """Displacement [n_node, 3] to start from, by force densities T/l of the shape before.
+    """Displacement [n_node, 3] for the start, by force densities T/l of the shape before.
 
-    Each step minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937), hence
-    leads down from anywhere; Newton's method takes over near the end.
+    Each iteration minimises a parabola above ``sum T l - p.x`` that touches it (Weiszfeld 1937),
+    hence leads downward from any shape; Newton's method is faster near the end.
     """
     nodes, tensions, _, load, others = data
     force, links = jnp.concatenate(tensions), net[0]
-    states = [StringState(own, jnp.zeros_like(own), None) for own in tensions]
+    states = [StringState(tension, jnp.zeros_like(tension), None) for tension in tensions]
 
     def step(_, x):
         length = jnp.linalg.norm(x[links[:, 1]] - x[links[:, 0]], axis=-1)
@@ -274,9 +283,9 @@ def _draped(data, net):
 
 
 def _saddle(system, data, extra):
-    """The `lengths.Saddle`; its unit keeps the two kinds of rows alike."""
+    """The `lengths.Saddle`; its unit gives displacements and forces matrix entries of like size."""
     made = system(data)
-    given = [None if own is None else own[0] for own in data[2]]
+    given = [None if pair is None else pair[0] for pair in data[2]]
     unit = lax.stop_gradient(jnp.sqrt(_force(data) / made.length_scale()))
     return lengths.Saddle(made, given, unit, extra)
 
@@ -291,10 +300,10 @@ def _force(data):
 def _with_lengths(system, data, start, extra, method, struts):
     """Point of the `Saddle`, status, steps, unbalanced forces and their scale.
 
-    With cables alone stiff springs come first, which reach the form nearly from anywhere; then
-    Newton's method on the saddle meets the lengths. Where there are bars, the form sought may be
-    one that springs would leave (a tensegrity held by constant forces): then the saddle comes
-    first, from the forces that balance best at the start, and springs only if that leads nowhere.
+    For cables alone, stiff springs come first, which lead close to the form from nearly any start;
+    then Newton's method on the saddle meets the lengths. With bars, springs may lead away from the
+    form sought (a tensegrity under constant forces): then the saddle comes first, from the forces
+    that balance best at the start, and springs only if that fails.
     """
     tol = newton.limit(method, start.dtype)
     saddle = _saddle(system, data, extra)

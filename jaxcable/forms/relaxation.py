@@ -1,15 +1,15 @@
 """Dynamic relaxation with kinetic damping: a second way to the same forms, for checks.
 
-The net is let go and moves under its unbalanced forces R with fictitious masses; whenever its
-kinetic energy has passed a peak it is stopped there, and let go again. Central differences with a
-time step of 1,
+The net starts at rest and moves under its unbalanced forces R with fictitious masses; whenever its
+kinetic energy has passed a peak it is stopped at the peak, and starts again. Central differences
+with a time step of 1,
 
     v(t + 1/2) = v(t - 1/2) + R(t)/m,      x(t + 1) = x(t) + v(t + 1/2),
 
 are stable if the mass of a node is at least half the sum of the stiffnesses of its elements (the
-largest eigenvalue is at most twice that sum). The peak is placed by a parabola through three
-energies. No stiffness matrix, no Newton step, and nothing of `assembly`: only the elements' laws
-are shared with `solve`.
+largest eigenvalue is at most twice that sum). A parabola through three energies gives the time of
+the peak. There is no stiffness matrix, no Newton step, and nothing of `assembly`: only the laws of
+elements are shared with `solve`.
 
 Sources: Day (1965), An introduction to dynamic relaxation; Cundall (1976) for kinetic damping;
 Barnes (1999), Form finding and analysis of tension structures by dynamic relaxation.
@@ -39,8 +39,8 @@ from .along import split
 from .form import Form, arranged, make_form
 from .members import check_members, stated, total, verdict
 
-_AWAY = 1e3  # displacement, in structure sizes, that no held structure reaches
-_SPARE = 1.05  # of the masses, over what stability asks for
+_AWAY = 1e3  # displacement over the size of the structure that supports would never allow
+_SPARE = 1.05  # masses over the least ones that are stable
 
 
 def dynamic_relaxation(
@@ -53,30 +53,33 @@ def dynamic_relaxation(
     tol: Float[ArrayLike, ""] = 1e-10,
     max_steps: int = 100_000,
 ) -> Form:
-    """Find the equilibrium of a net of held forces, or of elastic elements, by letting it move.
+    """Find the equilibrium of prescribed forces, or of elastic elements, by damped motion.
 
-    An independent check of `find_form` and `solve`, slower than both. Works under jit and vmap. Its
-    derivative is not offered: it is NaN; differentiate `find_form` or `solve`.
+    This is an independent check of `find_form` and `solve`, slower than both. It works under jit
+    and vmap. Its derivatives are NaN; differentiate `find_form` or `solve`.
 
     Args:
         structure: `Structure` of cables and bars.
-        tension: axial force held whatever the length, N: a scalar, [n_elem],
+        tension: axial force that an element keeps whatever its length, N: a scalar, [n_elem],
             `selection.only(elements, values)`, or a prefix pytree of the structure's elements with
             such leaves and None; negative in `Bars` only.
         rest_length: unstressed length, m, likewise, of elements that follow their law; cables may
-            go slack. An element without a statement has the unstressed length of its group, or else
-            the chord between the structure's nodes.
+            become slack. An element without a statement has the unstressed length of its group, or
+            else the chord between the structure's nodes.
+
+    Options:
         loads: `NodalLoads` or a list of them.
-        start: positions to start from, [n_node, 3], m (held coordinates are those of the
-            structure); default the structure's nodes.
+        start: positions at the start, [n_node, 3], m (held coordinates are those of the structure);
+            default the structure's nodes.
         tol: largest unbalanced force at a free freedom over the largest, over nodes, of the sum of
             absolute end forces plus the load; not below 64 eps. Strains are differences of lengths
-            here: what rounding leaves is eps EA/N.
-        max_steps: steps allowed; beyond, the status is NOT_CONVERGED.
+            here, whose rounding leaves a relative residual of eps EA/N.
+        max_steps: largest number of time steps; beyond it the status is NOT_CONVERGED.
 
     Returns:
-        `Form`; its `iterations` are steps. Status NOT_CONVERGED, MECHANISM (a node has gone
-        away), NONFINITE or MATERIAL_FAILURE (an element strained beyond its curve).
+        `Form`; its `iterations` are time steps. The status of a failure is NOT_CONVERGED, MECHANISM
+        (a node has moved away), NONFINITE or MATERIAL_FAILURE (an element is strained beyond its
+        curve).
 
     Raises:
         ValueError: as `find_form`; both statements for one element.
@@ -84,7 +87,7 @@ def dynamic_relaxation(
     Source: Day (1965); Cundall (1976) for the damping; Barnes (1999).
 
     Example:
-        600 N on two cables of 500 N: a 3-4-5 triangle, wherever they are let go.
+        600 N on two cables of 500 N: a 3-4-5 triangle, found from any start.
 
         >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -97,10 +100,10 @@ def dynamic_relaxation(
     check_members(structure)
     plausibility.precision(structure.nodes)
     loads, _ = split(structure, loads, takes_more=False)
-    forces, held = stated(tension, structure, "tension")
+    forces, prescribed = stated(tension, structure, "tension")
     rests, cut = stated(rest_length, structure, "rest_length")
     for k, group in enumerate(structure.groups):
-        both = held[k] & cut[k]
+        both = prescribed[k] & cut[k]
         if both.any():
             raise ValueError(
                 f"tension, rest_length: element {int(both.argmax())} of group {k} has both; "
@@ -110,9 +113,9 @@ def dynamic_relaxation(
             text = "a cable carries tension only; use Bars"
             forces[k] = or_nan(not_negative("tension", forces[k], text))
         if rests[k] is not None:
-            own = rests[k], cut[k]
+            lengths = rests[k], cut[k]
             text = "must be positive"
-            rests[k] = or_nan(Rule("rest_length", own, lambda v, own: own & (v <= 0), text))
+            rests[k] = or_nan(Rule("rest_length", lengths, lambda v, mask: mask & (v <= 0), text))
     tol = or_nan(Rule("tol", tol, lambda v: ~(v > 0), "must be positive"))
     if start is not None:
         start = checks.floats(start, "start")
@@ -121,9 +124,9 @@ def dynamic_relaxation(
                 f"start: expected shape {structure.nodes.shape}, got {tuple(start.shape)}"
             )
     members = [
-        _Members(group, force, rest, own_held, own_cut)
-        for group, force, rest, own_held, own_cut in zip(
-            structure.groups, forces, rests, held, cut, strict=True
+        _Members(group, force, rest, with_force, with_length)
+        for group, force, rest, with_force, with_length in zip(
+            structure.groups, forces, rests, prescribed, cut, strict=True
         )
     ]
     fixed = structure.held()
@@ -133,19 +136,20 @@ def dynamic_relaxation(
 
 @pytree
 class _Members:
-    """A group and what is said about it.
+    """A group and the statements on its elements.
 
     Attributes:
         group: element group.
-        force: held forces, [n_elem], N, or None.
-        rest: unstressed lengths, [n_elem], m, or None.
-        held, cut: which elements these concern, [n_elem] bool.
+        force: prescribed forces, [n_elem], N, or None.
+        rest: stated unstressed lengths, [n_elem], m, or None.
+        prescribed, cut: which elements have a prescribed force, and which a stated unstressed
+            length, [n_elem] bool.
     """
 
     group: Element
     force: Float[Array | np.ndarray, " n_elem"] | None
     rest: Float[Array | np.ndarray, " n_elem"] | None
-    held: Bool[Array | np.ndarray, " n_elem"]
+    prescribed: Bool[Array | np.ndarray, " n_elem"]
     cut: Bool[Array | np.ndarray, " n_elem"]
 
     def unstressed(self, nodes: Float[Array, "n_node 3"]) -> Float[Array, " n_elem"]:
@@ -166,8 +170,9 @@ class _Members:
         return d, jnp.sqrt(jnp.sum(d * d, axis=-1))
 
     def _law(self, strain, function):
+        """Values of ``function(element, strain, memory)`` of all elements."""
         memory = self.group.initial_memory()
-        return jax.vmap(lambda p, e, own: function(element(self.group, p), e, own))(
+        return jax.vmap(lambda p, e, m: function(element(self.group, p), e, m))(
             self.group.properties(), strain, memory
         )
 
@@ -175,22 +180,22 @@ class _Members:
         self, length: Float[Array, " n_elem"], rest: Float[Array, " n_elem"]
     ) -> Float[Array, " n_elem"]:
         """Axial forces, [n_elem], N."""
-        own = self._law((length - rest) / rest, lambda one, e, memory: one.force(e, memory))
-        return own if self.force is None else jnp.where(self.held, self.force, own)
+        force = self._law((length - rest) / rest, lambda member, e, memory: member.force(e, memory))
+        return force if self.force is None else jnp.where(self.prescribed, self.force, force)
 
     def stiffness(
         self, length: Float[Array, " n_elem"], rest: Float[Array, " n_elem"]
     ) -> Float[Array, " n_elem"]:
-        """A bound of the stiffness of a taut element in any direction, [n_elem], N/m."""
+        """An upper bound of the stiffness of every element in any direction, [n_elem], N/m."""
         strain = jnp.maximum((length - rest) / rest, 0.0)
 
-        def slope(one, e, memory):
-            rate = jax.grad(lambda e: one.force(e, memory))
+        def slope(member, e, memory):
+            rate = jax.grad(lambda e: member.force(e, memory))
             return jnp.maximum(rate(e), rate(jnp.zeros_like(e)))
 
         along = self._law(strain, slope) / rest
         if self.force is not None:
-            along = jnp.where(self.held, 0.0, along)
+            along = jnp.where(self.prescribed, 0.0, along)
         return along + jnp.abs(self.tension(length, rest)) / length
 
     def beyond(
@@ -200,25 +205,25 @@ class _Members:
         if not self.group.breaks:
             return jnp.zeros((), bool)
         broken = self._law(
-            (length - rest) / rest, lambda one, e, memory: one._section()[1].beyond(e)
+            (length - rest) / rest, lambda member, e, memory: member._section()[1].beyond(e)
         )
-        return jnp.any(broken if self.force is None else broken & ~self.held)
+        return jnp.any(broken if self.force is None else broken & ~self.prescribed)
 
 
 @pytree
 class _Motion:
-    """Where the net is.
+    """State of the moving net.
 
     Attributes:
         x: positions, [n_node, 3].
-        v: velocity half a step ago, [n_node, 3].
-        force: unbalanced force at x, [n_node, 3], zero where held.
-        mass: of every node, [n_node, 1].
+        v: velocity half a time step ago, [n_node, 3].
+        force: unbalanced force at x, [n_node, 3], zero at held freedoms.
+        mass: mass of every node, [n_node, 1].
         energy: kinetic energies of the last two half steps, the latest first, [2].
-        rest: whether it has just been stopped.
-        steps: so far.
+        rest: whether the net has just been stopped.
+        steps: number of time steps so far.
         size: largest unbalanced force over its scale.
-        scale: N.
+        scale: scale of the unbalanced forces, N.
     """
 
     x: Float[Array, "n_node 3"]
@@ -234,7 +239,7 @@ class _Motion:
 
 @jax.jit
 def _relax(thawed, arrays, fixed, tol, max_steps):
-    """The compiled core; results per element are lists, one item per group."""
+    """The compiled core; results per element are lists with one item per group."""
     parameters = fill(thawed, arrays)
     dtype = parameters[0].dtype
     nodes, members, loads, start = lax.stop_gradient(cast(parameters, dtype))
@@ -245,7 +250,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
     extent = jnp.sqrt(jnp.sum((jnp.max(nodes, axis=0) - jnp.min(nodes, axis=0)) ** 2))
 
     def balance(x):
-        """Unbalanced forces, largest one over its scale, scale, masses that are stable."""
+        """Unbalanced forces, the largest over its scale, this scale, least masses for stability."""
         force, size = load, jnp.sqrt(jnp.sum(load**2, axis=-1))
         stiffness = jnp.zeros_like(size)
         for m, rest in zip(members, rests, strict=True):
@@ -254,19 +259,19 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
             pull = (tension / length)[:, None] * d
             first, second = m.group.links[:, 0], m.group.links[:, 1]
             force = force.at[first].add(pull).at[second].add(-pull)
-            own = m.stiffness(length, rest)
+            bound = m.stiffness(length, rest)
             for end in (first, second):
                 size = size.at[end].add(jnp.abs(tension))
-                stiffness = stiffness.at[end].add(own)
+                stiffness = stiffness.at[end].add(bound)
         force, scale = jnp.where(fixed, 0.0, force), jnp.max(size)
-        # a node that nothing holds gets some mass to move with
+        # a node without stiff elements gets some mass, too
         mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))[:, None]
         mass = jnp.where(mass > 0, mass, 1.0)
         worst = jnp.max(jnp.abs(force)) / jnp.where(scale > 0, scale, 1.0)
         return force, worst, scale, mass
 
     def stopped(motion, x):
-        """At rest at x, with masses made for it."""
+        """The motion at rest at x, with masses for the stiffness at x."""
         force, size, scale, mass = balance(x)
         return copy(
             motion,
@@ -292,7 +297,8 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
         )
         peak = energy < motion.energy[0]
         fall, rise = energy - motion.energy[0], motion.energy[0] - motion.energy[1]
-        q = fall / jnp.where(peak, fall - rise, 1.0)  # part of a step between peak and last energy
+        # part of a time step between the peak and the last energy
+        q = fall / jnp.where(peak, fall - rise, 1.0)
         back = x - (1 + q) * v + 0.5 * q * pace
         heavier = jnp.any(mass > motion.mass) & ~(size <= limit)  # the masses are no longer stable
         at = jnp.where(peak, back, x)
@@ -313,7 +319,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
 
 
 def _ended(members, rests, end, code, parameters):
-    """The `Form` that the motion `end` stands for, `code` what its size and place say of it."""
+    """The `Form` at the end of the motion; `code` is the status by its residual and positions."""
     code = jnp.where(jnp.isfinite(end.size) & jnp.isfinite(end.scale), code, status.NONFINITE)
     found = [(m, m.vectors(end.x)[1], rest) for m, rest in zip(members, rests, strict=True)]
     torn = jnp.any(jnp.stack([m.beyond(length, rest) for m, length, rest in found]))
@@ -324,7 +330,7 @@ def _ended(members, rests, end, code, parameters):
     for (m, length, rest), force in zip(found, forces, strict=True):
         if m.force is not None:
             strain = m.group.strain_at(force, m.group.initial_memory())
-            rest = jnp.where(m.held, length / (1 + strain), rest)
+            rest = jnp.where(m.prescribed, length / (1 + strain), rest)
         cut.append(rest)
     groups = [m.group for m in members]
     residual = jnp.max(jnp.abs(end.force))

@@ -1,19 +1,19 @@
 """States of self-stress and mechanisms of a cable-strut structure in its geometry.
 
 The equilibrium matrix ``A`` gives the loads that tensions ``t`` balance, ``A t = f``, and its
-transpose the elongations of small displacements, ``A^T d = e``. With ``r`` its rank, there are
+transpose the elongations of small displacements, ``A^T d = e``. If ``r`` is its rank, there are
 ``s = n_elem - r`` states of self-stress (``A t = 0``) and ``m = n_free - r`` ways to move without
 elongation (``A^T d = 0``). A prestress ``t`` stiffens a mechanism ``d`` if
 
     sum over elements of  q |d_j - d_i|^2 > 0,    q = t / length,
 
-and all of them if this form is positive definite on their space: they are then infinitesimal of
-first order, and the structure is stable for a prestress small beside EA.
+and stiffens all mechanisms if this quadratic form is positive definite on their space: they are
+then infinitesimal of first order, and the structure is stable for a prestress small beside EA.
 
-Source: Pellegrino and Calladine (1986), Pellegrino (1993); the form is the one of Calladine and
-Pellegrino's product forces (1991), written with the force density matrix.
+Source: Pellegrino and Calladine (1986), Pellegrino (1993); the quadratic form is that of the
+product forces of Calladine and Pellegrino (1991), written with the force density matrix.
 
-Ranks are discrete, so all of this is NumPy on the host and has no derivatives.
+Ranks are discrete: everything here is NumPy on the host and has no derivatives.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from ..common.tree import pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
-from ._balance import arranged, balance, host_nodes, in_a_row, incidence, members
+from ._balance import arranged, balance, host_nodes, incidence, members, of_all_members
 
 KINDS = {
     (False, False): "I",
@@ -39,32 +39,33 @@ _WORDS = {False: "determinate", True: "indeterminate"}
 
 @pytree
 class SelfStress:
-    """What `self_stress` found.
+    """States of self-stress and mechanisms of a structure: the result of `self_stress`.
 
-    What belongs to elements is in the shape of the structure's elements, as in all results. Only
-    `matrix` has them in one row, group after group.
+    Values of elements are in the shape of the structure's elements, as in all results; only the
+    columns of `matrix` are all elements, group after group.
 
     Attributes:
         tensions: states of self-stress, in the shape of the elements, each [s, n_elem]; a basis
             that is orthonormal over the elements of all groups.
-        force_densities: the same over the lengths, likewise, 1/m.
+        force_densities: `tensions` over the lengths, likewise, 1/m.
         mechanisms: displacements without elongation and without rigid motion, an orthonormal basis,
             [m, n_node, 3].
-        rigid: rigid motions that the supports allow, likewise, [., n_node, 3].
-        singular_values: of the equilibrium matrix, falling, [min(n_free, n_elem)].
-        rank: how many of them count.
+        rigid: rigid motions that the supports allow, an orthonormal basis, [n_rigid, n_node, 3].
+        singular_values: singular values of the equilibrium matrix, falling,
+            [min(n_free, n_elem of all groups)].
+        rank: number of singular values that do not count as zero.
         matrix: equilibrium matrix of the free freedoms, [n_free, n_elem of all groups].
-        length: of the elements, in their shape, each [n_elem], m.
+        length: lengths of the elements, in their shape, each [n_elem], m.
         tension_only: which elements are cables, likewise, each [n_elem] bool.
         links: node numbers, likewise, each [n_elem, 2].
-        structure: what was asked about.
+        structure: the `Structure`.
 
     Example:
         >>> structure, _ = jc.scenes.simplex()
         >>> found = jc.forms.self_stress(structure)
         >>> found.s, found.m, found.kind
         (1, 1, 'IV')
-        >>> density = {kind: own[0, 0] for kind, own in found.force_densities.items()}
+        >>> density = {kind: states[0, 0] for kind, states in found.force_densities.items()}
         >>> print({kind: round(float(q / density["verticals"]), 6) for kind, q in density.items()})
         {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
@@ -98,9 +99,9 @@ class SelfStress:
 
     @property
     def gap(self) -> tuple[float, float]:
-        """Smallest singular value that counts and largest that does not, relative to the largest.
+        """Smallest singular value that counts and largest that does not, over the largest of all.
 
-        The rank is sure where they are far apart; 0 where there is none.
+        The rank is sure if they are far apart. The second is 0 if all singular values count.
         """
         values = self.singular_values
         below = float(values[self.rank]) if self.rank < len(values) else 0.0
@@ -111,7 +112,7 @@ class SelfStress:
         """The classification in words.
 
         Returns:
-            A string: kind, s and m.
+            A text with the kind, s and m.
 
         Example:
             >>> print(jc.forms.self_stress(jc.scenes.simplex().structure).describe())
@@ -123,10 +124,11 @@ class SelfStress:
         )
 
     def unbalanced(self, tension: PyTree[Float[ArrayLike, " ..."]]) -> float:
-        """Largest force that a prestress leaves at a free freedom over its largest tension.
+        """Largest unbalanced force of a prestress at a free freedom, over its largest tension.
 
         Args:
-            tension: of all elements in a row [n_elem], or in the shape of the elements, N.
+            tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
+                elements.
 
         Returns:
             A number; of the order of rounding for a state of self-stress.
@@ -134,10 +136,10 @@ class SelfStress:
         Example:
             >>> structure, _ = jc.scenes.simplex()
             >>> found = jc.forms.self_stress(structure)
-            >>> found.unbalanced(jax.tree.map(lambda own: own[0], found.tensions)) < 1e-12
+            >>> found.unbalanced(jax.tree.map(lambda states: states[0], found.tensions)) < 1e-12
             True
         """
-        tension = self._row(tension)
+        tension = self._tensions(tension)
         largest = np.abs(tension).max()
         return float(np.abs(self.matrix @ tension).max(initial=0.0) / (largest or 1.0))
 
@@ -146,19 +148,20 @@ class SelfStress:
     ) -> Float[np.ndarray, " m"]:
         """Eigenvalues of the stiffness that a prestress gives the mechanisms.
 
-        All positive: it stiffens every mechanism.
+        The prestress stiffens every mechanism if all of them are positive.
 
         Args:
-            tension: of all elements in a row [n_elem], or in the shape of the elements, N.
+            tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
+                elements.
 
         Returns:
-            [m], rising, N/m.
+            Eigenvalues [m], rising, N/m.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
             >>> found = jc.forms.self_stress(structure)
             >>> taut = np.sign(found.tensions["verticals"][0, 0])
-            >>> tension = jax.tree.map(lambda own: taut * own[0], found.tensions)
+            >>> tension = jax.tree.map(lambda states: taut * states[0], found.tensions)
             >>> (found.mechanism_stiffness(tension) > 0).tolist()
             [True]
         """
@@ -172,17 +175,18 @@ class SelfStress:
         """Whether a prestress stiffens every mechanism.
 
         Args:
-            tension: of all elements in a row [n_elem], or in the shape of the elements, N.
+            tension: tensions, N, of all elements group after group [n_elem], or in the shape of the
+                elements.
             tol: eigenvalues up to this part of the largest force density count as zero.
 
         Returns:
-            bool.
+            True if all eigenvalues of `mechanism_stiffness` are positive beyond `tol`.
 
         Example:
             >>> structure, _ = jc.scenes.simplex()
             >>> found = jc.forms.self_stress(structure)
             >>> taut = np.sign(found.tensions["verticals"][0, 0])
-            >>> tension = jax.tree.map(lambda own: taut * own[0], found.tensions)
+            >>> tension = jax.tree.map(lambda states: taut * states[0], found.tensions)
             >>> found.stiffens(tension), found.stiffens(jax.tree.map(np.negative, tension))
             (True, False)
         """
@@ -190,22 +194,24 @@ class SelfStress:
         return bool((self.mechanism_stiffness(tension) > tol * density).all())
 
     def _densities(self, tension):
-        length = np.concatenate([np.asarray(own) for own in jax.tree.leaves(self.length)])
-        return self._row(tension) / length
+        """Force densities of all elements, group after group, N/m."""
+        length = np.concatenate([np.asarray(leaf) for leaf in jax.tree.leaves(self.length)])
+        return self._tensions(tension) / length
 
-    def _row(self, tension):
-        return np.asarray(in_a_row(self.structure, tension, "tension"), float)
+    def _tensions(self, tension):
+        """Tensions of all elements, group after group, N."""
+        return np.asarray(of_all_members(self.structure, tension, "tension"), float)
 
 
 def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
     """States of self-stress and mechanisms of pin-jointed bars and cables, all taken as taut.
 
     Args:
-        structure: `Structure` of `Bars` and `Cables`; its supports count. A free-standing
-            structure, a tensegrity, is held statically determinate, or by fewer freedoms: rigid
-            motions that are left are told apart from mechanisms.
+        structure: `Structure` of `Bars` and `Cables`; its supports count. Support a free-standing
+            structure such as a tensegrity in a statically determinate way, or by fewer freedoms:
+            remaining rigid motions are separated from the mechanisms.
         tol: singular values up to `tol` times the largest count as zero; default 1e-10, or 1e-5 if
-            the nodes are in single precision. Take more where coordinates are rounded.
+            the nodes are in single precision. Use a larger one if coordinates are rounded.
 
     Returns:
         `SelfStress`.
@@ -216,7 +222,7 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
     Source: Pellegrino and Calladine (1986), Pellegrino (1993).
 
     Example:
-        A prism of three struts and nine cables has one mechanism, which its one prestress stiffens:
+        A prism of three struts and nine cables has one state of self-stress and one mechanism:
 
         >>> structure, _ = jc.scenes.simplex()
         >>> found = jc.forms.self_stress(structure)
@@ -232,17 +238,17 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
         tol = 1e-5 if np.asarray(structure.nodes).dtype == np.float32 else 1e-10
     matrix, length = balance(nodes, links)
     matrix = matrix[free]
-    left, values, right = np.linalg.svd(matrix)
+    left_vectors, values, right_vectors = np.linalg.svd(matrix)
     rank = int((values > tol * values[0]).sum())
-    states, idle = right[rank:], left[:, rank:].T
+    states, mechanisms = right_vectors[rank:], left_vectors[:, rank:].T
 
     rigid = _rigid(nodes, free, tol)
-    if len(rigid):  # rigid motions have no elongation: what is left of the space beside them
-        idle = _complement(idle, rigid)
+    if len(rigid):  # rigid motions have no elongation, either: take them out of the mechanisms
+        mechanisms = _complement(mechanisms, rigid)
     return SelfStress(
         tensions=arranged(structure, states),
         force_densities=arranged(structure, states / length),
-        mechanisms=_full(idle, free),
+        mechanisms=_full(mechanisms, free),
         rigid=_full(rigid, free),
         singular_values=values,
         rank=rank,
@@ -255,7 +261,7 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
 
 
 def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_rigid 3*n_node"]:
-    """Rigid motions of points, an orthonormal basis, [6 (5 of a straight row), 3 n_node], NumPy."""
+    """Rigid motions of nodes, an orthonormal basis, [6 (5 if collinear), 3 n_node], NumPy."""
     arms = nodes - nodes.mean(axis=0)
     arms = arms / max(np.abs(arms).max(), np.finfo(float).tiny)
     spins = [np.cross(axis, arms).ravel() for axis in np.eye(3)]
@@ -265,21 +271,26 @@ def rigid_motions(nodes: Float[np.ndarray, "n_node 3"]) -> Float[np.ndarray, "n_
 
 
 def _rigid(nodes, free, tol):
-    """Rigid motions that vanish at fixed freedoms, on the free ones, orthonormal, [., n_free]."""
+    """Orthonormal rigid motions that vanish at fixed freedoms, [n_rigid, n_free]."""
     basis = rigid_motions(nodes)
     _, values, mixes = np.linalg.svd(basis[:, ~free].T, full_matrices=True)
-    kept = int((values > max(tol, 1e-10)).sum())
-    return (mixes[kept:] @ basis)[:, free]
+    n_held = int((values > max(tol, 1e-10)).sum())
+    return (mixes[n_held:] @ basis)[:, free]
 
 
 def _complement(space, part):
-    """Orthonormal basis of what a space (rows) has beside a part of it (orthonormal rows)."""
+    """Orthonormal basis of the complement of a subspace within a space.
+
+    Args:
+        space: orthonormal basis of the space, [n, n_free].
+        part: orthonormal basis of the subspace, [n_part, n_free].
+    """
     _, _, mixes = np.linalg.svd(part @ space.T, full_matrices=True)
     return mixes[len(part) :] @ space
 
 
-def _full(rows, free):
-    """Values at free freedoms, [., n_free], as displacements of nodes, [., n_node, 3]."""
-    full = np.zeros((len(rows), len(free)))
-    full[:, free] = rows
-    return full.reshape(len(rows), len(free) // 3, 3)
+def _full(motions, free):
+    """Motions of the free freedoms, [n, n_free], as displacements of nodes, [n, n_node, 3]."""
+    full = np.zeros((len(motions), len(free)))
+    full[:, free] = motions
+    return full.reshape(len(motions), len(free) // 3, 3)

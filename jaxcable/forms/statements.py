@@ -1,4 +1,4 @@
-"""The prestress of a state in every way in which a phase can state it."""
+"""The prestress of a state, in all the forms in which a phase can state it."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from ..stiffness.tangent import filled, prepared
 
 @pytree
 class Statements:
-    """What holds a state together, in the geometry of that state.
+    """The prestress of a state in its geometry, in all the forms that `Phase` accepts.
 
-    Each of the absolute ones, given to a `Phase` of the same structure with its nodes moved to the
-    positions of the state, leads to this state again. All in the shape of `elements`, each
-    [n_elem], NaN where a group (of beams) or an element has none.
+    Each absolute statement (not the increments `shortening` and `temperature`) leads to the state
+    again if it is given to a `Phase` of the same structure with its nodes moved to the positions of
+    the state. All are in the shape of `elements`, each [n_elem], NaN where a group (of beams) or an
+    element has no such value.
 
     Attributes:
         pretension: axial force, N; of a catenary that of the straight element without load.
-        force_density: of that force, over the length between the ends, N/m.
-        prestrain: strain, on the unstressed length.
+        force_density: this force over the length between the ends, N/m.
+        prestrain: strain, relative to the unstressed length.
         rest_length: unstressed length, m.
-        shortening: length between the ends less the unstressed length: what a turnbuckle would have
-            to take in if it were laid in unstressed, m.
-        temperature: change that would do the same by contraction, K.
+        shortening: length between the ends less the unstressed length, m: the shortening by a
+            turnbuckle if the element were built in unstressed.
+        temperature: change of temperature with the same effect by contraction, K.
         sag: of catenaries, how far the middle hangs below that of the chord, along the load, m.
-        length: between the ends, m.
+        length: length between the ends, m.
 
     Example:
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
@@ -41,8 +42,8 @@ class Statements:
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
         >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
         >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> said = jc.forms.statements(structure, solution)
-        >>> print(solution.status, jnp.round(said.shortening, 6), jnp.round(said.length, 6))  # m
+        >>> found = jc.forms.statements(structure, solution)
+        >>> print(solution.status, jnp.round(found.shortening, 6), jnp.round(found.length, 6))  # m
         0 [0.024876 0.024876] [5. 5.]
     """
 
@@ -57,14 +58,14 @@ class Statements:
 
 
 def statements(structure: Structure, solution: Solution | State) -> Statements:
-    """Say the prestress of a solution in every way that a `Phase` knows: the inverse of stating it.
+    """The prestress of a solution in all the forms that a `Phase` accepts: the inverse of stating.
 
-    A state with slack cables is said by their `rest_length`, `prestrain` or `shortening`, not by
-    their tension, which is zero whatever their length.
+    A state with slack cables is determined by their `rest_length`, `prestrain` or `shortening`, not
+    by their tension, which is zero whatever their length.
 
     Args:
         structure: the `Structure` that was analysed.
-        solution: `Solution` (its last converged state is meant) or `State`.
+        solution: `Solution` (its last converged state is used) or `State`.
 
     Returns:
         `Statements`; differentiable like the solution.
@@ -75,18 +76,19 @@ def statements(structure: Structure, solution: Solution | State) -> Statements:
         >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
         >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
         >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> said = jc.forms.statements(structure, solution)
-        >>> print(solution.status, jnp.round(said.force_density, 6), jnp.round(said.prestrain, 6))
+        >>> found = jc.forms.statements(structure, solution)
+        >>> print(solution.status, jnp.round(found.force_density, 6), jnp.round(found.prestrain, 6))
         0 [100. 100.] [0.005 0.005]
     """
     thawed, arrays, _ = prepared(structure, solution)
     per_group = _say(thawed, arrays)
     names = per_group[0].keys()
-    return Statements(**{n: structure.arrange([own[n] for own in per_group]) for n in names})
+    return Statements(**{n: structure.arrange([values[n] for values in per_group]) for n in names})
 
 
 @jax.jit
 def _say(thawed, arrays):
+    """The compiled core: statements of every group, a list of dicts."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None, carry.nodal_load)
     return [
@@ -97,11 +99,11 @@ def _say(thawed, arrays):
 
 def _group(group, state, nodes, motion):
     """The statements of one group, dict of [n_elem]."""
-    nothing = jnp.full_like(state.rest_length, jnp.nan)
-    said = dict.fromkeys(Statements.__dataclass_fields__, nothing)
-    said["rest_length"] = state.rest_length
+    unknown = jnp.full_like(state.rest_length, jnp.nan)
+    values = dict.fromkeys(Statements.__dataclass_fields__, unknown)
+    values["rest_length"] = state.rest_length
     if group.rotates:
-        return said
+        return values
     strain = each("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)
 
@@ -109,7 +111,7 @@ def _group(group, state, nodes, motion):
         return element(group, properties).force(strain, memory)
 
     pretension = jax.vmap(force)(group.properties(), strain, state.memory)
-    said |= {
+    values |= {
         "pretension": pretension,
         "force_density": pretension / length,
         "prestrain": strain,
@@ -117,8 +119,8 @@ def _group(group, state, nodes, motion):
         "length": length,
     }
     if group.expansion is not None:
-        # from a rest length as long as the distance: L0 (1 + strain) (1 + expansion dt) = L0
-        said["temperature"] = -strain / (1 + strain) / group.expansion
+        # if the element were cut to its length under force: L0 (1 + strain) (1 + expansion dt) = L0
+        values["temperature"] = -strain / (1 + strain) / group.expansion
     if isinstance(group, Sagging) and state.line_load is not None:
-        said["sag"] = each("depth", group, state, nodes, motion)
-    return said
+        values["sag"] = each("depth", group, state, nodes, motion)
+    return values

@@ -1,7 +1,8 @@
-"""Members without a material: a given force, and a spring about a given length.
+"""Members without a material: a prescribed force, and a spring about a given length.
 
-What form finding iterates with. ``N = T + k (l - L)``: with ``k = 0`` a member holds its force
-whatever its length, as a string over a pulley does; with a large ``k`` it nearly holds its length.
+Form finding iterates with these members. Their force is ``N = T + k (l - L)``: with ``k = 0`` a
+member keeps its force whatever its length, as a string over a pulley with a weight does; with a
+large ``k`` it nearly keeps its length.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class StringState(ElementState):
 
 @pytree(static=("tension_only",), indices=("links",))
 class Strings(Axial):
-    """A group of such members; see `elements` for what a group has to give.
+    """A group of members with prescribed forces and springs; see `elements` for the methods.
 
     Attributes:
         links: node numbers, [n_elem, 2].
@@ -45,7 +46,7 @@ class Strings(Axial):
     rising = True
 
     def start(self, ends):
-        """A member that holds nothing; form finding makes its states itself."""
+        """A state without force and spring; form finding makes the states that it uses."""
         nothing = jnp.zeros(len(ends), ends.dtype)
         return StringState(nothing, nothing, nothing)
 
@@ -60,5 +61,5 @@ class Strings(Axial):
         return state.force * change + 0.5 * state.stiffness * gap**2
 
     def is_slack(self, state, ends, motion):
-        """Whether it holds nothing at all."""
+        """Whether a member has neither force nor spring."""
         return (state.force == 0) & (state.stiffness == 0)

@@ -17,17 +17,20 @@ def symmetric_groups(
     centre: tuple[float, float] = (0.0, 0.0),
     tol: float = 1e-6,
 ) -> PyTree[Int[np.ndarray, " n_elem"]]:
-    """Number the elements so that images of each other have one number.
+    """Number the elements so that images of each other have the same number.
 
     Only positions count: supports need not be symmetric, since a self-stress does not load those
     of a free-standing structure. Elements of different groups never share a number.
 
     Args:
         structure: `Structure` of `Bars` and `Cables`.
-        fold: turning about a vertical axis by 2 pi / fold maps the structure on itself; 1 for none.
+        fold: rotation about a vertical axis by 2 pi / fold maps the structure on itself; 1 for no
+            rotational symmetry.
         mirror: direction, rad from x, of a vertical plane of symmetry through the axis, or None.
-        centre: of the axis, x and y, m.
-        tol: distance of an image from a node, relative to the size of the structure.
+
+    Options:
+        centre: position of the axis, x and y, m.
+        tol: largest distance of an image from a node, relative to the size of the structure.
 
     Returns:
         Group numbers from 0 in the shape of the elements, each [n_elem], for `feasible_prestress`.
@@ -36,7 +39,7 @@ def symmetric_groups(
         ValueError: a node or an element has no image.
 
     Example:
-        Turned by a third a prism is itself; its lower and its upper triangle are not alike:
+        A prism is symmetric under a third of a turn; its two triangles are not images:
 
         >>> structure, _ = jc.scenes.simplex()
         >>> groups = jc.forms.symmetric_groups(structure, fold=3)
@@ -67,20 +70,20 @@ def symmetric_groups(
         )
     tree, size = cKDTree(nodes), np.ptp(nodes, axis=0).max()
     joined = [(k, k) for k in range(len(links))]
-    for plane in maps:
+    for matrix in maps:
         moved = nodes.copy()
-        moved[:, :2] = nodes[:, :2] @ np.array(plane).T
+        moved[:, :2] = nodes[:, :2] @ np.array(matrix).T
         distance, image = map(np.asarray, tree.query(moved))
         if distance.max() > tol * size:
             k = int(distance.argmax())
             raise ValueError(
                 f"nodes[{k}]: its image under the symmetry is {distance[k]:.3g} m from any node"
             )
-        for k, (own, pair) in enumerate(zip(owner, np.sort(image[links], axis=1), strict=True)):
-            other = number.get((own, *pair.tolist()))
+        for k, (group, pair) in enumerate(zip(owner, np.sort(image[links], axis=1), strict=True)):
+            other = number.get((group, *pair.tolist()))
             if other is None:
                 raise ValueError(
-                    f"links: no element of group {own} joins nodes {pair.tolist()}, the image of "
+                    f"links: no element of group {group} joins nodes {pair.tolist()}, the image of "
                     f"{links[k].tolist()} under the symmetry"
                 )
             joined.append((k, other))

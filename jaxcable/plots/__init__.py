@@ -1,12 +1,12 @@
 """Pictures of results (matplotlib).
 
-Functions return a matplotlib `Figure` (`animation` the file that it made) and save it if they get a
-`path`. Notebooks show the figure when it is the last value of a cell. pyplot does not know it:
-nothing is left open, no setting is changed, no display is needed. For a window:
+Functions return a matplotlib `Figure` (`animation` returns the path of its file), and save it if
+they get a `path`. Notebooks show the figure if it is the last value of a cell. It is not registered
+with pyplot: no figure stays open, no setting changes, no display is needed. For a window:
 ``pyplot.figure(figure); pyplot.show()`` (matplotlib 3.11).
 
-Pictures are made to be read 10 cm wide. Axes of geometry are equal, colours are told apart by the
-colour-blind, and what colours say about single elements (slack, compression) lines say too.
+Pictures are legible at a width of 10 cm. Axes of geometry have equal scales. Colours can be
+distinguished by the colour-blind, and slack and compressed elements also differ by their lines.
 """
 
 from .animation import animation

@@ -1,4 +1,4 @@
-"""Both phases, increment by increment: `animation`."""
+"""Moving pictures of all phases, increment by increment: `animation`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .stages import forces_of, shown, start_of
 from .style import SLACK, colour_map
 from .views import View, choose
 
-_HOLD = 10  # frames that the last one stays
+_HOLD = 10  # how many times longer the last frame is shown
 
 
 def animation(
@@ -40,19 +40,22 @@ def animation(
 ) -> Path:
     """Save the increments of all phases as moving pictures, in space or in their plane.
 
-    Limits of the axes and colours are the same in all frames.
+    Limits of the axes and the colour scale are the same in all frames.
 
     Args:
-        solution: `Solution`; of a failed analysis the increments that have converged are shown.
-        path: where to save it, with the suffix ".gif", or ".html" for a page with a slider, which
-            needs nothing outside of it.
-        magnify: factor on the displacement after the first phase (or in it, if there is no other).
+        solution: `Solution`; of a failed analysis the converged increments are shown.
+        path: where to save the pictures, with the suffix ".gif", or ".html" for a page with a
+            slider that needs no other file.
+
+    Options:
+        magnify: factor on the displacement after the first phase (of a single phase, on its
+            displacement).
         colour, structure: as for `net`.
-        view: "plan", "elevation" or "space"; default: elevation of what lies in a vertical plane,
-            space for others.
-        frames: at most, evenly taken from all increments, the last one among them.
-        rate: frames a second.
-        dpi: pixels an inch, of a picture some 5 inches wide.
+        view: "plan", "elevation" or "space"; default: elevation for a structure in a vertical
+            plane, else space.
+        frames: largest number of frames, taken evenly from all increments, with the last one.
+        rate: frames per second.
+        dpi: pixels per inch, of a picture about 5 inches wide.
 
     Returns:
         The `pathlib.Path` of the file.
@@ -89,44 +92,44 @@ def animation(
 
 
 class _Shot:
-    """What a frame shows: number of the phase, title, positions, `Forces`."""
+    """The contents of a frame: number of the phase, title, positions, `Forces`."""
 
     def __init__(self, phase, title, positions, forces):
         self.phase, self.title, self.positions, self.forces = phase, title, positions, forces
 
 
 def _shots(solution, begin, structure, magnify, colour, frames):
-    """The increments that are shown."""
-    rows = [
-        (k, row)
+    """The frames, a list of `_Shot`."""
+    converged = [
+        (k, number)
         for k, phase in enumerate(solution.phases)
-        for row in np.flatnonzero(np.asarray(phase.path.status) == 0)
+        for number in np.flatnonzero(np.asarray(phase.path.status) == 0)
     ]
-    if not rows:
+    if not converged:
         raise ValueError("solution: has no converged increment to draw; see raise_if_failed")
     origin = begin if len(solution.phases) == 1 else np.asarray(solution.phases[0].positions)
     paths = [jax.tree.map(np.asarray, phase.path) for phase in solution.phases]
     shots = []
-    for k, row in (rows[j] for j in evenly(len(rows), frames)):
-        own = paths[k]
+    for k, number in (converged[j] for j in evenly(len(converged), frames)):
+        path = paths[k]
         base = begin if k == 0 else np.asarray(solution.phases[k - 1].positions)
-        place = base + own.displacement[row]
+        place = base + path.displacement[number]
         if k > 0 or len(solution.phases) == 1:
             place = origin + magnify * (place - origin)
-        title = f"Phase {k + 1}, load factor {own.load_factor[row]:.2f}"
-        part = jax.tree.map(lambda t, row=row: t[row], own)
+        title = f"Phase {k + 1}, load factor {path.load_factor[number]:.2f}"
+        part = jax.tree.map(lambda t, number=number: t[number], path)
         forces = forces_of(part, solution, structure, colour)
         shots.append(_Shot(k, title, place, forces))
     return shots
 
 
 def evenly(n: int, most: int) -> Int[np.ndarray, " n_frame"]:
-    """At most so many of `n` numbers from 0, evenly, the last one among them."""
+    """At most `most` of the numbers from 0 to n - 1, evenly spaced, with the last one."""
     return np.round(np.linspace(n - 1, 0, min(most, n))).astype(int)[::-1]
 
 
 def _draw(shots, begin, seen, everything, solution, structure, dpi):
-    """The frames as images, all with one palette, so that no colour flickers."""
+    """The frames as images with one palette, so that colours do not flicker."""
     palette = Image.new("P", (1, 1))
     palette.putpalette(_palette())
     links = pieces(solution.last.topology.parts)[:2]
@@ -137,9 +140,9 @@ def _draw(shots, begin, seen, everything, solution, structure, dpi):
     ghost(axes, seen, begin, links)
     lines = Members(axes, seen, links, scale)
     lines.show(shots[0].positions, shots[0].forces)
-    turns = None if structure is None else structure.rotating()
+    rotates = None if structure is None else structure.rotating()
     kinds = [
-        supports(fixed.array[: len(shots[0].positions)], turns, seen.normal)
+        supports(fixed.array[: len(shots[0].positions)], rotates, seen.normal)
         for fixed in solution.last.fixed[1:]
     ]
     handles = keys([shot.forces for shot in shots], before=True, counted=False)
@@ -159,14 +162,14 @@ def _draw(shots, begin, seen, everything, solution, structure, dpi):
 
 
 def _gif(images, path, rate):
-    """All frames one after the other, the last one for longer."""
+    """Save all frames as a GIF that repeats, the last frame for longer."""
     times = [round(1000 / rate)] * len(images)
     times[-1] *= _HOLD
     images[0].save(path, save_all=True, append_images=images[1:], duration=times, loop=0)
 
 
 def _palette():
-    """Greys, and what the lines have, whole and on the way to white; 256 colours, flat."""
+    """A palette of 256 colours, flat: greys, and colours of lines in four shades up to white."""
     lines = np.concatenate([colour_map()(np.linspace(0, 1, 54))[:, :3], [to_rgb(SLACK)]])
     grey = np.linspace(0.0, 1.0, 36)[:, None] * np.ones(3)
     faded = [1.0 - part * (1.0 - lines) for part in (1.0, 0.75, 0.5, 0.25)]
@@ -174,7 +177,7 @@ def _palette():
 
 
 def _html(images, path, rate):
-    """A page with all frames in it."""
+    """Save a page that contains all frames and a slider."""
     frames = []
     for image in images:
         buffer = io.BytesIO()

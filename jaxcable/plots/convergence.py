@@ -1,4 +1,4 @@
-"""Errors against size and against time: `convergence`, `work_precision`."""
+"""Pictures of errors against size and against time: `convergence`, `work_precision`."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from ..common.types import ArrayLike, Float
 from .style import GRID, below, finish, series_style, start
 
-_ROOM = 2.0  # factor on the outermost values, between them and the edge
-_DECADES = 60.0  # ratio of values below which powers of ten are too few numbers
-_EDGE = 0.03  # of the axes: where marks at the edge are
+_ROOM = 2.0  # ratio of the limits of axes and the extreme values
+_DECADES = 60.0  # range of values below which powers of ten alone are too few ticks
+_EDGE = 0.03  # distance of marks at the edge from it, over the size of the axes
 
 
 def convergence(
@@ -31,17 +31,19 @@ def convergence(
     """Draw errors against element size or number of elements, with the fitted orders.
 
     Args:
-        sizes: steps or element sizes, [n], or for several series a dict of them.
-        errors: [n], or a dict from labels to errors; errors that are not finite are marked as
-            failed at the upper edge, zeros at the lower one.
-        path: where to save a picture (the suffix says in which format), or None.
-        counts: whether sizes are numbers of elements: then errors fall with them.
-        floor: errors up to it are rounding: drawn with open marks, and not fitted.
-        xlabel, ylabel: of the axes, with units.
+        sizes: step sizes or element sizes, [n], or for several series a dict of such arrays.
+        errors: errors [n], or a dict from labels to such arrays; errors that are not finite are
+            marked as failed at the upper edge, zeros at the lower one.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        counts: whether sizes are numbers of elements, with which errors fall.
+        floor: errors up to `floor` are rounding: drawn with open marks, and not fitted.
+        xlabel, ylabel: labels of the axes, with units.
 
     Returns:
-        The matplotlib `Figure`; see `jaxcable.plots` for what it is not. Orders are slopes of
-        least squares in logarithms.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`. Orders are slopes
+        by least squares in logarithms.
 
     Raises:
         ValueError: shapes or labels that do not match, sizes that are not positive, negative
@@ -59,7 +61,7 @@ def convergence(
     for k, (label, (size, error)) in enumerate(series.items()):
         if not (np.isfinite(size) & (size > 0)).all():
             raise ValueError(f"sizes{_key(label)}: must be positive and finite")
-        own = series_style(k)
+        style = series_style(k)
         real = np.isfinite(error) & (error > 0)
         fitted = real & (error > floor)
         name = [] if label is None else [label]
@@ -67,11 +69,11 @@ def convergence(
             slope = np.polyfit(np.log(size[fitted]), np.log(error[fitted]), 1)[0]
             name.append(f"order {-slope if counts else slope:.2f}")
         order = np.argsort(size[real], kind="stable")
-        axes.plot(size[real][order], error[real][order], **{**own, "marker": ""})
-        filled = {**own, "linestyle": ""}
+        axes.plot(size[real][order], error[real][order], **{**style, "marker": ""})
+        filled = {**style, "linestyle": ""}
         axes.plot(size[fitted], error[fitted], **filled)
         axes.plot(size[real & ~fitted], error[real & ~fitted], **filled, markerfacecolor="white")
-        axes.plot([], [], label=": ".join(name), **own)
+        axes.plot([], [], label=": ".join(name), **style)
     marks = _edges(axes, series)
     if any((e[np.isfinite(e)] <= floor).any() for _, e in series.values()) and floor > 0:
         look: dict[str, Any] = {
@@ -93,18 +95,20 @@ def work_precision(
     xlabel: str = "time (s)",
     ylabel: str = "relative error (-)",
 ) -> Figure:
-    """Draw errors against the time that they cost, failures at the edge.
+    """Draw errors against computing time, with failed runs at the edge.
 
     Args:
-        times: [n], or for several series a dict of them.
-        errors: [n], or a dict from labels to errors. Where the error is not finite, the run has
-            failed: its mark is at the upper edge (at the right one if the time is not finite
-            either); where it is zero, at the lower edge.
-        path: where to save a picture (the suffix says in which format), or None.
-        xlabel, ylabel: of the axes, with units.
+        times: times [n], or for several series a dict of such arrays.
+        errors: errors [n], or a dict from labels to such arrays. A run whose error is not finite
+            has failed: its mark is at the upper edge (also at the right one if the time is not
+            finite). The mark of an error of zero is at the lower edge.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        xlabel, ylabel: labels of the axes, with units.
 
     Returns:
-        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
         ValueError: shapes or labels that do not match, times that are not positive, negative
@@ -154,11 +158,12 @@ def _series(places, values, first, second):
 
 
 def _key(label):
+    """The label of a series for messages; empty for a single series."""
     return "" if label is None else f"[{label!r}]"
 
 
 def _axes(series, xlabel, ylabel):
-    """Figure and logarithmic axes with room for all that can be drawn in them."""
+    """Figure and logarithmic axes with room for all finite positive values."""
     figure = start(4.8, 4.0)
     axes = figure.add_subplot()
     axes.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
@@ -177,16 +182,16 @@ def _axes(series, xlabel, ylabel):
 
 
 def _edges(axes, series):
-    """Mark at the edges what has no place in the axes; the legend entries of what there is."""
+    """Mark failed runs and zero errors at the edges; legend entries of the marks that occur."""
     found = {"failed": False, "exact": False}
     both = axes.transAxes
     for k, (place, value) in enumerate(series.values()):
         look = {**series_style(k), "linestyle": "", "markersize": 7, "zorder": 5}
-        for kind, own, height in (
+        for kind, chosen, height in (
             ("failed", ~np.isfinite(value) | ~np.isfinite(place), 1 - _EDGE),
             ("exact", (value == 0) & np.isfinite(place), _EDGE),
         ):
-            for x, y in zip(place[own], value[own], strict=True):
+            for x, y in zip(place[chosen], value[chosen], strict=True):
                 found[kind] = True
                 across = _share(axes.get_xlim(), x) if np.isfinite(x) else 1 - _EDGE
                 up = _share(axes.get_ylim(), y) if np.isfinite(y) and y > 0 else height
@@ -206,6 +211,6 @@ def _edges(axes, series):
 
 
 def _share(limits, value):
-    """Where a value is between limits, in logarithms, from 0 to 1."""
+    """Position of a value between two limits, in logarithms, from 0 to 1."""
     low, high = np.log(limits)
     return (np.log(value) - low) / (high - low)

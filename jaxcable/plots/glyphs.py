@@ -1,4 +1,4 @@
-"""Signs on nodes: supports, and loads and reactions as arrows."""
+"""Symbols at nodes: marks for supports, arrows for loads and reactions."""
 
 from __future__ import annotations
 
@@ -12,30 +12,29 @@ from ..common.types import ArrayLike, Bool, Float
 from .style import INK, LOAD, REACTION, force_text
 from .views import View
 
-_ARROW = 0.14  # of the extent of the structure: length of the longest arrow, if they are few
-_SMALL = 1e-9  # of the largest force: too small to draw
+_ARROW = 0.14  # length of the longest arrow over the extent of the structure, for few arrows
+_SMALL = 1e-9  # force over the largest one up to which it is not drawn
 HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in part"))
 """Mark, filling and name of the kinds of supports."""
 
 
 def supports(
     fixed: Bool[np.ndarray, "n_node n_freedom"],
-    turns: Bool[np.ndarray, " n_node"] | None = None,
+    rotates: Bool[np.ndarray, " n_node"] | None = None,
     normal: Float[np.ndarray, " 3"] | None = None,
 ) -> Bool[np.ndarray, "3 n_node"]:
-    """Which nodes are clamped, pinned, held in part, [3, n_node] bool.
+    """Which nodes are clamped, which pinned, which held in part, [3, n_node] bool.
 
     Args:
         fixed: held freedoms, [n_node, 3 or 6].
-        turns: which nodes have rotations, [n_node] bool; None if that is not known: then none is
-            clamped.
-        normal: unit vector of the plane of the picture, [3]: what is held along it alone does not
-            count.
+        rotates: which nodes have rotations, [n_node] bool; None if unknown: no node is clamped.
+        normal: unit normal vector of a plane structure, [3]; a support along it alone, as nodes of
+            plane structures have, does not count.
     """
     all_three = fixed[:, :3].all(axis=1)
     clamped = np.zeros_like(all_three)
-    if turns is not None and fixed.shape[1] == 6:
-        clamped = all_three & turns & fixed[:, 3:].all(axis=1)
+    if rotates is not None and fixed.shape[1] == 6:
+        clamped = all_three & rotates & fixed[:, 3:].all(axis=1)
     in_part = fixed[:, :3].any(axis=1) & ~all_three
     if normal is not None:
         in_part &= (fixed[:, :3] & (np.abs(normal) < 0.5)).any(axis=1)
@@ -48,17 +47,17 @@ def draw_supports(
     positions: Float[np.ndarray, "n_node 3"],
     kinds: Bool[np.ndarray, "3 n_node"],
 ) -> list[Line2D]:
-    """Marks at the supports, a list; `kinds` as `supports` gives them."""
+    """Draw marks at the supports, of the kinds that `supports` returns; a list of these marks."""
     marks = []
     seen, size = view.project(positions), mark_size(len(positions))
-    for (mark, filling, _), own in zip(HELD, kinds, strict=True):
-        if own.any():
+    for (mark, filling, _), nodes in zip(HELD, kinds, strict=True):
+        if nodes.any():
             look: dict[str, Any] = {
                 "markerfacecolor": filling,
                 "markeredgecolor": INK,
                 "markersize": size,
             }
-            marks += axes.plot(*seen[own].T, mark, markeredgewidth=0.8, zorder=5, **look)
+            marks += axes.plot(*seen[nodes].T, mark, markeredgewidth=0.8, zorder=5, **look)
     return marks
 
 
@@ -67,19 +66,19 @@ def support_keys(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
     return [
         Line2D([], [], linestyle="", marker=mark, markerfacecolor=filling, markeredgecolor=INK,
                markersize=6, label=name)
-        for (mark, filling, name), own in zip(HELD, kinds, strict=True)
-        if own.any()
+        for (mark, filling, name), nodes in zip(HELD, kinds, strict=True)
+        if nodes.any()
     ]  # fmt: skip
 
 
 class Arrows:
-    """Forces on nodes, drawn to a common scale.
+    """Forces on nodes as arrows, drawn to a common scale.
 
     Args:
-        name: in the legend.
-        forces: [n_node, 3], N.
-        positions: nodes, [n_node, 3], m.
-        extent: of the structure, m.
+        name: name in the legend.
+        forces: forces on all nodes, [n_node, 3], N.
+        positions: positions of all nodes, [n_node, 3], m.
+        extent: size of the structure, m.
         push: whether the arrows end at their nodes (loads) or begin there (reactions).
     """
 
@@ -102,7 +101,7 @@ class Arrows:
         self.ends = np.concatenate([self.tails, self.tails + self.vectors])
 
     def draw(self, axes: Axes, view: View) -> None:
-        """Draw them in axes of a view."""
+        """Draw the arrows in the axes of a view."""
         if not len(self.tails):
             return
         tails, vectors = view.project(self.tails), view.project(self.vectors)
@@ -117,7 +116,7 @@ class Arrows:
             axes.quiver(*tails.T, *vectors.T, color=self.colour, **look)
 
     def keys(self) -> list[Line2D]:
-        """Its legend entry: the length of the longest arrow."""
+        """The legend entry, with the force of the longest arrow; an empty list without arrows."""
         if not len(self.tails):
             return []
         label = f"{self.name}, longest {force_text(self.largest)}"
@@ -126,5 +125,5 @@ class Arrows:
 
 
 def mark_size(n: int) -> float:
-    """Size of marks, points, of a structure of `n` nodes."""
+    """Size of marks in a picture of `n` nodes, points."""
     return float(np.clip(6.0 * np.sqrt(40.0 / max(n, 1)), 1.5, 6.0))

@@ -1,4 +1,4 @@
-"""How a design was found: `history`."""
+"""Pictures of the steps of an optimization: `history`."""
 
 from __future__ import annotations
 
@@ -12,26 +12,30 @@ from ..design.minimize import Design
 from .style import GRID, SERIES, below, finish, start
 
 _FAILED = {"linestyle": "", "marker": "X", "color": "#D55E00", "markersize": 7, "zorder": 5}
-_LOG = 30.0  # ratio of values from which the axis is logarithmic
+_LOG = 30.0  # largest over smallest value from which the axis is logarithmic
 
 
 def history(
     design: Design | Fit, path: str | os.PathLike[str] | None = None, *, tol: float | None = None
 ) -> Figure:
-    """Draw what `minimize` or `fit` did step by step, failed trials marked.
+    """Draw the steps of `minimize`, or the trial points of `fit`, with failed trials marked.
 
     Args:
-        design: `Design`: loss and gradient norm of the accepted steps; those on whose way the
-            analysis failed are marked. Or `Fit`: misfit and damping of all trial points, accepted
-            or not; those where the analysis failed are marked at the upper edge.
-        path: where to save a picture (the suffix says in which format), or None.
-        tol: of `minimize`, drawn as a line under the gradient norm; None for no line.
+        design: `Design`, of which loss and gradient norm of the accepted steps are drawn, and steps
+            marked in which the analysis has failed; or `Fit`, of which misfit and damping of all
+            trial points are drawn, accepted or not, and points where the analysis failed are marked
+            at the upper edge.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        tol: tolerance of `minimize`, drawn as a line below the gradient norm; None for no line.
 
     Returns:
-        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
-        ValueError: no history (`minimize_subject_to` keeps none), a batch, or not one finite value.
+        ValueError: no history (results of `minimize_subject_to` have none), a batch, or no finite
+            value.
 
     >>> import jax.numpy as jnp
     >>> import jaxcable as jc
@@ -62,7 +66,7 @@ def history(
 
 
 def _steps(record, n, upper, lower):
-    """Accepted steps of `minimize`."""
+    """Draw the accepted steps of `minimize`."""
     loss, norm, failures = (
         np.asarray(values, float)[: n + 1]
         for values in (record.loss, record.gradient_norm, record.failures)
@@ -81,7 +85,7 @@ def _steps(record, n, upper, lower):
 
 
 def _trials(record, n, upper, lower):
-    """All trial points of `fit`."""
+    """Draw all trial points of `fit`."""
     misfit, damping = (np.asarray(v, float)[: n + 1] for v in (record.misfit, record.damping))
     accepted = np.asarray(record.accepted)[: n + 1] > 0
     finite = np.isfinite(misfit)
@@ -105,7 +109,7 @@ def _trials(record, n, upper, lower):
 
 
 def _line(axes, number, values, label):
-    """A line with dots through what is finite, on a logarithmic axis if that shows more."""
+    """Draw a line with dots through the finite values; for a wide range on a logarithmic axis."""
     real = np.isfinite(values)
     values, number = values[real], number[real]
     look = {"color": SERIES[0], "marker": "o", "linewidth": 1.3}

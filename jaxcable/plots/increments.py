@@ -1,4 +1,4 @@
-"""How an analysis went, increment by increment: `increments`."""
+"""Pictures of the convergence of an analysis, increment by increment: `increments`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .stages import refuse_batch
 from .style import GRID, SERIES, below, finish, start
 
 _FAILED = "#D55E00"
-_NAME = 0.17  # of the width of the axes: the name of a phase
+_NAME = 0.17  # width of the name of a phase over that of the axes
 
 
 def increments(
@@ -23,13 +23,15 @@ def increments(
 
     Args:
         solution: `Solution`, failed or not; of a failed analysis the increment that failed is
-            marked, and the rest is not drawn.
-        path: where to save a picture (the suffix says in which format), or None.
-        tol: of the method, drawn as a line; default: that of `Newton()`. (`Incremental` has another
-            measure: what it leaves may be above the line.)
+            marked, and later increments are not drawn.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        tol: tolerance of the method, drawn as a line; default: that of `Newton()`. (`Incremental`
+            has another measure: its residuals may be above the line.)
 
     Returns:
-        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
         ValueError: a batch, or a tol that is not positive.
@@ -42,9 +44,9 @@ def increments(
     """
     refuse_batch(solution)
     paths = [phase.path for phase in solution.phases]
-    status = np.concatenate([np.asarray(own.status) for own in paths])
+    status = np.concatenate([np.asarray(p.status) for p in paths])
     residual, iterations, slack = (
-        np.concatenate([np.asarray(getattr(own, name), float) for own in paths])
+        np.concatenate([np.asarray(getattr(p, name), float) for p in paths])
         for name in ("relative_residual", "iterations", "n_slack")
     )
     tol = default_tolerance(paths[0].residual.dtype) if tol is None else tol
@@ -58,7 +60,7 @@ def increments(
     above, middle, lowest = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1, 1])
     size = float(np.clip(100.0 / max(n, 1), 1.0, 4.0))
     dots = {"linestyle": "", "marker": "o", "color": SERIES[0], "markersize": size}
-    floor = 0.1 * np.finfo(np.asarray(paths[0].residual).dtype).eps  # what is below is no number
+    floor = 0.1 * np.finfo(np.asarray(paths[0].residual).dtype).eps  # least residual drawn
     above.plot(number, np.maximum(residual[:n], floor), label="increment", **dots)
     above.axhline(tol, color=SERIES[-1], linestyle="--", linewidth=1.0, label=f"tol = {tol:.1g}")
     highest = max(tol, residual[: n + 1].max(initial=tol))
@@ -72,22 +74,24 @@ def increments(
     for axes, values, name in ((middle, iterations, "iterations"), (lowest, slack, "slack cables")):
         axes.set(ylabel=f"{name} (-)", ylim=(-0.08, 1.15 * max(values[: n + 1].max(), 1.0)))
         axes.yaxis.get_major_locator().set_params(integer=True, nbins=4)
-    ends = np.cumsum([len(own.status) for own in paths])
+    ends = np.cumsum([len(p.status) for p in paths])
     for axes in (above, middle, lowest):
         axes.grid(color=GRID, axis="y")
         for end in ends[:-1]:
             axes.axvline(end + 0.5, color="0.5", linewidth=0.8, linestyle=":")
-    rows = [
+    # names of phases in two lines: where the last name of each line is
+    lines = [
         -1.0,
         -1.0,
-    ]  # where the last name of each ends; short phases go to the second, or have none
+    ]
     for k, (begin, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
         share = 0.5 * (begin + end) / ends[-1]
-        row = next((r for r in range(2) if share - rows[r] > _NAME), None)
-        if row is not None:
-            rows[row] = share
+        # the first line with room; a phase without room has no name
+        line = next((r for r in range(2) if share - lines[r] > _NAME), None)
+        if line is not None:
+            lines[line] = share
             look = {"transform": above.transAxes, "ha": "center"}
-            above.text(share, 1.03 + 0.12 * row, f"phase {k + 1}", **look)
+            above.text(share, 1.03 + 0.12 * line, f"phase {k + 1}", **look)
     lowest.set(xlim=(0.5, ends[-1] + 0.5), xlabel="increment, all phases (-)")
     lowest.xaxis.get_major_locator().set_params(integer=True)
     below(lowest, columns=3, handles=above.get_legend_handles_labels()[0], drop=0.55)

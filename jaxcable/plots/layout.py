@@ -1,4 +1,4 @@
-"""Where axes, colour bar and legend of a structure are: measured, so that nothing is cut off."""
+"""Layout of pictures of a structure: axes, colour bar and legend, measured so that they fit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _GAP = 0.1  # inches, around everything
 _BAR = 0.68  # inches, height of the colour bar with its numbers and label
 _TITLE = 0.25  # inches, height of a title
 _ROUNDS = 3
-"""Measuring and placing again: labels keep their size when axes change theirs."""
+"""Rounds of measuring and placing: labels keep their size when axes change theirs."""
 
 
 def arrange(
@@ -26,14 +26,14 @@ def arrange(
 
     Args:
         ratios: heights over widths of the pictures.
-        flat: whether each has two directions.
+        flat: whether the axes of each picture have two directions.
 
     Returns:
         The figure, without room for a legend, and the slots of the pictures: left, top, width,
         height, in inches from the upper left corner.
     """
-    if len(ratios) == 2 and all(r >= 0.6 or not own for r, own in zip(ratios, flat, strict=True)):
-        widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if own else 3.6 for own in flat]
+    if len(ratios) == 2 and all(r >= 0.6 or not f for r, f in zip(ratios, flat, strict=True)):
+        widths = [3.2, 3.2] if flat[0] == flat[1] else [2.8 if f else 3.6 for f in flat]
     else:
         widths = [4.8 for _ in ratios]
     heights = [
@@ -56,12 +56,12 @@ def settle(
     label: str,
     handles: Sequence[Any],
 ) -> None:
-    """Put colour bar and legend below the axes of a figure, and these into their slots.
+    """Put the axes of a figure into their slots, and colour bar and legend below them.
 
     Args:
-        figure, slots: of `arrange`, with one axes a slot.
-        mappable: what the colour bar belongs to.
-        label: of the colour bar.
+        figure, slots: results of `arrange`; the figure has one axes per slot.
+        mappable: lines whose colours the colour bar explains.
+        label: label of the colour bar.
         handles: legend entries.
     """
     width, height = figure.get_size_inches()
@@ -86,7 +86,7 @@ def settle(
 
 
 def _legend(figure, handles, width):
-    """Put the legend at the lower edge in as many columns as there is room for; its height."""
+    """Put the legend at the lower edge, with as many columns as fit; its height, inches."""
     if not handles:
         return 0.0
     for columns in range(min(4, len(handles)), 0, -1):
@@ -107,10 +107,10 @@ def _legend(figure, handles, width):
 
 
 def _fit(axes, slot):
-    """Move and scale axes that have been drawn, so that all that belongs to them fills a slot.
+    """Move and scale axes that have been drawn, so that they fill a slot with their labels.
 
     Args:
-        axes: flat or not.
+        axes: axes in two or three dimensions.
         slot: left, bottom, width, height, inches.
     """
     figure = axes.figure
@@ -132,11 +132,11 @@ def _fit(axes, slot):
 
 
 def seen(axes):
-    """Left, bottom, right, top of what is to be seen of axes that have been drawn, inches."""
+    """Left, bottom, right, top of the visible parts of axes that have been drawn, inches."""
     renderer = axes.figure.canvas.get_renderer()
     if axes.name != "3d":
         return axes.get_tightbbox(renderer).extents / axes.figure.dpi
-    # its axes reach far beyond the box that is drawn; the title follows
+    # axes in 3d reach far beyond the box that is drawn; the title is placed later
     limits = [getattr(axes, f"get_{name}lim")() for name in "xyz"]
     corners = np.array(np.meshgrid(*limits)).reshape(3, -1)
     corners = axes.transData.transform(

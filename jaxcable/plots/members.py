@@ -1,4 +1,4 @@
-"""Elements as lines: coloured by a value, slack ones dashed, those in compression in a casing."""
+"""Elements as lines: coloured by a value, dashed if slack, with a casing if in compression."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
-_NOTHING = 1e-9  # of the largest force: compression that is none
+_NOTHING = 1e-9  # compression over the largest force up to which it is rounding
 
 
 class Forces:
-    """Forces of all elements in one state, in one row, and what is said of them.
+    """Forces of all elements in one state, group after group, and the values that colour them.
 
     Args:
-        tension: of all elements, in their shape, N; None of groups without an axial force.
-        links: node numbers per group, as of a `Solution`.
-        structure: `Structure`, or None.
-        colour: what colours them: "tension", "utilisation", or any other name, of `column`.
-        peak: their forces of largest size, which utilisation is of; default `tension`.
-        column: `parts.Column` of what else colours them.
+        tension: axial forces in the shape of the elements, N; None for groups without them.
+        links: node numbers per group, as `Solution.links`.
+        structure: `Structure`, or None; it says which elements are cables.
+        colour: "tension", "utilisation", or the label of `column`.
+        peak: largest forces along the elements, for the utilisation; default `tension`.
+        column: `parts.Column` of another result that colours the elements.
 
     Attributes:
-        tension: [n_elem], N.
-        slack, compressed: [n_elem] bool.
-        value: what colours them, [n_elem]; NaN where it is not known.
-        colour, unit: what that is, and its unit.
+        tension: axial forces of all elements, [n_elem], N.
+        slack, compressed: which elements are slack, and which in compression, [n_elem] bool.
+        value: values that colour the elements, [n_elem]; NaN where they are not known.
+        colour, unit: name and unit of these values.
     """
 
     def __init__(
@@ -53,8 +53,8 @@ class Forces:
         peak: PyTree[Float[ArrayLike, " n_elem"] | None] | None = None,
         column: Column | None = None,
     ):
-        counts = [len(own) for own in links]
-        self.tension = _row(tension, counts)
+        counts = [len(ends) for ends in links]
+        self.tension = _joined(tension, counts)
         self.slack = self.tension == 0.0
         if structure is not None:
             groups = structure.groups
@@ -65,9 +65,9 @@ class Forces:
         self.value = self.tension
         if colour == "utilisation":
             found = _utilisation(structure, tension if peak is None else peak)
-            self.value = _row(found, counts)
+            self.value = _joined(found, counts)
         elif column is not None:
-            self.value = _row(column.values, counts)
+            self.value = _joined(column.values, counts)
         self.colour, self.unit = colour, "N" if column is None else column.unit
 
 
@@ -75,18 +75,18 @@ class Scale:
     """The colour scale that several states share.
 
     Attributes:
-        factor: from the values to what the colour bar shows.
-        label: with unit.
+        factor: factor from the values to the numbers on the colour bar.
+        label: label of the colour bar, with unit.
         look: colour map and norm, for collections.
     """
 
     def __init__(self, forces: Sequence[Forces]):
         colour = forces[0].colour
-        values = np.concatenate([own.value for own in forces])
+        values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
         if colour == "utilisation":
-            # 1 is on the bar: what is far from it looks so
+            # the bar begins at 0 and has 1 on it, so that colours show how far 1 is
             self.factor, self.label, low, high = 1.0, "force over strength (-)", 0.0, max(high, 1.0)
         else:
             self.factor, unit = 1.0, forces[0].unit
@@ -111,10 +111,10 @@ class Members:
     """The lines of all elements in axes, which can be moved from frame to frame.
 
     Args:
-        axes: to draw in.
+        axes: axes to draw in.
         view: `View` of these axes.
-        links: as `pieces` gives them.
-        scale: `Scale`.
+        links: node numbers of all pieces, and the element of each piece, as from `pieces`.
+        scale: `Scale` of the colours.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class Members:
             axes.add_collection(lines, autolim=False)
 
     def show(self, positions: Float[np.ndarray, "n_node 3"], forces: Forces) -> None:
-        """Put them at node positions [n_node, 3] with `Forces`."""
+        """Draw the elements at node positions [n_node, 3], with their `Forces`."""
         segments = self.view.project(positions)[self.pairs]
         slack, compressed = forces.slack[self.element], forces.compressed[self.element]
         self.casing.set_segments(segments[compressed])
@@ -153,7 +153,7 @@ def ghost(
     positions: Float[np.ndarray, "n_node 3"],
     links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
 ) -> None:
-    """Thin dashed lines of an earlier geometry."""
+    """Draw an earlier geometry in thin dashed lines."""
     make = LineCollection if view.flat else Line3DCollection
     segments = view.project(positions)[links[0]]
     width = min(1.0, thickness(len(links[0])))
@@ -162,45 +162,51 @@ def ghost(
 
 
 def thickness(n: int) -> float:
-    """Width of lines, points, when there are `n` of them."""
+    """Width of `n` lines, points: thinner if there are many."""
     return float(np.clip(2.4 * np.sqrt(80.0 / max(n, 1)), 0.6, 2.4))
 
 
 def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -> list[Line2D]:
-    """Legend entries of what the lines of some states mean, those that occur.
+    """Legend entries of the kinds of lines that occur in some states.
 
     Args:
-        forces: `Forces` of the states; slack elements are counted in the last.
+        forces: `Forces` of the states; slack elements are counted in the last one.
         before: whether an earlier geometry is drawn.
-        counted: whether to say how many are slack.
+        counted: whether to add the number of slack elements.
     """
     found = []
     if before:
         found.append(Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="before"))
-    if any(own.slack.any() for own in forces):
+    if any(f.slack.any() for f in forces):
         last = forces[-1]
         label = f"slack ({int(last.slack.sum())} of {len(last.slack)})" if counted else "slack"
         found.append(Line2D([], [], color=SLACK, linewidth=1.6, linestyle=DASHES, label=label))
-    if any(own.compressed.any() for own in forces):
+    if any(f.compressed.any() for f in forces):
         cased = [Stroke(linewidth=4.4, foreground="black"), Normal()]
         middle = colour_map()(0.5)
         label = "compression"
         found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
-    if any((np.isnan(own.value) & np.isfinite(own.tension)).any() for own in forces):
+    if any((np.isnan(f.value) & np.isfinite(f.tension)).any() for f in forces):
         found.append(Line2D([], [], color="0.6", linewidth=2.0, label="strength not stated"))
     return found
 
 
-def _row(values, counts):
-    """The numbers of all groups in one row, NaN for groups of so many elements that have none."""
+def _joined(values, counts):
+    """Values of all groups, group after group, [n_elem]; NaN for groups without values.
+
+    Args:
+        values: pytree of arrays in the shape of the elements; None for groups without values.
+        counts: numbers of elements of the groups.
+    """
     leaves = jax.tree.leaves(values, is_leaf=lambda leaf: leaf is None)
     pairs = zip(leaves, counts, strict=True)
     return np.concatenate(
-        [np.full(n, np.nan) if own is None else np.asarray(own, float) for own, n in pairs]
+        [np.full(n, np.nan) if leaf is None else np.asarray(leaf, float) for leaf, n in pairs]
     )
 
 
 def _utilisation(structure, tension):
+    """Utilisation in the shape of the elements; ValueError without a structure."""
     if structure is None:
         raise ValueError('structure: needed for colour = "utilisation"; the strengths are in it')
     return design.utilisation(structure, tension)

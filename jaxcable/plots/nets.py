@@ -1,4 +1,4 @@
-"""A structure before and after loading: `net`."""
+"""Pictures of a structure before and after loading: `net`."""
 
 from __future__ import annotations
 
@@ -32,31 +32,35 @@ def net(
 ) -> Figure:
     """Draw a structure in plan before and in space after loading, coloured by tension.
 
-    What lies in a vertical plane, or is higher than it is wide, is drawn in elevation; a plane
-    structure both times. Slack cables are dashed, elements in compression have a black casing.
+    A structure that lies in a vertical plane, or is higher than it is wide, is drawn in elevation
+    instead of plan; a plane structure also after loading. Slack cables are dashed, elements in
+    compression have a black casing.
 
     Args:
-        solution: `Solution` with status OK; "before" is the end of its first phase (if it has no
-            other, both pictures are of its end). Catenaries are drawn as their chords
-            (`forms.catenary_curves` has their places).
-        path: where to save a picture (the suffix says in which format), or None.
+        solution: `Solution` with status OK; "before" is the end of its first phase (with a single
+            phase both pictures are of its end). Catenaries are drawn as their chords
+            (`forms.catenary_curves` has their positions).
+        path: where to save the picture, in the format of the suffix, or None.
         magnify: factor on the displacement after the first phase, in the second picture; None for a
-            round one that makes the largest a tenth of the structure.
-        colour: "tension" (of catenaries the mean of both ends; where no element has one, the first
-            thing that elements tell), or "utilisation", the largest force along an element over its
-            breaking strength, which needs `structure`; or another name in ``solution.told``, with
-            that of a component after it if it has some.
-        structure: the `Structure` that was analysed. It tells cables from bars and beams: without
-            it whatever has exactly no tension is drawn as slack, and no support as clamped.
+            round factor that makes the largest displacement a tenth of the structure.
+
+    Options:
+        colour: values that colour elements: "tension" (of catenaries the mean of both ends; the
+            first result of elements if none has a tension); "utilisation", the largest force along
+            an element over its breaking strength, which needs `structure`; or another name in
+            ``solution.told``, followed by the name of a component if the result has components.
+        structure: the `Structure` that was analysed. It says which elements are cables and which
+            nodes rotate: without it every element with zero tension is drawn as slack, and no
+            support as clamped.
         state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.
-        view: "plan", "elevation" or "space" for the first picture; default: as said above.
-        supports: whether to mark them.
+        view: "plan", "elevation" or "space" for the first picture; default: as described above.
+        supports: whether to mark supports.
         loads, reactions: whether to draw them in the second picture, as arrows: loads end at their
-            node, reactions begin there, the longest of each kind are equally long. Moments are not
-            drawn.
+            node, reactions begin there, and the longest arrows of both are equally long. Moments
+            are not drawn.
 
     Returns:
-        The matplotlib `Figure`; see `jaxcable.plots` for what it is not.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
         ValueError: the solution has failed and no state is given, it is a batch, the structure is
@@ -79,7 +83,7 @@ def net(
         views[0] = views[1]
 
     if views[0] is views[1] and stages[0].title == stages[1].title:
-        views, stages = views[1:], stages[1:]  # nothing else is to be seen in the first picture
+        views, stages = views[1:], stages[1:]  # the first picture would be the same
 
     extent = np.ptp(everything, axis=0).max()
     arrows = []
@@ -90,26 +94,26 @@ def net(
             Arrows("reactions", shown.reactions, stages[-1].positions, extent, push=False)
         )
     points = [np.concatenate(stage.places()) for stage in stages]
-    points[-1] = np.concatenate([points[-1], *(own.ends for own in arrows)])
+    points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
 
     scale = Scale([stage.forces for stage in stages])
-    ratios = [one.ratio(seen) for one, seen in zip(views, points, strict=True)]
-    figure, slots = arrange(ratios, [one.flat for one in views])
-    for number, (one, stage) in enumerate(zip(views, stages, strict=True)):
-        title = stage.title + (f": {one.kind}" if number == 0 and one.flat else "")
-        axes = one.add_axes(figure, points[number], title)
-        ghost(axes, one, stage.ghost, links)
-        lines = Members(axes, one, links, scale)
+    ratios = [seen.ratio(drawn) for seen, drawn in zip(views, points, strict=True)]
+    figure, slots = arrange(ratios, [seen.flat for seen in views])
+    for number, (seen, stage) in enumerate(zip(views, stages, strict=True)):
+        title = stage.title + (f": {seen.kind}" if number == 0 and seen.flat else "")
+        axes = seen.add_axes(figure, points[number], title)
+        ghost(axes, seen, stage.ghost, links)
+        lines = Members(axes, seen, links, scale)
         lines.show(stage.positions, stage.forces)
         if supports:
-            draw_supports(axes, one, stage.positions, stage.held(structure, one))
-    for own in arrows:
-        own.draw(axes, views[-1])
+            draw_supports(axes, seen, stage.positions, stage.held(structure, seen))
+    for kind in arrows:
+        kind.draw(axes, views[-1])
 
     handles = keys([stage.forces for stage in stages], any(stage.moved() for stage in stages))
     if supports:
-        kinds = [stage.held(structure, one) for one, stage in zip(views, stages, strict=True)]
+        kinds = [stage.held(structure, seen) for seen, stage in zip(views, stages, strict=True)]
         handles += support_keys(np.any(kinds, axis=0))
-    handles += [key for own in arrows for key in own.keys()]
+    handles += [key for kind in arrows for key in kind.keys()]
     settle(figure, slots, lines.taut, scale.label, handles)
     return finish(figure, path)

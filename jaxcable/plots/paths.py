@@ -1,4 +1,4 @@
-"""Load against displacement: `path`."""
+"""Pictures of load against displacement: `path`."""
 
 from __future__ import annotations
 
@@ -36,14 +36,16 @@ def path(
 
     Args:
         traced: `TracedPath`, or the `path` of a phase of a solution.
-        node: whose displacement is drawn.
-        axis: "x", "y" or "z"; with a minus sign before it for the opposite direction.
-        path: where to save a picture (the suffix says in which format), or None.
-        scale, unit: load at load factor 1 and its unit; default the load factor.
-        factor, length: factor on displacements in m, and the name of that unit.
+        node: number of the node whose displacement is drawn.
+        axis: "x", "y" or "z", with a minus sign before it for the opposite direction.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        scale, unit: load at load factor 1 and its unit; default: the load factor is drawn.
+        factor, length: factor on displacements in m, and the name of the resulting unit.
 
     Returns:
-        The matplotlib `Figure`.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
         ValueError: unknown node or axis, or a path without a point.
@@ -70,20 +72,20 @@ def path(
     axes = figure.add_subplot()
     negative = getattr(traced, "n_negative", None)
     unstable = np.zeros(len(load), bool) if negative is None else np.asarray(negative) > 0
-    # a stretch belongs to the kind of the point that it leads to
+    # a piece of the line is stable or unstable as the point at its end
     for kind, style, label in ((False, "-", "stable"), (True, "--", "unstable")):
         shown = unstable == kind
         shown[:-1] |= shown[1:]
         if (unstable == kind).any():
-            told = None if negative is None else label
+            known = None if negative is None else label
             line = _broken(moved, load, shown)
-            axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=told)
+            axes.plot(*line, style, color=SERIES[0], linewidth=1.6, label=known)
     events = getattr(traced, "events", None)
     for number in () if events is None else np.unique(np.asarray(events.kind)):
         mark, colour = _MARKS[int(number)]
-        own = np.asarray(events.kind) == number
-        at = sign * np.asarray(events.displacement)[own, node, "xyz".index(name)]
-        heights = scale * np.asarray(events.load_factor)[own]
+        alike = np.asarray(events.kind) == number
+        at = sign * np.asarray(events.displacement)[alike, node, "xyz".index(name)]
+        heights = scale * np.asarray(events.load_factor)[alike]
         axes.plot(at, heights, mark, color=colour, markersize=6, label=NAMES[int(number)])
     axes.axhline(0.0, color="0.6", linewidth=0.7)
     axes.grid(color=GRID)
@@ -97,5 +99,5 @@ def path(
 
 
 def _broken(x, y, shown):
-    """Points of a line, interrupted where they are not to be shown."""
+    """Points of a line, NaN where it is not to be drawn."""
     return np.where(shown, x, np.nan), np.where(shown, y, np.nan)

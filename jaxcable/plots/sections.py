@@ -1,4 +1,4 @@
-"""The fibres of a cross-section: `section`."""
+"""Pictures of the fibres of a cross-section: `section`."""
 
 from __future__ import annotations
 
@@ -24,16 +24,18 @@ def section(
     scale: float = 1e-6,
     unit: str = "N/mm2",
 ) -> Figure:
-    """Draw the fibres of a cross-section, coloured by stress, or else by law.
+    """Draw the fibres of a cross-section, coloured by stress, or by law if no stress is given.
 
     Args:
         section: `Section` with a mesh.
-        stress: of every fibre, [n_fibre], Pa, for example a row of `fibre_stress`.
-        path: where to save a picture (the suffix says in which format), or None.
-        scale, unit: factor on the stress and its label.
+        stress: stress of every fibre, [n_fibre], Pa, for example from `fibre_stress`.
+        path: where to save the picture, in the format of the suffix, or None.
+
+    Options:
+        scale, unit: factor on the stress, and the name of the resulting unit.
 
     Returns:
-        The matplotlib `Figure`.
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
 
     Raises:
         ValueError: no mesh, or a stress of the wrong shape.

@@ -1,4 +1,4 @@
-"""What of a solution is drawn: geometry, forces and supports before and after loading."""
+"""Geometry, forces and supports of a solution, before and after loading, for pictures."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from .glyphs import supports
 from .members import Forces
 from .views import View
 
-_ROUND = (5.0, 2.0, 1.0)
-_SEEN = 2e-3  # of the extent: a displacement that can be seen
+_ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
+_SEEN = 2e-3  # least visible displacement over the extent
 
 
 class Stage:
     """One geometry with its forces.
 
     Attributes:
-        title: of its picture.
-        positions: [n_node, 3], m.
-        ghost: an earlier geometry, drawn behind it, [n_node, 3], m.
+        title: title of its picture.
+        positions: positions of the nodes, [n_node, 3], m.
+        ghost: positions in an earlier geometry, which is drawn behind, [n_node, 3], m.
         forces: `Forces`.
         fixed: held freedoms, [n_node, 3 or 6].
     """
@@ -39,18 +39,18 @@ class Stage:
         self.forces, self.fixed = forces, fixed
 
     def places(self) -> tuple[Float[np.ndarray, "n_node 3"], Float[np.ndarray, "n_node 3"]]:
-        """All places that are drawn, two arrays [n_node, 3]."""
+        """All positions that are drawn, two arrays [n_node, 3]."""
         return self.ghost, self.positions
 
     def moved(self) -> bool:
-        """Whether the earlier geometry can be told from this one."""
+        """Whether the difference from the earlier geometry is visible."""
         extent = np.ptp(np.concatenate(self.places()), axis=0).max()
         return bool(np.abs(self.positions - self.ghost).max() > _SEEN * extent)
 
     def held(self, structure: Structure | None, view: View) -> Bool[np.ndarray, "3 n_node"]:
-        """Kinds of supports, as `glyphs.supports` gives them."""
-        turns = None if structure is None else structure.rotating()
-        return supports(self.fixed, turns, view.normal)
+        """Kinds of supports, [3, n_node] bool, see `glyphs.supports`."""
+        rotates = None if structure is None else structure.rotating()
+        return supports(self.fixed, rotates, view.normal)
 
 
 def stages_of(
@@ -60,7 +60,13 @@ def stages_of(
     magnify: float | None = 1.0,
     colour: str = "tension",
 ) -> tuple[tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]], list[Stage], State]:
-    """Pieces of all elements, the stages before and after loading, and the `State` at the end."""
+    """What a picture of a solution shows.
+
+    Returns:
+        links: node numbers of all pieces of elements, [n_piece, 2], and the element of each piece.
+        stages: the stages before and after loading, a list of two.
+        state: the `State` after loading.
+    """
     colour = shown(solution, structure, colour)
     if state is None:
         if int(solution.status) != 0:
@@ -86,10 +92,10 @@ def stages_of(
     forces = forces_of(state, solution, structure, colour)
     stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
     unstable = [", unstable" if _unstable(phase) else "" for phase in solution.phases]
-    own = "" if stopped or number < 0 else unstable[number]
+    at_end = "" if stopped or number < 0 else unstable[number]
     if number < 1:  # a single phase: both pictures are of its end
         last = "At the end" if len(solution.phases) == 1 else "After phase 1"
-        name = f"{last}{stopped}{own}" if number == 0 else "Start"
+        name = f"{last}{stopped}{at_end}" if number == 0 else "Start"
         factor = factor(begin)
         moved = begin + factor * (end - begin)
         stages = [
@@ -98,7 +104,7 @@ def stages_of(
         ]
         return pieces(solution.last.topology.parts)[:2], stages, state
     middle = np.asarray(first.positions)
-    name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{own}"
+    name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{at_end}"
     factor = factor(middle)
     before = forces_of(first, solution, structure, colour)
     stages = [
@@ -111,29 +117,32 @@ def stages_of(
 
 
 def _unstable(phase):
-    """Whether a phase has ended in an unstable equilibrium."""
+    """Whether a phase has converged and ended in an unstable equilibrium."""
     return int(phase.status) == 0 and not bool(phase.stable)
 
 
 def forces_of(
     part: State | PhaseResult | Path, solution: Solution, structure: Structure | None, colour: str
 ) -> Forces:
-    """`Forces` of a state, or of an increment as `Told`."""
+    """`Forces` of a state, of the end of a phase, or of an increment."""
     told = columns(solution.last.topology.parts, part.told)
     column = None
     if colour not in ("tension", "utilisation"):
-        column = next(own for own in told if own.label == colour)
+        column = next(c for c in told if c.label == colour)
     return Forces(part.tension, solution.links, structure, colour, part.peak_tension, column)
 
 
 def shown(solution: Solution, structure: Structure | None, colour: str) -> str:
-    """What colours elements; refuses what cannot be drawn.
+    """The name of the values that colour elements, checked.
 
-    That is `colour`; if it is "tension" and no element has one, the first thing that they tell.
+    It is `colour`, or the first result of elements if `colour` is "tension" and none has a tension.
+
+    Raises:
+        ValueError: a batch, an unknown colour, or the links of another structure.
     """
     refuse_batch(solution)
     told = columns(solution.last.topology.parts, solution.last.told)
-    names = [own.label for own in told if any(x is not None for x in own.values)]
+    names = [column.label for column in told if any(x is not None for x in column.values)]
     if colour == "tension" and names and "tension" not in names:
         colour = names[0]
     if colour not in ("tension", "utilisation", *names):
@@ -141,14 +150,14 @@ def shown(solution: Solution, structure: Structure | None, colour: str) -> str:
         raise ValueError(f"colour = {colour!r}: expected one of {expected}")
     if structure is None:
         return colour
-    own, theirs = ([g.links.array for g in structure.groups], [l.array for l in solution.links])
-    if len(own) != len(theirs) or not all(map(np.array_equal, own, theirs)):
+    given, solved = ([g.links.array for g in structure.groups], [l.array for l in solution.links])
+    if len(given) != len(solved) or not all(map(np.array_equal, given, solved)):
         raise ValueError("structure: its links are not those of the solution")
     return colour
 
 
 def refuse_batch(solution: Solution) -> None:
-    """A picture is of one analysis."""
+    """Raise ValueError for a batch: a picture shows one analysis."""
     if np.ndim(solution.status) != 0:
         raise ValueError(
             "solution: is a batch; draw one of it, jax.tree.map(lambda a: a[k], solution)"
@@ -156,7 +165,7 @@ def refuse_batch(solution: Solution) -> None:
 
 
 def start_of(solution: Solution, state: State) -> Float[np.ndarray, "n_node 3"]:
-    """Where the first phase began, [n_node, 3]."""
+    """Positions at the start of the first phase, [n_node, 3], m."""
     first = solution.phases[0]
     begin = np.asarray(first.positions) - np.asarray(first.displacement)
     if np.isfinite(begin).all():
@@ -165,7 +174,7 @@ def start_of(solution: Solution, state: State) -> Float[np.ndarray, "n_node 3"]:
 
 
 def round_factor(moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray, "n 3"]) -> float:
-    """A round factor, at least 1, that makes displacements a tenth of the structure at most."""
+    """A round factor, at least 1; magnified displacements are at most a tenth of the structure."""
     largest = np.linalg.norm(moved, axis=1).max()
     wanted = 0.1 * np.ptp(places, axis=0).max() / max(largest, 1e-300)
     if wanted < 2.0 or largest == 0.0:
@@ -175,4 +184,5 @@ def round_factor(moved: Float[np.ndarray, "n_node 3"], places: Float[np.ndarray,
 
 
 def _times(factor):
+    """The end of a title that says how deflections are magnified; empty for a factor of 1."""
     return "" if factor == 1 else f", deflection x {factor:g}"

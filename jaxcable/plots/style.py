@@ -1,4 +1,4 @@
-"""What all pictures have in common: their figure, sizes of text, colours, units of force."""
+"""What all pictures share: the figure, sizes of text, colours, units of force."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 SIZE = 9.5
-"""Of all text, points: 6 or more when a picture is printed 10 cm wide."""
+"""Size of all text, in points: 6 or more when a picture is printed 10 cm wide."""
 
 SERIES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKS = ("o", "s", "^", "D", "v", "P", "X")
 STYLES = ("-", "--", "-.", ":")
-"""Of several series (colours of Okabe and Ito): never told apart by colour alone."""
+"""Line styles; several series differ in colour (Okabe and Ito), mark and line style."""
 
 SLACK = "#D55E00"
 GHOST = "0.72"
@@ -32,12 +32,14 @@ GRID = "0.9"
 
 
 class Picture(Figure):
-    """A matplotlib `Figure` that notebooks show by themselves and pyplot does not know.
+    """A matplotlib `Figure` that notebooks show and that is not registered with pyplot.
 
-    It needs no display, is not counted among pyplot's open figures and is gone with its last name.
+    It needs no display, does not count among pyplot's open figures and is deleted with its last
+    reference.
     """
 
     def _repr_png_(self):
+        """The picture as PNG, for notebooks."""
         buffer = io.BytesIO()
         self.savefig(buffer, format="png")
         return buffer.getvalue()
@@ -46,7 +48,7 @@ class Picture(Figure):
 def start(
     width: float, height: float, layout: Literal["constrained"] | None = "constrained"
 ) -> Picture:
-    """An empty `Picture` of a size in inches."""
+    """An empty `Picture`; width and height in inches."""
     figure = Picture(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)  # measures text
     if layout is not None:
@@ -55,7 +57,7 @@ def start(
 
 
 def resize(figure: Figure) -> None:
-    """Give all text of a figure its size, whatever the settings of matplotlib are."""
+    """Set all text of a figure to `SIZE`, whatever the settings of matplotlib are."""
     for axes in figure.axes:
         axes.tick_params(labelsize=SIZE)
     for text in figure.findobj(Text):
@@ -63,7 +65,7 @@ def resize(figure: Figure) -> None:
 
 
 def finish(figure: Figure, path: str | os.PathLike[str] | None = None, dpi: float = 200) -> Figure:
-    """Give all text its size, save to `path` unless it is None, return the figure."""
+    """Set the size of all text, save to `path` unless it is None, return the figure."""
     resize(figure)
     if path is not None:
         figure.savefig(path, dpi=dpi)
@@ -71,13 +73,13 @@ def finish(figure: Figure, path: str | os.PathLike[str] | None = None, dpi: floa
 
 
 def colour_map() -> Colormap:
-    """Viridis without its brightest end, which is lost on white; grey where there is no value."""
+    """Viridis without its brightest end, invisible on white; grey where there is no value."""
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, 256))
     return ListedColormap(colours).with_extremes(bad="0.6")
 
 
 def force_unit(largest: float) -> tuple[float, str]:
-    """Factor from N, and name, of the unit in which a force is best written."""
+    """Factor from N, and name, of a unit that suits a force: N, kN or MN."""
     for size, name in ((1e6, "MN"), (1e3, "kN")):
         if largest >= 10 * size:
             return 1.0 / size, name
@@ -85,7 +87,7 @@ def force_unit(largest: float) -> tuple[float, str]:
 
 
 def force_text(force: float) -> str:
-    """A force, N, with its unit."""
+    """A force, N, as a text with a suitable unit."""
     factor, name = force_unit(10 * force)
     return f"{force * factor:.3g} {name}"
 
@@ -93,7 +95,7 @@ def force_text(force: float) -> str:
 def below(
     axes: Axes, columns: int, handles: Sequence[Any] | None = None, drop: float = 0.62
 ) -> None:
-    """A legend below axes, `drop` inches under them; nothing if there is nothing to name."""
+    """Put a legend `drop` inches below axes, unless it has no entries."""
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     if handles:
         lower = -drop / (axes.get_position().height * axes.figure.get_size_inches()[1])

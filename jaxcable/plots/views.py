@@ -1,4 +1,4 @@
-"""From where a structure is seen: plan, elevation or space, always with equal axes."""
+"""Views of a structure: plan, elevation or space, always with equal scales of the axes."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from .style import SIZE
 __all__ = ["VIEWS", "Axes3D", "View", "choose"]
 
 VIEWS = ("plan", "elevation", "space")
-_PLANE = 1e-6  # of its extent: how far a plane structure may leave its plane
-_LEAST = 0.15  # of the largest extent: the least one drawn, so that a flat net has a height
-_MARGIN = 0.05
+_PLANE = 1e-6  # largest distance of a plane structure from its plane, over its extent
+_LEAST = 0.15  # least extent of axes over the largest one, so that a flat net has some height
+_MARGIN = 0.05  # margin on each side over the extent
 
 
 class View:
-    """What is drawn of a place in space.
+    """A projection from space into the axes of a picture.
 
     Attributes:
         kind: "plan", "elevation" or "space".
         along: horizontal unit vector of an elevation, [3]; None for others.
-        plane: whether all that is seen lies in one vertical plane.
-        normal: unit vector of that plane, [3], or None.
+        plane: whether the whole structure lies in one vertical plane.
+        normal: unit normal vector of this plane, [3], or None.
         flat: whether the axes have two directions.
     """
 
@@ -34,7 +34,7 @@ class View:
         self.normal = np.array([-along[1], along[0], 0.0]) if plane else None
 
     def project(self, vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2or3"]:
-        """Coordinates in the picture, [..., 2] or [..., 3], of vectors [..., 3]."""
+        """Coordinates of vectors [..., 3] in the picture, [..., 2] or [..., 3]."""
         if self.kind == "plan":
             return vectors[..., :2]
         if self.kind == "elevation":
@@ -70,16 +70,16 @@ class View:
         size = high - low
         if self.flat:
             return float(size[1] / size[0])
-        # of a box that is seen from 30 degrees above and 30 degrees aside
+        # height over width of a box seen from 30 degrees above and 30 degrees aside
         return float((0.25 * size[0] + 0.43 * size[1] + 0.87 * size[2]) / (size @ [0.87, 0.5, 0.0]))
 
     def add_axes(self, figure, points, title):
-        """Axes in a figure, with room for all points [n, 3]; where they are is up to `layout`.
+        """Axes in a figure with room for all points; `layout` moves them to their slot.
 
         Args:
-            figure: to draw in.
-            points: what has to be within the limits.
-            title: of the axes.
+            figure: figure to draw in.
+            points: positions that the limits have to include, [n, 3].
+            title: title of the axes.
         """
         low, high = self.extent(points)
         names = self.names()
@@ -93,29 +93,31 @@ class View:
             axes.set(xlabel=names[0], ylabel=names[1])
         else:
             axes = figure.add_axes([0.1, 0.1, 0.8, 0.8], projection="3d")
-            axes.computed_zorder = False  # drawn in the order in which they lie on each other
-            axes.patch.set_visible(False)  # it would cover what is beside
+            axes.computed_zorder = False  # keep the stated order of lines, marks and arrows
+            axes.patch.set_visible(False)  # the background would cover the axes beside
             axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
             size = high - low
             axes.set_box_aspect(size, zoom=0.95)
-            for name, own, label in zip("xyz", size / size.max(), names, strict=True):
+            for name, share, label in zip("xyz", size / size.max(), names, strict=True):
                 axis = getattr(axes, f"{name}axis")
-                axis.set_major_locator(MaxNLocator(nbins=4 if own > 0.5 else 2 if own > 0.2 else 1))
+                axis.set_major_locator(
+                    MaxNLocator(nbins=4 if share > 0.5 else 2 if share > 0.2 else 1)
+                )
                 axis.set_label_text(label)
-                axis.labelpad = 0 if name == "z" and own < 0.5 else 6
+                axis.labelpad = 0 if name == "z" and share < 0.5 else 6
                 axes.tick_params(axis=name, pad=0)
-            axes.set_title("", y=1.0)  # where it is told, not where matplotlib finds room
+            axes.set_title("", y=1.0)  # y stops matplotlib from moving the title
         axes.set_title(title, fontsize=SIZE)
         return axes
 
 
 def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None) -> View:
-    """The view of a structure: in its plane, if that is vertical, else in plan, or as it is told.
+    """The view of a structure: of the stated kind, or else elevation or plan.
 
     Args:
-        points: all places that are to be seen, [n, 3].
-        kind: "plan", "elevation", "space", or None to choose between the first two: elevation for
-            what lies in a vertical plane or is higher than it is wide.
+        points: all positions that are drawn, [n, 3].
+        kind: "plan", "elevation", "space", or None to choose one of the first two: elevation for a
+            structure that lies in a vertical plane or is higher than it is wide.
     """
     if kind is not None and kind not in VIEWS:
         raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')

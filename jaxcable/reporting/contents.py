@@ -1,4 +1,4 @@
-"""What a report tells of a state: one table a function."""
+"""The tables of a report on a state, one function per table."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ BUCKLING = (
     "utilisation in compression is force over strength, buckling is not in it: see "
     "stiffness.buckling_factor"
 )
-_ROUNDING = 1e-9  # of the largest force: compression that is none
-_IMBALANCE = 0.05  # of the largest work or energy of a phase, from which a word is due
+_ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
+_IMBALANCE = 0.05  # imbalance over the largest term of a phase from which there is a note
 
 
 class State(NamedTuple):
     """A state that counts in envelopes: the end of a phase, or a case.
 
     Attributes:
-        tension: in the shape of the elements, N.
-        peak_tension: the force of largest size along each element, likewise, N.
-        reactions: [n_node, 3], N.
-        fixed: freedoms that are held in it, [n_row, 3 or 6] bool.
+        tension: axial forces in the shape of the elements, N.
+        peak_tension: largest force along each element, likewise, N.
+        reactions: reactions at all nodes, [n_node, 3], N.
+        fixed: freedoms that supports hold in this state, [n_row, 3 or 6] bool.
     """
 
     tension: PyTree[Float[ArrayLike, " n_elem"]]
@@ -49,7 +49,7 @@ def reactions(
 ) -> Table:
     """Reactions at the end, and the largest resultant over cases or phases with its case.
 
-    Nodes are those that are held in any of these states.
+    The table has all nodes that are held at the end or in one of these states.
     """
     forces = np.asarray(state.reactions)
     turning = state.reaction_moments is not None
@@ -61,8 +61,8 @@ def reactions(
     names = list(states)
     sizes = np.array([np.linalg.norm(np.asarray(s.reactions), axis=1) for s in states.values()])
     held = _held(structure, fixed)
-    for own in states.values():
-        held = held | _held(structure, own.fixed)
+    for other in states.values():
+        held = held | _held(structure, other.fixed)
     rows = []
     for k in np.flatnonzero(held):
         row = [int(k), *forces[k].tolist(), float(np.linalg.norm(forces[k]))]
@@ -74,14 +74,14 @@ def reactions(
 
 
 def _held(structure, fixed):
-    """Nodes whose position, or whose rotation where they have one, is held at all, [n_node]."""
+    """Nodes with a support of their position, or of their rotation if they have one, [n_node]."""
     fixed = fixed[: structure.n_node]
     held = fixed[:, :3].any(axis=1)
     return held | (fixed[:, 3:].any(axis=1) & structure.rotating())
 
 
 def equilibrium(structure: Structure, state: results.State) -> Table:
-    """Sums of loads and reactions; moments about the origin where all forces are at nodes."""
+    """Sums of loads and reactions; also of moments about the origin if all forces are at nodes."""
     load, reactions = np.asarray(state.load, float), np.asarray(state.reactions, float)
     rows = [
         ["loads", *load.sum(0).tolist()],
@@ -111,22 +111,22 @@ def equilibrium(structure: Structure, state: results.State) -> Table:
 
 
 def members(structure, state, states):
-    """Force, utilisation and envelope of every element; the largest force along it counts."""
+    """Force, utilisation and envelope of every element, by the largest force along it."""
     try:
         used = per_group(structure, utilisation(structure, state))
         most = {name: per_group(structure, utilisation(structure, s)) for name, s in states.items()}
     except ValueError:  # no group has a strength
         used, most = [None] * len(structure.groups), {}
-    own = per_group(structure, state.peak_tension)
+    now = per_group(structure, state.peak_tension)
     each = {name: per_group(structure, s.peak_tension) for name, s in states.items()}
     names, rows = list(each), []
     for number, (label, group) in enumerate(groups_by_name(structure)):
-        if own[number] is None:  # it has no axial force
+        if now[number] is None:  # a group without axial forces
             continue
         force = np.array([each[name][number] for name in names])
         share = [most[n][number] for n in names if n in most and most[n][number] is not None]
         for k, ends in enumerate(first_and_last(group).tolist()):
-            row = [label, k, *ends, float(own[number][k])]
+            row = [label, k, *ends, float(now[number][k])]
             if names:
                 low, high = int(force[:, k].argmin()), int(force[:, k].argmax())
                 row += [float(force[low, k]), names[low], float(force[high, k]), names[high]]
@@ -142,7 +142,7 @@ def members(structure, state, states):
     notes = [] if known else ["no group has a strength: no utilisation"]
     if any(isinstance(group, Sagging) for group in structure.groups):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
-    if _compressed(structure, used, own, *each.values()):
+    if _compressed(structure, used, now, *each.values()):
         notes.append(BUCKLING)
     if known and structure.space.rotates:
         notes.append("utilisation of beams is that of their axial force alone: see fibre_stress")
@@ -151,20 +151,20 @@ def members(structure, state, states):
 
 
 def others(structure, state):
-    """What elements tell beside forces along them, a table by name of the result.
+    """Tables of other results than forces along elements, a dict by name of the result.
 
-    Of what they tell in a number each, or one for each of its components.
+    A result is included if elements tell one number, or one for each component.
     """
     found = {}
     for name, value in (state.results or {}).items():
         told = columns(structure.groups, {name: value})
         rows = []
         for number, (label, group) in enumerate(groups_by_name(structure)):
-            own = [column.values[number] for column in told]
-            if not own or own[0] is None:
+            parts = [column.values[number] for column in told]
+            if not parts or parts[0] is None:
                 continue
             for k, ends in enumerate(first_and_last(group).tolist()):
-                rows.append([label, k, *ends, *(float(x[k]) for x in own)])
+                rows.append([label, k, *ends, *(float(part[k]) for part in parts)])
         if rows:
             heads = [column.label.removeprefix(name).strip() or name for column in told]
             units = ("", "", "", "", *(column.unit for column in told))
@@ -175,16 +175,22 @@ def others(structure, state):
 
 
 def _compressed(structure, used, *forces):
-    """Whether compression is compared with strength anywhere; all lists with an item per group."""
-    largest = [np.abs(own).max() for state in forces for own in state if own is not None]
+    """Whether compression is compared with strength in any state.
+
+    Args:
+        structure: `Structure`.
+        used: utilisation, a list with an item per group.
+        forces: forces of every state, lists with an item per group.
+    """
+    largest = [np.abs(force).max() for state in forces for force in state if force is not None]
     largest = max(largest, default=0.0)
     return any(
         share is not None
-        and own is not None
+        and force is not None
         and not group.tension_only
-        and (own < -_ROUNDING * largest).any()
+        and (force < -_ROUNDING * largest).any()
         for state in forces
-        for group, share, own in zip(structure.groups, used, state, strict=True)
+        for group, share, force in zip(structure.groups, used, state, strict=True)
     )
 
 
@@ -221,7 +227,7 @@ def buckling(
 
 
 def energy(structure, solution, phases, start=None):
-    """Work of all that acts against stored and dissipated energy, a row a phase.
+    """Work of all that acts, and stored and dissipated energy, with a line per phase.
 
     Args:
         structure, phases, solution, start: as for `energy_balance`.
@@ -230,18 +236,18 @@ def energy(structure, solution, phases, start=None):
     names = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
     values = [getattr(balance, name) for name in names]
     values = np.column_stack([*values, 100 * balance.relative]).tolist()
-    rows = [[k, *own] for k, own in enumerate(values, 1)]
+    rows = [[k, *terms] for k, terms in enumerate(values, 1)]
     notes = [
         f"stored at the end: {float(balance.level[-1]):.6g} J",
         "work by the trapezoidal rule, whose error falls with the square of the increments; "
         "part: imbalance over the largest term",
     ]
-    for k, own in enumerate(balance.increments):
-        if balance.relative[k] > _IMBALANCE and len(own):
-            worst = int(np.abs(own).argmax())
+    for k, gaps in enumerate(balance.increments):
+        if balance.relative[k] > _IMBALANCE and len(gaps):
+            worst = int(np.abs(gaps).argmax())
             notes.append(
-                f"phase {k + 1} is not balanced: {own[worst]:.3g} J in increment {worst + 1} of "
-                f"{len(own)}; it jumped there, began out of balance, or needs more increments"
+                f"phase {k + 1} is not balanced: {gaps[worst]:.3g} J in increment {worst + 1} of "
+                f"{len(gaps)}; it jumped there, began out of balance, or needs more increments"
             )
     columns, units = ("phase", *names, "part"), ("", *["J"] * len(names), "%")
     return Table(
@@ -250,14 +256,14 @@ def energy(structure, solution, phases, start=None):
 
 
 def _turn(before, after):
-    """Largest angle between elements then and now, rad; ends [n, 2, 3]."""
+    """Largest rotation of elements, rad, from their ends before and after, [n, 2, 3]."""
     first, second = before[:, 1] - before[:, 0], after[:, 1] - after[:, 0]
     sine = np.linalg.norm(np.cross(first, second), axis=1)
     return float(np.arctan2(sine, (first * second).sum(axis=1)).max())
 
 
 def cutting_list(structure: Structure, solution: results.Solution) -> Table:
-    """Unstressed lengths at the temperature before the first phase."""
+    """Unstressed lengths of all elements, at the temperature before the first phase."""
     lengths = per_group(structure, solution.last.rest_length)
     warmth = [state.warmth for state in solution.last.carry.states]
     lengths = [
@@ -267,7 +273,7 @@ def cutting_list(structure: Structure, solution: results.Solution) -> Table:
     notes = ["at the temperature before the first phase"]
     rows = []
     for (label, group), length in zip(groups_by_name(structure), lengths, strict=True):
-        if length is None:  # nothing to cut
+        if length is None:  # a group without unstressed lengths
             continue
         ends = first_and_last(group).tolist()
         rows += [[label, k, *ends[k], float(length[k])] for k in range(len(ends))]
@@ -279,11 +285,11 @@ def cutting_list(structure: Structure, solution: results.Solution) -> Table:
 
 
 def slack(structure: Structure, states: Mapping[str, State]) -> Table:
-    """Cables without tension, and in which states."""
+    """Cables without tension, and the states in which they are slack."""
     found = {}
-    for name, own in states.items():
+    for name, state in states.items():
         for (label, group), force in zip(
-            groups_by_name(structure), per_group(structure, own.tension), strict=True
+            groups_by_name(structure), per_group(structure, state.tension), strict=True
         ):
             if group.tension_only and force is not None:
                 for k in np.flatnonzero(force <= 0):
@@ -294,11 +300,11 @@ def slack(structure: Structure, states: Mapping[str, State]) -> Table:
 
 
 def loose(structure, states):
-    """Free nodes that only slack cables touch, and in which states."""
+    """Nodes that only slack cables touch, but for pinned ones, and the states in which they are."""
     found = {}
-    for name, own in states.items():
-        taut = own.fixed[: structure.n_node, :3].all(axis=1)
-        for group, force in zip(structure.groups, per_group(structure, own.tension), strict=True):
+    for name, state in states.items():
+        taut = state.fixed[: structure.n_node, :3].all(axis=1)
+        for group, force in zip(structure.groups, per_group(structure, state.tension), strict=True):
             holds = np.ones(len(group.links), bool)
             if group.tension_only and force is not None:
                 holds = force > 0

@@ -1,4 +1,4 @@
-"""A report of a result as engineers write it: as text, as CSV tables, as a dict."""
+"""A report of a result for engineers: as text, as CSV tables, as a dict."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ..model.topology import require_same
 from . import contents
 from .table import Table, as_text, empty, finite, headed
 
-_OWN = ("tension", "peak_tension", "reactions")  # of `contents.State`, as results have them
-_LONG = 30  # rows of a table up to which its text shows them all
+_FIELDS = ("tension", "peak_tension", "reactions")  # of `contents.State`, and of results
+_LONG = 30  # number of lines of a table up to which its text shows all of them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,8 +32,8 @@ class Report:
     """A report: `text()`, `csv()`, `dict()`, `save(path)`; `report` makes it.
 
     Attributes:
-        status: code of the analysis.
-        summary: sentences.
+        status: status code of the analysis.
+        summary: sentences on the whole analysis.
         tables: dict from name to `Table`: ``reactions``, ``equilibrium``, ``members``,
             ``cutting_list``, ``slack``, ``loose``; ``energy`` if it was asked for.
 
@@ -49,7 +49,7 @@ class Report:
     tables: Mapping[str, Table]
 
     def text(self, rows: int = _LONG) -> str:
-        """The report for reading; of tables longer than `rows` those that govern, in N or kN."""
+        """The report as text; of a table with more than `rows` lines those that govern."""
         parts = ["\n".join(self.summary)]
         parts += [as_text(table, rows) for table in self.tables.values()]
         return "\n\n".join(parts) + "\n"
@@ -57,12 +57,12 @@ class Report:
     def csv(self) -> Mapping[str, str]:
         """Every table as CSV with all digits in SI units, a dict from its name to the text.
 
-        ``summary`` has the sentences: of the whole, and the notes of each table.
+        ``summary`` has the sentences on the whole analysis, and the notes of each table.
         """
-        told = [["of", "note"], *(["all", line] for line in self.summary)]
-        told += [[name, note] for name, table in self.tables.items() for note in table.notes]
+        sentences = [["of", "note"], *(["all", line] for line in self.summary)]
+        sentences += [[name, note] for name, table in self.tables.items() for note in table.notes]
         return {
-            "summary": as_csv(told),
+            "summary": as_csv(sentences),
             **{
                 name: as_csv([headed(table), *([empty(v) for v in row] for row in table.rows)])
                 for name, table in self.tables.items()
@@ -80,7 +80,7 @@ class Report:
         """Write the report: ``.txt``, ``.json``, or ``.csv`` (``name-table.csv`` for each table).
 
         Returns:
-            The paths that were written, a list.
+            Paths of the files written, a list.
 
         Raises:
             ValueError: another suffix. OSError: a file cannot be written.
@@ -91,7 +91,7 @@ class Report:
         elif path.suffix == ".json":
             texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
         elif path.suffix == ".txt":
-            texts = {path: self.text(rows=10**9)}  # a file has room for all of them
+            texts = {path: self.text(rows=10**9)}  # all lines
         else:
             raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
         for name, text in texts.items():
@@ -117,38 +117,41 @@ def report(
 
     Args:
         structure: `Structure` that was analysed.
-        solution: its `Solution`; of a failed one the last converged state is reported, and said so.
-        phases: the phases of the analysis, as many as the solution has. Unstressed lengths are
-            given at the temperature before the first of all phases with and without them.
-        cases: `Solution` with a leading axis [n_case], as of `design.solve_cases`: the envelopes
-            are over these, otherwise over the ends of the phases. Failed cases are named and left
-            out.
-        names: of the cases.
-        buckling: whether to say in the summary by which factor on its loads the state would buckle
+        solution: its `Solution`; if it has failed, the report is on the last converged state, and
+            says so.
+        phases: the phases of the analysis, as many as the solution has; only `energy` needs them.
+
+    Options:
+        cases: `Solution` with a leading axis [n_case], as from `design.solve_cases`, for envelopes
+            over these cases; default: envelopes over the ends of the phases. Failed cases are named
+            and left out.
+        names: names of the cases; default "case 0", "case 1" and so on.
+        buckling: True to add to the summary the factor on its loads at which the state would buckle
             (`stiffness.buckling_factor`, an eigenproblem); or the `Solution` or `State` of the
-            prestress, which the factor then leaves as it is.
-        energy: whether to add the balance of work and energy of every phase (`energy_balance`; it
-            compiles a program of its own, a second for nets and some for beams); or the `Solution`
-            or `State` that the analysis was started from. It needs `phases`.
+            prestress, to which the factor does not apply.
+        energy: True to add the balance of work and energy of every phase (`energy_balance`; it
+            compiles another program, which takes a second for nets and some for beams); or the
+            `Solution` or `State` from which the analysis started. It needs `phases`.
 
     Returns:
-        `Report`. Forces and utilisation are those of the largest force along an element;
-        compression is compared with strength alone.
+        `Report`. Forces and utilisation are by the largest force along an element; compression is
+        compared with strength alone. Unstressed lengths are at the temperature before the first
+        phase.
 
     Raises:
-        ValueError: `solution` is none, a batch, or that of another structure; names of another
-            number than the cases; those of `stiffness.buckling_factor` and of `energy_balance` if
-            these are asked for.
+        ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another
+            number of names than of cases; errors of `stiffness.buckling_factor` and of
+            `energy_balance` if these are asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> print(jc.report(structure, jc.solve(structure, phases)).summary[0])
         status 0: converged
 
-        Work of the prestress and of the loads on four nodes, and what is stored of it:
+        Work of the prestress and of the loads on four nodes, and the stored energy:
 
-        >>> told = jc.report(structure, jc.solve(structure, phases), phases, energy=True)
-        >>> table = told.tables["energy"]
+        >>> full = jc.report(structure, jc.solve(structure, phases), phases, energy=True)
+        >>> table = full.tables["energy"]
         >>> for name in ("dead", "prestress", "stored", "imbalance"):
         ...     k = table.columns.index(name)
         ...     print(name, *(f"{row[k]:.4f}" for row in table.rows), table.units[k])
@@ -179,7 +182,7 @@ def report(
         "end": contents.State(state.tension, state.peak_tension, state.reactions, _reached(state))
     }
     if cases is None and solution.status == status.OK:
-        at_end = {}  # it is that of the last phase
+        at_end = {}  # the end is that of the last phase, which is in `states`
     tables = {
         "reactions": contents.reactions(structure, state, _reached(state), states),
         "equilibrium": contents.equilibrium(structure, state),
@@ -196,17 +199,17 @@ def report(
 
 
 def _reached(state):
-    """Freedoms that are held in a state, [n_row, 3 or 6] bool."""
+    """Freedoms that supports hold in a state, [n_row, 3 or 6] bool."""
     return np.asarray(state.fixed[int(state.phase) + 1].array)
 
 
 def _states(solution, cases, names):
-    """States to envelope by name of case or phase, and codes by name of what has failed."""
+    """States of the envelopes and status codes of failures, dicts by name of phase or case."""
     if cases is None:
         parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
         codes = {name: int(part.status) for name, part in parts.items()}
         good = {
-            name: contents.State(*(getattr(part, own) for own in _OWN), np.asarray(fixed.array))
+            name: contents.State(*(getattr(part, n) for n in _FIELDS), np.asarray(fixed.array))
             for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
             if codes[name] == status.OK
         }
@@ -223,7 +226,10 @@ def _states(solution, cases, names):
         codes = dict(zip(names, codes.tolist(), strict=True))
         good = {
             name: contents.State(
-                *(jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n)) for n in _OWN),
+                *(
+                    jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n))
+                    for n in _FIELDS
+                ),
                 fixed,
             )
             for k, name in enumerate(names)
@@ -233,6 +239,7 @@ def _states(solution, cases, names):
 
 
 def _summary(structure, solution, failed):
+    """Sentences on status, size, phases and failed cases, a list."""
     code = int(solution.status)
     groups = groups_by_name(structure)
     counts = [f"{len(g.links)} {type(g).__name__} {n}".strip() for n, g in groups]
@@ -262,6 +269,6 @@ def _summary(structure, solution, failed):
             f"{int(last.phase) + 1}, load factor {float(last.load_factor):.6g}"
         )
     for code in dict.fromkeys(failed.values()):
-        names = ", ".join(name for name, own in failed.items() if own == code)
+        names = ", ".join(name for name, cause in failed.items() if cause == code)
         lines.append(f"left out of envelopes: {names} (status {code}: {status.describe(code)})")
     return lines

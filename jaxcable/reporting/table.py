@@ -1,4 +1,4 @@
-"""A table of a report, and how it is laid out as text."""
+"""A table of a report, and its layout as text."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ Cell: TypeAlias = int | float | str | None
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """A table: what it is, its columns with their units, its rows, and what to know about it.
+    """A table: title, columns with units, lines, and notes.
 
     Attributes:
-        title: in words.
+        title: title in words.
         columns: name of each column.
-        units: unit of each column, "" for none; those of forces are "N" and of lengths "m".
-        rows: lists of numbers and texts; None where there is no value.
-        notes: sentences.
-        governing: number of the column by whose size a long table is cut in its text.
+        units: unit of each column, "" for none; forces are in "N" and lengths in "m".
+        rows: lines of the table, lists of numbers and texts; None where there is no value.
+        notes: sentences on the table.
+        governing: number of the column whose largest values the text shows if the table is long.
 
     Example:
         >>> table = jc.reporting.Table("Loads", ("node", "F"), ("", "N"), [[3, -15.0]])
@@ -38,23 +38,23 @@ class Table:
 
 
 def headed(table: Table) -> list[str]:
-    """The first line of a table: names of columns with their units, a list."""
+    """The header of a table: names of columns with their units, a list."""
     pairs = zip(table.columns, table.units, strict=True)
     return [f"{c.strip()} ({u})" if u else c.strip() for c, u in pairs]
 
 
 def finite(value: Cell) -> Cell:
-    """A value for JSON: None where a number is none."""
+    """A value for JSON: None for a number that is not finite."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def empty(value: Cell) -> Cell:
-    """What stands in a CSV field: nothing where there is no value."""
+    """A value for a CSV field: an empty text for None."""
     return "" if value is None else value
 
 
 def as_text(table, most):
-    """A table as lines of text, forces in N or kN by their size, work in J or kJ."""
+    """A table as text of at most `most` lines; large forces in kN, large work in kJ."""
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
         if table.governing is not None:
@@ -84,14 +84,14 @@ def as_text(table, most):
 
 
 def _largest(table, rows, unit):
-    """Largest size of a number in the columns of a unit."""
-    columns = [k for k, own in enumerate(table.units) if own == unit]
+    """Largest absolute number in the columns of a unit."""
+    columns = [k for k, other in enumerate(table.units) if other == unit]
     sizes = [abs(row[k]) for row in rows for k in columns if row[k] is not None]
     return max(sizes, default=0.0)
 
 
 def _cell(value, factor, unit, least):
-    """A number or text as it is shown; below `least` a number is rounding and shown as zero."""
+    """The text of a cell; a number below `least` is rounding and becomes zero."""
     if value is None:
         return ""
     if not isinstance(value, float):
