@@ -210,6 +210,27 @@ def test_a_bracket_of_a_guy():
     assert np.abs(turning).max() < 1e-8 * 6e3 * 3.0
 
 
+def test_a_cable_about_to_slacken_at_a_carried_node_has_no_derivative():
+    """It moves with its carrier: the derivative of one side only would be silently wrong."""
+    arms = bracket(np.array([0.4, 0.2, 0.1]))
+    guy = jc.Cables([[3, 2]], axial_stiffness=1e5)
+    structure = jc.replace(arms, elements={**arms.elements, "guy": guy})
+
+    @jax.jit
+    @jax.value_and_grad
+    def pushed(force):
+        loads = jc.NodalLoads([1], jnp.array([1.0, 0.0, 0.0]) * force)
+        return jc.solve(structure, jc.Phase(loads=loads)).displacement[1, 0]
+
+    for force in (-10.0, 10.0):  # taut, and slack
+        h = 1e-3
+        difference = (pushed(force + h)[0] - pushed(force - h)[0]) / (2 * h)
+        # central differences: errors of 1e-10 by h^2 and the tolerance over h
+        assert float(pushed(force)[1]) == pytest.approx(float(difference), rel=1e-6)
+    moved, rate = pushed(0.0)
+    assert moved == 0 and np.isnan(rate)
+
+
 @pytest.mark.slow
 def test_gradients_through_arms_forks_and_springs():
     """Taylor remainders by loads, places and springs; with a corrupted gradient as a control."""

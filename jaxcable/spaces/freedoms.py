@@ -95,11 +95,16 @@ class Freedoms:
         return vector if self.bound is None else jnp.where(self.bound, 0.0, vector)
 
     def moves(self) -> Bool[Array, "n_row n_freedom"]:
-        """Freedoms that have an unknown which is not bound, [n_row, n_freedom] bool."""
-        n_free = self.free.shape[0]
+        """Freedoms that have an unknown which is not bound, [n_row, n_freedom] bool.
+
+        A carried node has those of its carrier.
+        """
+        number = self.number
+        if self.carried is not None:
+            number = number[carriers(len(number), self.carried)]
         if self.bound is None:
-            return self.number < n_free
-        return ~jnp.append(self.bound, True)[self.number]
+            return number < self.free.shape[0]
+        return ~jnp.append(self.bound, True)[number]
 
     @property
     def row_of_unknown(self) -> Int[Array, " n_free"]:
