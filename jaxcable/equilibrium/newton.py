@@ -97,7 +97,7 @@ class Newton:
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
     def rules(self) -> list[Rule]:
-        """Rules of its numbers, see `common.rules`; a NaN breaks them: no number would exceed it."""
+        """Rules of its numbers, see `common.rules`; a NaN breaks them."""
         large = "relative to the forces: from 1 on any state would pass"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
