@@ -29,7 +29,7 @@ class Ended(NamedTuple):
 
     Attributes:
         code, stable: status so far, and whether the end of the phase is stable.
-        carry: `Carry` after the last good increment; that before the phase if there is none.
+        carry: `Carry` after the last good increment; the one before the phase if none is good.
         point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`.
         factor: load factor of the last good increment, 0 if there is none.
         seen: `Reading` of the last good increment.

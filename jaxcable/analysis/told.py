@@ -23,7 +23,7 @@ def named(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[str, Any]
 
 
 class Told:
-    """Base of results that hold what elements tell.
+    """Base of results that contain what elements tell.
 
     Attributes:
         results: what elements tell beside tensions, section forces and strains, by name, in the
