@@ -34,7 +34,7 @@ PER_PHASE = (
 class State(Told):
     """The state at the end of the last converged increment; another analysis can start from it.
 
-    `phase` and `load_factor` say which increment that is:
+    An increment has converged if its status is OK. `phase` and `load_factor` say which one it is:
 
     - If the analysis has converged: the end of its last phase.
     - If it has failed in the middle of a phase: the last increment of that phase that converged.
@@ -61,7 +61,7 @@ class State(Told):
 
     Attributes:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
-        positions: [n_node, 3], m.
+        positions: of the nodes, [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
             the mean of both ends.
         peak_tension: the axial force of largest size along each element, likewise: what strength is

@@ -42,7 +42,7 @@ def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
 def attach(
     system: System, x: Float[Array, "n_row n_motion"], valid: Bool[ArrayLike, ""]
 ) -> Float[Array, "n_row n_motion"]:
-    """Return `x` with the derivative of the equilibrium of `system`; arguments: `attach_apart`."""
+    """Return `x` with the derivative of the equilibrium of `system`, see `attach_apart`."""
     return attach_apart(system, x, valid)[0]
 
 
@@ -65,11 +65,11 @@ def attach_apart(
         factored, tol, limit: see `linear.solve_marked`.
 
     Returns:
-        x: the point; where it has no derivative, that is NaN.
-        bare: the point; where it has no derivative, that is zero.
-        marks: zero for every row of motion, [n_row]; where a row has no derivative, that is NaN.
-            Results are computed from `bare`, and get this NaN by adding the marks. In a product
-            second derivatives would multiply it by zero, and become NaN everywhere.
+        x: the point, with derivative NaN where it has none.
+        bare: the point, with derivative zero where it has none.
+        marks: zero for every row of motion, [n_row], with derivative NaN where the row has none.
+            Results are computed from `bare`, and the marks are added: their NaN must not be in a
+            product, where second derivatives would multiply it by zero and become NaN everywhere.
     """
     x = lax.stop_gradient(x)
     _, numbers, back = system.chart(system.carried(x))

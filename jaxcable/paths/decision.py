@@ -28,7 +28,7 @@ class Decided:
         accept: it is taken, and its end is the next anchor.
         last: with this step the path is complete.
         stopping: the path stops at the event in this step.
-        record: the end of the step is recorded as a point of the path.
+        record: a point is recorded: the end of the step, or its start if an element fails in it.
         again: it has failed, and a shorter one is tried next.
         exhausted: it has failed and cannot be shortened any more.
         rescue: it is exhausted, and a step of the load factor is tried next.
@@ -140,8 +140,8 @@ def outcome(
     """Status after a step, and whether the path has ended.
 
     Args:
-        course, tried, seen, decided: of the step.
-        run: after the step, with its records.
+        course, tried, seen, decided: those of the step.
+        run: the `Run` after the step, with its records.
         count: number of events, including those that there is no room for.
     """
     n_row, n_event = course.capacity
