@@ -1,8 +1,8 @@
 """Many cases: in chunks that fit the cache or the memory, and over several devices.
 
-`jax.vmap` solves all cases at once. That is best for some hundred cases of a small net; beyond,
-what is computed for them no longer fits the cache, and later the memory. `batched` works them off
-in chunks and shares them out to devices, which may belong to several processes.
+`jax.vmap` solves all cases at once. That is best for some hundred cases of a small net. The data of
+more cases no longer fit the cache, and later the memory. `batched` solves the cases in chunks, and
+shares them out to devices, which may belong to several processes.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ def batched(
 ) -> Callable[..., PyTree[Array]]:
     """Map a function of one case over the leading axis of its arguments.
 
-    The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices; it can
-    be transformed like it. Devices do not wait for each other: each iterates until its own cases
+    The result is that of ``jax.vmap(function)``, compiled, whatever the chunks and devices, and has
+    the same transformations. Devices do not wait for each other: each iterates until its own cases
     have converged.
 
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
-        chunk: cases that are solved at once on a device; None for all of its share. For small nets
-            128 to 512 keep the work in the cache; for large ones take as many as memory allows,
-            or 1.
+        chunk: number of cases that a device solves at once; None for all of its share. For small
+            nets 128 to 512 keep the work in the cache; for large nets take as many as memory
+            allows, or 1.
+
+    Options:
         devices: devices to share the cases out to, such as ``jax.devices()`` (with
-            `jax.distributed` those of all processes, which all have to make the call); None for
-            no sharing. The result stays spread over them.
+            `jax.distributed` those of all processes, which all have to make the call); None, the
+            default, for no sharing. The result stays spread over the devices.
 
     Returns:
         A function of the same arguments with a leading axis [n_case].
@@ -85,7 +87,7 @@ def batched(
         if devices is None:
             return share(*cases)
         count = _count(cases)
-        each = -(-count // len(devices))
+        per_device = -(-count // len(devices))
         spread = jax.shard_map(
             share,
             mesh=Mesh(np.asarray(devices), (_AXIS,)),
@@ -93,7 +95,7 @@ def batched(
             out_specs=PartitionSpec(_AXIS),
             check_vma=False,  # loops begin with constants, which are the same on all devices
         )
-        results = spread(*_filled(cases, each * len(devices)))
+        results = spread(*_filled(cases, per_device * len(devices)))
         return jax.tree.map(lambda a: a[:count], results)
 
     def checked(*cases):

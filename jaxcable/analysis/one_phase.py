@@ -1,4 +1,4 @@
-"""One phase: its increments, what is read off them, and the derivative of its end."""
+"""One phase: its increments, their results, and the derivative of its end."""
 
 from __future__ import annotations
 
@@ -25,17 +25,16 @@ from .told import named
 
 
 class Ended(NamedTuple):
-    """What a phase ended with.
+    """What a phase ended with; a good increment is one whose status is OK.
 
     Attributes:
-        code, stable: status so far, and whether its end is stable.
-        carry: `Carry`, of the last good increment; as it was before if there is none.
-        point: its motion without what has no derivative, and the marks of that
-            (`implicit.attach_apart`).
-        factor: load factor there, 0 if there is no good increment.
-        seen: `Reading` there.
-        path: `Path`, and log: the numbers `LOG` of every increment, [n_inc, 9].
-        factored: what sparse solves factorised last.
+        code, stable: status so far, and whether the end of the phase is stable.
+        carry: `Carry` after the last good increment; the one before the phase if none is good.
+        point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`.
+        factor: load factor of the last good increment, 0 if there is none.
+        seen: `Reading` of the last good increment.
+        path, log: `Path`, and the numbers `LOG` of every increment, [n_inc, 9].
+        factored: the last matrix that a sparse solve has factorised.
     """
 
     code: Int[Array, ""]
@@ -55,25 +54,25 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, factored, s
     Args:
         ramp: the phase.
         before: the carry that it begins with.
-        steps: number of its increments and the load factors of all, [1 + n_inc], the first of them
-            0, those beyond 1 for phases with more of them.
+        steps: (number of its increments, load factors from 0 on, [1 + n_inc]). Factors above 1 are
+            those of phases with more increments: nothing is done at them.
         method, code, factored, seen, fresh, tell: see `newton.march`.
         differentiate_path: whether increments have derivatives, and not only the end.
     """
     count, factors = steps
     live = (factors > 0) & (factors <= 1)
-    factors = jnp.minimum(factors, 1)  # what passes by stays at the end, and is cut off in results
+    factors = jnp.minimum(factors, 1)  # later increments repeat the end; results leave them out
     given = (factors, live), method, code
     if isinstance(method, Newton):
         found = _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell)
     else:
         found = _stepped(ramp, count, given, fresh, tell)
-    ramp, (x, bare, marks), xs, rows, log, memory, seen, factored = found
+    ramp, (x, bare, marks), xs, readings, log, memory, seen, factored = found
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _reached(good, count, ramp.begin.motion.dtype)
     carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
     moved = (xs - ramp.begin.motion[None])[..., :3]
-    path, counts = _path(rows, moved, good, good | ~live)
+    path, counts = _path(readings, moved, good, good | ~live)
     motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy(path, motion=motion)
     code, stable = log[-1, 0].astype(jnp.int32), LOG.index("stable")
@@ -87,17 +86,17 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, factored, s
 
 
 def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tell):
-    """The increments by Newton's method; of their derivatives only the end's, if not all are asked.
+    """The increments by Newton's method, with the derivative of the end or of all of them.
 
     Returns:
-        The ramp; the last point as `implicit.attach_apart` gives it; all points, rows and log;
-        memory at the end; what was read there; what was factored.
+        The ramp; the last point as `implicit.attach_apart` returns it; points, readings and log of
+        all increments; memory of laws at the end; `Reading` of the end; what was factored.
     """
     (factors, live), method, _ = given
     frozen = lax.stop_gradient(ramp)
     found = newton.march(frozen, frozen.begin.motion, *given, factored, seen, fresh, tell)
     *whole, seen, memory, factored = found
-    xs, log, rows = jax.tree.map(lambda x: x[1:], whole)
+    xs, log, readings = jax.tree.map(lambda x: x[1:], whole)
     factors, good = factors[1:], (log[:, 0] == status.OK) & live[1:]
     valid, factor = _reached(good, count, factors.dtype)
     ramp = implicit.gate(valid, ramp)
@@ -108,49 +107,49 @@ def _iterated(ramp, count, given, differentiate_path, factored, seen, fresh, tel
         if differentiate_path:
             attach = jax.vmap(lambda f, x, ok: implicit.attach(ramp.at(f), x, ok))
             xs = attach(factors, xs, good)
-            rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors, xs)
+            readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors, xs)
     else:
         problem = thaw((ramp, factors, xs, good))
         x, memory = told(_followed, (x, memory), problem)
         point = x, x, None
         if differentiate_path:
-            rows, xs, *_ = _follow(ramp, factors, xs, good, True)
-    return ramp, point, xs, rows, log, memory, seen, factored
+            readings, xs, *_ = _follow(ramp, factors, xs, good, True)
+    return ramp, point, xs, readings, log, memory, seen, factored
 
 
 def _stepped(ramp, count, given, fresh, tell):
-    """The increments by the paper's scheme, differentiated as it is; as `_iterated`."""
+    """The increments by the paper's scheme, differentiated through; returns as `_iterated`."""
     (factors, live), method, code = given
     increments = factors[1:], live[1:]
     xs, log = incremental.march(ramp, ramp.begin.motion, increments, method, code, tell)
     x, memory = xs[-1], None
     if ramp.memory is None:
-        rows = jax.vmap(lambda f, x: _row(ramp.at(f), x))(factors[1:], xs)
+        readings = jax.vmap(lambda f, x: _reading(ramp.at(f), x))(factors[1:], xs)
     else:
         good = (log[:, 0] == status.OK) & live[1:]
-        rows, _, memory, x = _follow(ramp, factors[1:], xs, good, False)
-    return ramp, (x, x, None), xs, rows, log, memory, None, None
+        readings, _, memory, x = _follow(ramp, factors[1:], xs, good, False)
+    return ramp, (x, x, None), xs, readings, log, memory, None, None
 
 
 def _reached(good, count, dtype):
-    """Whether any increment is good, and the load factor of the last one that is."""
+    """Whether any increment is good, and the load factor of the last good one."""
     n_good = jnp.sum(good)
     return n_good > 0, (n_good / count).astype(dtype)
 
 
-def _row(system, x):
-    """What a path keeps of one increment."""
+def _reading(system, x):
+    """What a path keeps of one increment, a `Reading`."""
     return read(system, x).of_path
 
 
 def _follow(ramp, factors, xs, good, converges):
     """Go through the increments of a phase with memory again, to differentiate them.
 
-    Every increment depends on the memory that the one before left, so that the end of the
-    phase is not one implicit function, but each increment is. Their points are known by now.
+    Every increment depends on the memory that the increment before has left: the end of the phase
+    is no implicit function of the parameters, but every increment is one. Their points are known.
 
     Returns:
-        Rows and points of all increments; memory and point at the end.
+        Readings and points of all increments; memory and point at the end.
     """
 
     @jax.checkpoint
@@ -165,20 +164,20 @@ def _follow(ramp, factors, xs, good, converges):
         return (ramp.settle(system, seen.strains, ok, memory), last), (seen.of_path, x)
 
     start = (ramp.memory, lax.stop_gradient(xs[0]))
-    (memory, last), (rows, xs) = lax.scan(step, start, (factors, xs, good))
-    return rows, xs, memory, last
+    (memory, last), (readings, xs) = lax.scan(step, start, (factors, xs, good))
+    return readings, xs, memory, last
 
 
 def _followed(problem):
-    """Last point and memory of a phase that has one, see `_follow`."""
+    """Last point and memory of a phase whose laws have a memory, see `_follow`."""
     *_, memory, last = _follow(*fill(*problem), True)
     return last, memory
 
 
 def _end(ramp, factor, points, valid, before, memory=None):
-    """Carry at the end of a phase; that `before` it if it has no good increment.
+    """Carry and bare motion at the end of a phase; those `before` it if no increment is good.
 
-    Of two points, see `implicit.attach_apart`; and the motion of the second.
+    `points` are the motion with its derivative, and the bare one, see `implicit.attach_apart`.
     """
     motion, bare = points
     after = copy(ramp.leave(factor, motion, memory), loads=None), bare
@@ -187,13 +186,18 @@ def _end(ramp, factor, points, valid, before, memory=None):
     return copy(carry, loads=ramp.begin.loads), bare
 
 
-def _path(rows, moved, good, finite):
-    """The increments of a phase: `Path`, NaN unless `finite`, and counts [n_inc, 2]."""
+def _path(readings, moved, good, finite):
+    """`Path` of a phase, NaN unless `finite`, and counts of slack elements and loose nodes.
+
+    The counts are [n_inc, 2], -1 unless `good`.
+    """
 
     def known(x):
         return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
 
-    values = {"displacement": moved, **named(rows.found)}
+    values = {"displacement": moved, **named(readings.found)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
     path = copy(path, **jax.tree.map(known, values))
-    return path, jnp.where(good[:, None], jnp.stack([rows.n_slack, rows.n_loose], axis=1), -1)
+    return path, jnp.where(
+        good[:, None], jnp.stack([readings.n_slack, readings.n_loose], axis=1), -1
+    )

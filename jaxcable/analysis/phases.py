@@ -1,4 +1,4 @@
-"""A phase: what is added to the structure, in how many increments."""
+"""A phase: loads, supports and prestress that an analysis adds, in a number of increments."""
 
 from __future__ import annotations
 
@@ -24,19 +24,22 @@ from ..model.structure import Structure
 from ..model.supports import Supports
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
+"""Statements that replace the prestress of an element."""
 INCREMENTS = ("shortening", "temperature")
+"""Statements that change the prestress of an element."""
 
 _TENSIONS = ("pretension", "force_density", "jacking")
 
 
 @pytree(static=("increments",))
 class Phase:
-    """One phase of the analysis: everything is scaled by a load factor that goes from 0 to 1.
+    """One phase of the analysis: everything in it is scaled by a load factor from 0 to 1.
 
-    Ways to state prestress, each a scalar (all bars and cables; beams only where these are absent,
-    or for a temperature if they have an `expansion`), an array [n_elem], ``only(elements, values)``
-    for some elements of a group, or a prefix pytree of these in the structure's elements. Absolute,
-    referred to the initial nodes; one per element:
+    A statement of prestress is a scalar (for all bars and cables; for beams only if there are no
+    bars and cables, or for a temperature if they have an `expansion`), an array [n_elem],
+    ``only(elements, values)`` for some elements of a group, or a prefix pytree of these in the
+    structure's elements. Absolute statements refer to the initial nodes; an element has one at
+    most:
 
     - pretension: axial force in the initial geometry, N.
     - force_density: pretension over initial length, N/m.
@@ -44,27 +47,27 @@ class Phase:
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
       eps EA/N in the force).
     - sag: of catenaries, how far the middle hangs below that of the chord under all weight, m.
-    - jacking: force held in the element during this phase whatever its length, N; at the end of the
-      phase the jack is anchored: the unstressed length that it left is locked in.
+    - jacking: force that a jack keeps in the element during this phase whatever its length, N. At
+      the end of the phase the jack is anchored: the unstressed length is locked in.
 
-    Increments, which may be combined with them: shortening (turnbuckle), m; temperature (change;
-    the group needs `expansion`), K. Within a phase the absolute statement comes first, then the
-    shortening, then the temperature. An absolute statement says what an element is at the
-    temperature that it then has, so that it takes the place of all earlier statements and
-    shortenings; the element stays as warm as it was, and a later change of temperature counts from
-    there. Heat changes no weight, and no load per unstressed length.
+    Increments may be combined with absolute statements: shortening (turnbuckle), m; temperature
+    (change; the group needs `expansion`), K. Within a phase the absolute statement comes first,
+    then the shortening, then the temperature. An absolute statement holds at the temperature that
+    the element has then, and replaces all earlier statements and shortenings. The element stays as
+    warm as it was; a later change of temperature counts from there. Heat changes no weight, and no
+    load per unstressed length.
 
     Args:
         loads: one load or a list; they add to those of earlier phases.
         supports: replaces the set of supports. A freedom that becomes fixed is held where it is,
-            and nodal loads on it end (an anchored jack does not also pull); one that becomes free
-            starts with its reaction, which is ramped out.
+            and nodal loads on it end (an anchored jack does not also pull). A freedom that becomes
+            free begins with its reaction as a load, which is ramped out.
         increments: number of equal steps of the load factor.
 
     Raises:
-        ValueError: `increments` no positive integer; what is no load, or no supports; in an
-            analysis, two absolute statements for one element, or a value that its element cannot
-            take; names both.
+        ValueError: `increments` is no positive integer, `loads` has something else than loads,
+            `supports` is no `Supports`; in an analysis, two absolute statements for one element, or
+            a value that an element cannot take. The message names statement and element.
 
     Example:
         A flat net with 200 N in every cable, then loads on its free nodes in ten increments:
@@ -118,32 +121,32 @@ class Phase:
                     None if _passes_by(group, name, structure) else value
                     for value, group in zip(values, structure.groups, strict=True)
                 ]
-            for statement, (where, group), value in zip(per_group, named, values, strict=True):
+            for statements, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
                     try:
-                        statement[name] = _checked(value, group, name)
+                        statements[name] = _checked(value, group, name)
                     except ValueError as error:
                         of = f"; in elements{where}" if where else ""
                         raise ValueError(f"{error}{of}") from None
-        for k, (statement, (where, group)) in enumerate(zip(per_group, named, strict=True)):
-            _require_apart(statement, k, group)
-            for name, stated in statement.items():
+        for k, (statements, (where, group)) in enumerate(zip(per_group, named, strict=True)):
+            _require_apart(statements, k, group)
+            for name, stated in statements.items():
                 plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
 
 
-def _require_apart(statement, k, group):
+def _require_apart(statements, k, group):
     """Raise ValueError if two statements for an element of group `k` contradict each other."""
-    absolute = [name for name in statement if name in ABSOLUTE]
+    absolute = [name for name in statements if name in ABSOLUTE]
     for number, name in enumerate(absolute):
         for other in absolute[:number]:
-            if (where := _shared(statement[name], statement[other], k, group)) is not None:
+            if (where := _shared(statements[name], statements[other], k, group)) is not None:
                 raise ValueError(
                     f"{other}, {name}: both state the prestress of {where}; "
                     "give one absolute statement per element"
                 )
-    for name in (name for name in statement if name in INCREMENTS and "jacking" in statement):
-        if (where := _shared(statement[name], statement["jacking"], k, group)) is not None:
+    for name in (name for name in statements if name in INCREMENTS and "jacking" in statements):
+        if (where := _shared(statements[name], statements["jacking"], k, group)) is not None:
             raise ValueError(
                 f"jacking: {where} has its force held in this phase; {name} must go into another "
                 "phase"
@@ -151,7 +154,7 @@ def _require_apart(statement, k, group):
 
 
 def _shared(one, other, k, group):
-    """What two statements have in common, in words; None if nothing."""
+    """The first element that two statements concern, in words; None if there is none."""
     if one.chosen is None and other.chosen is None:
         return f"group {k}"
     both = _meant(one, group) & _meant(other, group)
@@ -169,13 +172,13 @@ def _is_scalar(value):
 
 
 def _passes_by(group, name, structure):
-    """Whether a scalar for the whole structure leaves out `group`.
+    """Whether a scalar stated for the whole structure leaves out `group`.
 
-    What it cannot be stated for, beside what it can; beams beside cables or bars.
+    It leaves out groups that cannot take it, if another group can; and beams beside cables or bars.
     """
 
-    def takes(own):
-        return isinstance(own, Prestressable) and name in own.statements
+    def takes(any_group):
+        return isinstance(any_group, Prestressable) and name in any_group.statements
 
     if not takes(group):
         return any(map(takes, structure.groups))
@@ -185,14 +188,14 @@ def _passes_by(group, name, structure):
 
 
 def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
-    """A prefix pytree of the elements as a list with one entry per group."""
+    """A prefix pytree of the elements as a list with one entry per group, None if not stated."""
     if value is None:
         return [None] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
     if isinstance(numbers, int) and isinstance(value, list | tuple):
         return [value]  # the values of the only group
 
-    def is_row(x):
+    def is_values(x):
         return isinstance(x, list | tuple) and not any(
             isinstance(v, list | tuple | dict | Only | Selection) for v in x
         )
@@ -200,8 +203,8 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     def is_one(x):
         return x is None or isinstance(x, Only | Selection)
 
-    # a list may be a branch of the tree of groups, or else the values of one group
-    for is_leaf in (is_one, lambda x: is_one(x) or is_row(x)):
+    # a list is first taken as a branch of the tree of groups, then as the values of one group
+    for is_leaf in (is_one, lambda x: is_one(x) or is_values(x)):
         values = [None] * len(structure.groups)
 
         def assign(v, subtree, values=values):
@@ -226,13 +229,14 @@ def _shape(tree):
 
 
 def _checked(value, group, name):
+    """The value of a statement for a group as `Stated`; ValueError if the group cannot take it."""
     if isinstance(value, Selection):
         raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
     if not isinstance(group, Prestressable):
         raise ValueError(f"{name}: a group of {type(group).__name__} cannot be prestressed")
     if name not in group.statements:
-        told = ", ".join(group.statements)
-        raise ValueError(f"{name}: of a group of {type(group).__name__} state {told}")
+        possible = ", ".join(group.statements)
+        raise ValueError(f"{name}: of a group of {type(group).__name__} state {possible}")
     if name == "sag" and (not isinstance(group, Sagging) or group.weight is None):
         raise ValueError(
             "sag: stated for catenaries with a weight only; for a chain of straight elements "
@@ -258,21 +262,21 @@ def keeps_rules(inputs: Sequence[dict[str, Stated]], groups: Sequence[Element]) 
     """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
 
     Args:
-        inputs: per group a dict from name to `Stated`.
-        groups: element groups, as handed over.
+        inputs: for every group a dict from name to `Stated`.
+        groups: element groups, before `extended`.
     """
-    whole = kept([])
-    for group, own in zip(groups, inputs, strict=True):
-        for name, stated in own.items():
+    all_kept = kept([])
+    for group, statements in zip(groups, inputs, strict=True):
+        for name, stated in statements.items():
             rules = _sign_rules(name, stated.values, group)
-            each = functools.partial(of_each, "capacity", group)
-            rules += _capacity_rules(name, stated.values, group, each)
-            whole = whole & kept(rules, stated.chosen)
-    return whole
+            capacity = functools.partial(of_each, "capacity", group)
+            rules += _capacity_rules(name, stated.values, group, capacity)
+            all_kept = all_kept & kept(rules, stated.chosen)
+    return all_kept
 
 
 def _sign_rules(name, values, group):
-    """Rules of a statement of prestress by themselves, see `common.rules`."""
+    """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
     if name == "rest_length":
         return [positive(name, values, "an unstressed length must be positive")]
     if name == "prestrain":
@@ -287,16 +291,16 @@ def _sign_rules(name, values, group):
 
 
 def _capacity_rules(name, values, group, capacity):
-    """The rule that a law can carry what is stated for every element of its group, [n_elem].
+    """The rule that the law of a group can carry the stated forces, [n_elem].
 
-    `capacity` gives the smallest and largest forces between which they can be.
+    `capacity` is a function that returns the smallest and the largest force of every element.
     """
     if name not in ("pretension", "jacking") or not group.breaks:
         return []
     text = "above what its law can carry; a pretension must lie within the curve"
 
-    def beyond(force, low, high):  # of a curve with NaN in it nothing is known: it passes
-        more = 1 + 8 * np.finfo(force.dtype).eps  # a law reaches its own peak
+    def beyond(force, low, high):  # a curve with NaN has no capacity, and passes
+        more = 1 + 8 * np.finfo(force.dtype).eps  # the peak of the curve itself is allowed
         return (force < low * more) | (force > high * more)
 
     return [Rule(name, (values, *capacity()), beyond, text)]

@@ -1,4 +1,4 @@
-"""What the compiled core is given: phases checked, numbered and taken apart on the host."""
+"""From the arguments of `solve` to those of the compiled core: checks, numbering, schedule."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ Frame: TypeAlias = "tuple[Float[Array, 'n_row 3'], list[Element], Carry | None, 
 
 
 class Prepared(NamedTuple):
-    """An analysis, checked.
+    """An analysis, checked and ready for the compiled core.
 
     Attributes:
         thawed, arrays: nodes, groups, carry and `Schedule`, as `thaw` splits them.
         method: `Newton` or `Incremental`.
-        code: status that `start` ended with.
+        code: status of `start`.
         fixed: freedoms held before the first phase and in each phase, a tuple of `Fixed`.
-        loads: element loads of the analysis, those that `start` brings first, list of `LoadStack`.
+        loads: element loads of `start`, then those of the phases, list of `LoadStack`.
         bundles: which groups are evaluated together.
         n_free: number of unknowns.
-        may_warn: whether a tangent that is not definite says that a state is unstable, and can
-            happen. It cannot where the energy is convex (`System.always_convex`), and does not
-            under nodal moments and following loads, which make it unsymmetric.
+        may_warn: whether a state can be unstable and an indefinite tangent proves it. Not where the
+            energy is convex (`System.always_convex`): the tangent is never indefinite. Not under
+            nodal moments and following loads: the tangent is unsymmetric and proves nothing.
     """
 
     thawed: Frame
@@ -72,11 +72,11 @@ def prepare(
     start: Solution | State | None,
     earlier: int = 0,
 ) -> Prepared:
-    """Check the arguments of an analysis and take topology apart from numbers: `Prepared`.
+    """Check the arguments of an analysis and separate topology from numbers: `Prepared`.
 
     Args:
-        structure, phases, method, start: those of `solve`.
-        earlier: number of phases that are solved already.
+        structure, phases, method, start: as for `solve`.
+        earlier: number of phases solved before, by which warnings number the phases.
 
     Raises:
         ValueError: wrong input, naming argument, index and rule.
@@ -88,8 +88,8 @@ def prepare(
     rows, groups = structure.rows()
     bundles = Bundles.of(groups)
     sets = _support_sets(structure, phases, fixed)
-    loads = [_loads(structure, phase, own) for phase, own in zip(phases, sets[1:], strict=True)]
-    nodal, movements, along = ([own[k] for own in loads] for k in range(3))
+    loads = [_loads(structure, phase, held) for phase, held in zip(phases, sets[1:], strict=True)]
+    nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
     inputs = [phase.inputs(structure) for phase in phases]
     for k, phase in enumerate(phases):
         moving = along[k] or movements[k]
@@ -107,7 +107,7 @@ def prepare(
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
         number=np.arange(len(phases), dtype=np.int32),
-        inputs=stated([bundles.inputs(own) for own in inputs], bundled),
+        inputs=stated([bundles.inputs(statements) for statements in inputs], bundled),
         added_load=on_rows(nodal, "nodal_forces", shape, dtype),
         moved=on_rows(movements, "steps", shape, dtype),
         freedoms=freedoms,
@@ -124,7 +124,7 @@ def prepare(
 
 
 def _method(structure, method):
-    """`Newton` or `Incremental`, checked."""
+    """The method of an analysis, checked; `Newton` by default."""
     method = Newton() if method is None else method
     if not isinstance(method, Newton | Incremental):
         raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
@@ -139,25 +139,27 @@ def _method(structure, method):
 
 
 def _loads(structure, phase, fixed):
-    """Loads of a phase, checked: nodal loads, movements of supports, loads on elements."""
+    """Loads of a phase, checked: lists of nodal loads, movements of supports, element loads."""
     loads = as_list(phase.loads)
     for load in loads:
         load.check(structure)
     movements = [load for load in loads if isinstance(load, Moving)]
     for movement in movements:
         movement.check_supported(fixed)
-    own = [load.among(structure) for load in loads if isinstance(load, Acting)]
-    return [load for load in loads if isinstance(load, OnNodes)], movements, own
+    along = [load.among(structure) for load in loads if isinstance(load, Acting)]
+    return [load for load in loads if isinstance(load, OnNodes)], movements, along
 
 
 def _numbered(structure, method, stacks, groups, bundles):
-    """A function that numbers the unknowns which a `Fixed` leaves, for the groups of bundles."""
+    """A function from a `Fixed` to the numbering of the unknowns that it leaves, `Freedoms`."""
     (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
     if followers and getattr(method, "stiffness", None) == "secant":
         raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
     links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
-    pressed = tuple((own, 3, ()) for stack in followers for own in stack.touches(groups, bundles))
+    pressed = tuple(
+        (nodes, 3, ()) for stack in followers for nodes in stack.touches(groups, bundles)
+    )
 
     def number(fixed):
         solver, symmetric = method.linear_solver, space.symmetric and not followers
@@ -171,27 +173,27 @@ def _may_warn(groups, carry, stacks, nodal):
     """See `Prepared.may_warn`."""
     if all(g.tension_only and g.rising and not (g.slides and stacks) for g in groups):
         return False
-    moments = [load.moments for own in nodal for load in own]
+    moments = [load.moments for of_phase in nodal for load in of_phase]
     before = None if carry is None else checks.concrete(carry.nodal_load)
-    turned = before is not None and bool(np.any(before[:, 3:]))
+    moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
-    return not (turned or following or any(m is not None for m in moments))
+    return not (moments_before or following or any(m is not None for m in moments))
 
 
 def _support_sets(structure, phases, fixed):
-    """`Fixed` before the first phase and in each; all with directions if one has some."""
+    """`Fixed` before the first phase and in each; all with directions if any of them has some."""
     sets = [fixed]
     for phase in phases:
         sets.append(sets[-1] if phase.supports is None else structure.fixed(phase.supports))
         if phase.supports is not None and structure.space.rotates:
             spins.warn(structure, sets[-1].spins)
-    if all(own.axes is None for own in sets):
+    if all(fixed.axes is None for fixed in sets):
         return sets
-    sets = [own.directed() for own in sets]
+    sets = [fixed.directed() for fixed in sets]
     for before, after in itertools.pairwise(sets):
         for part in range(0, before.array.shape[1], 3):
-            held = [own.array[:, part : part + 3] for own in (before, after)]
-            in_part = [own.any(axis=1) & ~own.all(axis=1) for own in held]
+            held = [fixed.array[:, part : part + 3] for fixed in (before, after)]
+            in_part = [mask.any(axis=1) & ~mask.all(axis=1) for mask in held]
             apart = np.abs(before.axes.array - after.axes.array).max(axis=(1, 2)) > 1e-9
             turned = in_part[0] & in_part[1] & apart
             if turned.any():
@@ -203,7 +205,7 @@ def _support_sets(structure, phases, fixed):
 
 
 def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
-    """The phases of an analysis as a list; ValueError if these are no structure and no phases."""
+    """The phases of an analysis as a list; ValueError for a wrong structure or wrong phases."""
     if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
         raise ValueError("structure: got a scene; unpack it: solve(*scene)")
     if not isinstance(structure, Structure):
@@ -226,7 +228,7 @@ def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> l
 
 
 def _no_method(method):
-    """What was given for a method, in words, and where it belongs."""
+    """What was given instead of a method, in words, and where it belongs."""
     if isinstance(method, Phase):
         return "Phase; phases go into one list: solve(structure, [first, second])"
     if isinstance(method, Solution | State):
@@ -235,15 +237,15 @@ def _no_method(method):
 
 
 def exact(parameters: Frame) -> Frame:
-    """Nodes, groups, carry and schedule as they were handed over, floats as exact as the nodes."""
+    """Nodes, groups, carry and schedule with all floats in the dtype of the nodes."""
     return cast(parameters, jnp.asarray(parameters[0]).dtype)
 
 
 def ready(parameters: Frame, bundles: Bundles) -> Frame:
-    """Nodes, groups, carry and schedule to compute with, from those that were handed over.
+    """Nodes, groups, carry and schedule to compute with, from those of `Prepared`.
 
-    Everything is that of bundles of groups. The iteration may pass through where the curve of a law
-    has ended (the answer may not): laws go on there.
+    All of them are of bundles of groups. Laws are extended beyond the ends of their curves: the
+    iteration may pass there (a result may not).
     """
     nodes, groups, carry, schedule = exact(parameters)
     dtype = nodes.dtype
@@ -265,43 +267,47 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
 
 
 def _warm(groups, bundles, states):
-    """States of bundles from those of their groups; all that expand know how warm they are.
+    """States of bundles from those of their groups, with a `warmth` in all that expand.
 
-    Some expand only since the states were, and some stand in a bundle with others that do.
+    A state has none yet if its group has got its `expansion` since, or if only another group of its
+    bundle expands.
     """
     found = list(states)
-    for group, own in zip(groups, bundles.members, strict=True):
-        if group.expansion is not None or any(states[k].warmth is not None for k in own):
-            for k in own:
+    for group, members in zip(groups, bundles.members, strict=True):
+        if group.expansion is not None or any(states[k].warmth is not None for k in members):
+            for k in members:
                 if states[k].warmth is None:
                     found[k] = copy(states[k], warmth=jnp.ones_like(states[k].rest_length))
     return bundles.together(found)
 
 
 def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Array, " n_phase"]]:
-    """What rules say of numbers that nothing could be refused of, because they were traced.
+    """Whether traced numbers keep their rules (known numbers that do not were refused before).
 
     Args:
-        parameters: nodes, groups, carry and schedule, as they were handed over.
+        parameters: nodes, groups, carry and schedule, as in `Prepared`.
         others: method and settings.
 
     Returns:
-        own: whether the numbers of the structure keep their rules, scalar bool.
-        codes: INVALID_INPUT or OK, [n_phase]: of a phase's numbers, the structure's, and `others`.
+        structure_ok: whether the numbers of the structure keep their rules, scalar bool.
+        codes: OK if the numbers of a phase, of the structure and of `others` keep their rules, else
+            INVALID_INPUT, [n_phase].
     """
     nodes, groups, _, schedule = parameters
-    own = kept([*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))])
-    good = jnp.broadcast_to(own & kept(rules_of(others)), len(schedule))
+    structure_ok = kept(
+        [*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))]
+    )
+    good = jnp.broadcast_to(structure_ok & kept(rules_of(others)), len(schedule))
     if jax.tree.leaves(schedule.inputs):
         good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups))(schedule.inputs)
     for stack in schedule.loads:
         broken = ~stack.each(lambda load: kept(rules_of(load)))
         good = good & (jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(broken) == 0)
-    return own, jnp.where(good, status.OK, status.INVALID_INPUT).astype(jnp.int32)
+    return structure_ok, jnp.where(good, status.OK, status.INVALID_INPUT).astype(jnp.int32)
 
 
 def _begin(structure, start):
-    """Carry, status and supported freedoms that the analysis starts from."""
+    """Carry, status and held freedoms (`Fixed`) that the analysis starts from."""
     if start is None:
         return None, np.int32(status.OK), structure.fixed(structure.supports)
     if isinstance(start, Solution):

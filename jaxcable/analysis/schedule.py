@@ -1,7 +1,8 @@
-"""The phases of an analysis as data, stacked on the host: one program serves for all of them.
+"""The phases of an analysis as arrays, stacked on the host: one program serves for all phases.
 
-What a phase lacks and another has is there and does nothing: loads are zero, statements concern no
-element, and unknowns that are free in another phase only are held. What no phase has is absent.
+What one phase has is also there in the arrays of the others, without effect: loads of zero,
+statements that concern no element, unknowns that are free in another phase and held in this one.
+What no phase has is absent.
 """
 
 from __future__ import annotations
@@ -28,13 +29,14 @@ class Schedule:
     """All phases of an analysis; arrays have a leading axis [n_phase].
 
     Attributes:
-        number: of every phase.
-        inputs, added_load, moved: as of `PhaseData`.
-        freedoms: numbering of all unknowns, without that axis.
-        changes: what of it changes from phase to phase, by name, or None.
-        before: what of it was held before every phase, by name; None if supports never change.
+        number: numbers of the phases.
+        inputs, added_load, moved: as in `PhaseData`.
+        freedoms: numbering of all unknowns, without the axis of phases.
+        changes: fields of `freedoms` that change from phase to phase, by name, or None.
+        before: fields of `freedoms` as the supports before every phase have them, by name; None if
+            the supports never change.
         loads: element loads of all phases, list of `LoadStack`.
-        increments: numbers of increments, a tuple.
+        increments: number of increments of every phase, a tuple.
         n_node: number of nodes; further rows of motion belong to elements.
     """
 
@@ -54,42 +56,42 @@ class Schedule:
 
     @property
     def factors(self) -> Float[np.ndarray, "n_phase 1+n_inc"]:
-        """Load factors from 0 on, [n_phase, 1 + n_inc]; above 1 where a phase has fewer."""
+        """Load factors from 0 on, [n_phase, 1 + n_inc]; above 1 in phases with fewer increments."""
         numbers = np.arange(max(self.increments) + 1)
         return numbers / np.array(self.increments)[:, None]
 
     @property
     def rows(self) -> tuple[Any, ...]:
-        """What `of` makes a phase of, for all phases, to be scanned."""
+        """All arrays with an axis of phases, a tuple to be scanned; see `of`."""
         data = self.inputs, self.added_load, self.moved, self.changes, self.before
         return self.number, *data
 
     def of(self, row: tuple[Any, ...]) -> PhaseData:
-        """The `PhaseData` of one of the `rows`."""
+        """The `PhaseData` of one phase from its entry in `rows`."""
         number, inputs, added, moved, changes, before = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
         return PhaseData(number, inputs, added, moved, freedoms, was)
 
     def phase(self, k: int) -> PhaseData:
-        """The `PhaseData` of a phase."""
+        """The `PhaseData` of the phase `k`."""
         return self.of(jax.tree.map(lambda x: x[k], self.rows))
 
 
 def stated(
     inputs: Sequence[Sequence[dict[str, Stated]]], groups: Sequence[Element]
 ) -> list[dict[str, Stated]]:
-    """Prestress statements of all phases stacked, per group a dict from name to `Stated`.
+    """Prestress statements of all phases stacked: for every group a dict from name to `Stated`.
 
     Args:
-        inputs: for every phase, a list with a dict for every group.
+        inputs: for every phase a list with a dict for every group.
         groups: element groups.
     """
     found = []
     for k, group in enumerate(groups):
         names = list(dict.fromkeys(name for phase in inputs for name in phase[k]))
         nothing = Stated(np.zeros(len(group.links)), np.zeros(len(group.links), bool))
-        own = {}
+        statements = {}
         for name in names:
             parts = [phase[k].get(name, nothing) for phase in inputs]
             if any(part.chosen is not None for part in parts):
@@ -99,8 +101,8 @@ def stated(
                     else part
                     for part in parts
                 ]
-            own[name] = stacked(parts)
-        found.append(own)
+            statements[name] = stacked(parts)
+        found.append(statements)
     return found
 
 
@@ -110,15 +112,15 @@ def on_rows(
     """Sums of the nodal loads, or movements, of every phase, [n_phase, n_row, 3 or 6], or None.
 
     Args:
-        loads: for every phase a list of them.
-        method: what gives the array of one, "nodal_forces" or "steps".
-        shape: of all rows, [n_row, 3 or 6].
-        dtype: of the nodes.
+        loads: for every phase a list of nodal loads, or of movements.
+        method: the method that returns the array of one of them, "nodal_forces" or "steps".
+        shape: shape of such an array, (n_row, 3 or 6).
+        dtype: that of the nodes.
     """
     if not any(loads):
         return None
     zero = np.zeros(shape, dtype)
-    return stacked([sum((getattr(x, method)(shape, dtype) for x in own), zero) for own in loads])
+    return stacked([sum((getattr(x, method)(shape, dtype) for x in some), zero) for some in loads])
 
 
 def numbering(
@@ -128,27 +130,27 @@ def numbering(
 
     Args:
         sets: held freedoms before the first phase and in every phase, `Fixed`.
-        numbered: function of a `Fixed` that numbers.
+        numbered: function from a `Fixed` to the `Freedoms` that it leaves.
 
     Returns:
-        Freedoms, changes, before: see `Schedule`.
+        freedoms, changes, before: see `Schedule`.
     """
-    was, own = sets[:-1], sets[1:]
-    if all(fixed == own[0] for fixed in own):
-        freedoms, changes = numbered(own[0]), None
-    else:  # unknown is what any phase leaves free
-        both = np.logical_and.reduce([fixed.array for fixed in own])
-        freedoms = numbered(Fixed(both, own[0].axes))
-        changes = _held(own)
-        changes["bound"] = changes["fixed"].reshape(len(own), -1)[:, np.asarray(freedoms.free)]
-        spins = _spins([fixed.spins for fixed in own])
+    was, now = sets[:-1], sets[1:]
+    if all(fixed == now[0] for fixed in now):
+        freedoms, changes = numbered(now[0]), None
+    else:  # a freedom is unknown if any phase leaves it free
+        always = np.logical_and.reduce([fixed.array for fixed in now])
+        freedoms = numbered(Fixed(always, now[0].axes))
+        changes = _held(now)
+        changes["bound"] = changes["fixed"].reshape(len(now), -1)[:, np.asarray(freedoms.free)]
+        spins = _spins([fixed.spins for fixed in now])
         if spins is not None:
             changes["spins"] = spins
-    return freedoms, changes, None if was == own else _held(was)
+    return freedoms, changes, None if was == now else _held(was)
 
 
 def _held(sets):
-    """What is held, and along which directions, of several `Fixed`, by name."""
+    """Held freedoms of several `Fixed`, and their directions, stacked, by name."""
     held = {"fixed": np.stack([fixed.array for fixed in sets])}
     if sets[0].axes is not None:
         held["axes"] = np.stack([fixed.axes.array for fixed in sets])
@@ -156,15 +158,15 @@ def _held(sets):
 
 
 def _spins(spins):
-    """Free spins of every phase as those of one are in `Freedoms`, padded and stacked, or None."""
-    found = [own for own in spins if own is not None]
+    """`Freedoms.spins` of every phase, padded and stacked; None if no phase has free spins."""
+    found = [some for some in spins if some is not None]
     if not found:
         return None
-    m, pieces = max(len(own.rows) for own in found), max(len(own.ends) for own in found)
+    m, pieces = max(len(some.rows) for some in found), max(len(some.ends) for some in found)
     rows, piece = np.zeros((len(spins), m), np.int32), np.full((len(spins), m), -1, np.int32)
-    ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # of pieces that are not there
-    for k, own in enumerate(spins):
-        if own is not None:
-            rows[k, : len(own.rows)], piece[k, : len(own.rows)] = own.rows, own.piece
-            ends[k, : len(own.ends)] = own.ends
+    ends = np.tile(found[0].ends[:1], (len(spins), pieces, 1))  # padding: any line will do
+    for k, some in enumerate(spins):
+        if some is not None:
+            rows[k, : len(some.rows)], piece[k, : len(some.rows)] = some.rows, some.piece
+            ends[k, : len(some.ends)] = some.ends
     return rows, piece, ends

@@ -27,29 +27,53 @@ PER_PHASE = (
     "section_forces",
     "results",
 )
-"""Results that a state, a phase and a solution have in common."""
+"""Names of the results that a `State`, a `PhaseResult` and a `Solution` have in common."""
 
 
 @pytree(static=("fixed", "topology"))
 class State(Told):
-    """A converged state: the end of an analysis, or where it stopped.
+    """The state at the end of the last converged increment; another analysis can start from it.
 
-    NaN only if the structure's own numbers are not finite: then there is no state.
+    An increment has converged if its status is OK. `phase` and `load_factor` say which one it is:
+
+    - If the analysis has converged: the end of its last phase.
+    - If it has failed in the middle of a phase: the last increment of that phase that converged.
+    - If no increment of that phase converged: the end of the phase before it.
+    - If no increment has converged at all (`phase` is -1, `load_factor` 0): the state that `start`
+      gave, else the initial structure without loads, which need not be in equilibrium.
+
+    In the middle of a phase, at the load factor f:
+
+    - Loads of the phase act, and its movements of supports have taken place, by f.
+    - Statements of prestress and changes of temperature have gone the part f of the way: every
+      unstressed length is between those at the beginning and at the end of the phase.
+    - A jack has the force between that at the beginning of the phase and the stated one. It is
+      anchored: `rest_length` and `carry` have the unstressed length that gives this force here.
+    - The supports are those of the phase. Reactions of freedoms that it frees still act by 1 - f,
+      as nodal loads: `load` includes them, and a further phase keeps them.
+    - Laws remember what they did at the end of this increment.
+
+    A further phase (``solve(..., start=state)``) adds to all this; it does not complete the phase
+    that failed.
+
+    Its results are NaN only if numbers of the structure itself are not finite or break their
+    rules: then there is no state.
 
     Attributes:
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
-        positions: [n_node, 3], m.
+        positions: of the nodes, [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
             the mean of both ends.
         peak_tension: the axial force of largest size along each element, likewise: what strength is
             judged by. Of catenaries the larger end tension (its derivative jumps where both ends
             are equal), of all others `tension`.
-        rest_length: unstressed length per element at the temperature of the moment, likewise, m.
+        rest_length: unstressed length per element at its present temperature, likewise, m.
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act, [n_node, 3], N.
-        phase: number of the phase it belongs to, from 0; -1 before the first increment.
+        phase: number of the phase that the state belongs to, from 0 in every analysis; -1 before
+            the first increment.
         load_factor: load factor of that phase.
-        carry: what a further phase starts from.
+        carry: `Carry`, what a further phase starts from.
         fixed: supported freedoms before the first phase and in each phase, `Fixed` [n_node, 3]
             each (with beams 6, and more rows for hinged ends and inner numbers of elements).
         rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
@@ -57,10 +81,10 @@ class State(Told):
         section_forces: ``N, Vy, Vz, T, My, Mz`` at `points` places of beams from end to end, in the
             shape of `elements`, each [n_elem, n_point, 6] or None for other groups, N and N m; None
             without beams. `section_forces` has their signs, and gives them at any place.
-        topology: `Topology` of the structure; one that goes on from here must have the same.
+        topology: `Topology` of the structure; a structure that starts from here must have the same.
 
     Example:
-        Where an analysis stopped that did not converge:
+        The last converged state of an analysis that failed in its second phase:
 
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
@@ -91,34 +115,36 @@ class State(Told):
 
 @pytree
 class Path(Told):
-    """The increments of a phase, one row each.
+    """The increments of a phase, one entry each.
 
     Attributes:
-        load_factor: [n_inc].
+        load_factor: load factors, [n_inc].
         displacement: from the geometry in which the phase began, [n_inc, n_node, 3], m; NaN from a
             failure on.
-        tension: in the shape of `elements`, each [n_inc, n_elem], N; NaN from a failure on.
+        tension: axial forces in the shape of `elements`, each [n_inc, n_elem], N; NaN from a
+            failure on.
         peak_tension: likewise, as in `State`.
-        status: codes, [n_inc]; from a failure on its code.
+        status: codes, [n_inc]; from a failure on the code of this failure.
         iterations: linear solves, [n_inc].
         factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
             factor often serves several solves.
         residual: largest unbalanced force at a free freedom, [n_inc], N.
-        relative_residual: the same over the force it is judged by (see `Newton.tol`), [n_inc].
+        relative_residual: `residual` over the force that it is judged by (see `Newton.tol`),
+            [n_inc].
         n_slack: number of slack elements, [n_inc]; -1 from a failure on.
         n_loose: number of nodes that touch only slack elements, [n_inc]; -1 from a failure on.
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
         strain: strains of the fibres in the shape of `elements`, NaN from a failure on: of bars and
             cables with a law or section [n_inc, n_elem]; of beams ``e0, ky, kz`` at the integration
-            points, [n_inc, n_elem, n_point, 3], with what loads along them do. None for a group
-            with a mere stiffness, and None altogether if there is nothing else. `fibre_stress`
-            makes stresses of them.
+            points, [n_inc, n_elem, n_point, 3], including the bending by loads along them. None for
+            a group that has a stiffness only, and None altogether if all groups are such.
+            `fibre_stress` makes stresses of them.
         stable: whether each increment is stable, as in `PhaseResult`, [n_inc] bool; None unless
             `Newton(watch=True)` asks for it.
         motion: of structures with beams, the motion of every row (nodes, hinged ends, inner numbers
             of elements) from the initial geometry, displacement and unit quaternion,
-            [n_inc, n_row, 7]; NaN from a failure on; None without beams, whose displacements say it
-            all. `energy_balance` reads it; files of results do not have it.
+            [n_inc, n_row, 7]; NaN from a failure on. None without beams, where displacements are
+            the whole motion. `energy_balance` reads it; files of results do not have it.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -155,20 +181,20 @@ class Path(Told):
 
 @pytree
 class PhaseResult(Told):
-    """The end of a phase and its path; NaN if it, or a phase before it, failed.
+    """The end of a phase and its path; NaN if this phase or an earlier one has failed.
 
     Attributes:
         status: code at the end of the phase.
         stable: whether the tangent stiffness at the end of the phase has no negative eigenvalue (to
-            rounding): a structure that is pushed aside a little comes back. True without being
-            asked in cable nets under dead load, whose energy is convex; False where the phase has
-            not been reached. Where nodal moments or following loads make the tangent unsymmetric,
-            that of its symmetric part, which is on the safe side (Hill 1958).
+            rounding): a structure that is pushed aside a little comes back. In cable nets under
+            dead load it is True without a check, because their energy is convex. False where the
+            phase has not been reached. Where nodal moments or following loads make the tangent
+            unsymmetric, its symmetric part is judged, which is on the safe side (Hill 1958).
         displacement: from the geometry in which the phase began, [n_node, 3], m.
         positions, tension, peak_tension, rest_length, reactions: as in `State`.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
         path: `Path`.
-        began: what laws remembered when the phase began (plastic strains), in the shape of
+        began: memory of the laws when the phase began (such as plastic strains), in the shape of
             `elements`, or None.
 
     Example:
@@ -209,23 +235,24 @@ LOG = (
     "n_slack",
     "n_loose",
 )
-"""What is noted of an increment, numbers side by side: many small arrays take long to compile."""
+"""Columns of the log of increments: one array, because many small ones take long to compile."""
 
-_KINDS = {"residual": None, "scale": None, "equilibrated": bool, "stable": bool}  # others int32
+_KINDS = {"residual": None, "scale": None, "equilibrated": bool, "stable": bool}
+"""Types of the columns that are not int32; None: float, as in the log."""
 
 
 @pytree(static=("increments", "watched"))
 class PhaseResults(Sequence[PhaseResult]):
-    """The results of all phases, a sequence of `PhaseResult`, kept as they were computed: stacked.
+    """The results of all phases: a sequence of `PhaseResult`, stored as stacked arrays.
 
     Attributes:
-        ends: a `PhaseResult` without path, its arrays with an axis [n_phase] after those of
+        ends: one `PhaseResult` without path, whose arrays have an axis [n_phase] after those of
             batches.
-        paths: a `Path` of what is not in the log, likewise [n_phase, n_inc], phases of fewer
-            increments filled up.
+        paths: one `Path` of all that is not in the log, likewise with axes [n_phase, n_inc]; phases
+            with fewer increments are padded.
         log: the numbers `LOG` of every increment, [n_phase, n_inc, 9].
-        increments: of every phase, a tuple.
-        watched: whether the stability of every increment was asked for.
+        increments: number of increments of every phase, a tuple.
+        watched: whether the stability of every increment was judged (`Newton.watch`).
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -252,25 +279,26 @@ class PhaseResults(Sequence[PhaseResult]):
             return tuple(self[k] for k in range(*number.indices(len(self))))
         k = range(len(self))[number]
         batch, count = (slice(None),) * (self.log.ndim - 3), self.increments[k]
-        rows = (*batch, k, slice(count))
-        end, path = _taken(self.ends, (*batch, k)), _taken(self.paths, rows)
-        noted = {name: self._noted(name, rows) for name in LOG if name != "scale"}
+        increments = (*batch, k, slice(count))
+        end, path = _taken(self.ends, (*batch, k)), _taken(self.paths, increments)
+        noted = {name: self._noted(name, increments) for name in LOG if name != "scale"}
         noted["stable"] = noted["stable"] if self.watched else None
         path = copy(
             path,
-            load_factor=computed(lambda np, log: _factors(np, log[rows]), self.log),
-            relative_residual=computed(lambda np, log: _relative(np, log[rows]), self.log),
+            load_factor=computed(lambda np, log: _factors(np, log[increments]), self.log),
+            relative_residual=computed(lambda np, log: _relative(np, log[increments]), self.log),
             **noted,
         )
         last = (*batch, k, count - 1)
         status, stable = self._noted("status", last), self._noted("stable", last)
         return copy(end, status=status, stable=stable, path=path)
 
-    def _noted(self, name, rows):
+    def _noted(self, name, at):
+        """One column of the log, at an index of its leading axes, in its type."""
         kind, column = _KINDS.get(name, "int32"), LOG.index(name)
 
         def read(np, log):
-            values = log[rows][..., column]
+            values = log[at][..., column]
             return values if kind is None else values.astype(kind)
 
         return computed(read, self.log)
@@ -283,7 +311,7 @@ class PhaseResults(Sequence[PhaseResult]):
 
 
 def _taken(tree, at):
-    """A part of every array in a tree; an array that stands in two places stays one."""
+    """The part `at` of every array in a tree; an array that occurs twice is indexed once."""
     found = {}
 
     def take(x):
@@ -301,7 +329,7 @@ def _factors(np, log):
 
 
 def _relative(np, log):
-    """Residuals over the forces that they are judged by."""
+    """Residuals over the forces that they are judged by, from the log of increments."""
     scale = log[..., LOG.index("scale")]
     return log[..., LOG.index("residual")] / np.where(scale > 0, scale, 1.0)
 
@@ -313,21 +341,25 @@ class Solution(Told):
     Everything but `status`, `last` and the counts in `phases` is NaN, with NaN derivatives, unless
     the status is OK. In a batch, compute from `last` first and select by status after that:
     ``jnp.where(s.status == 0, f(s.last), 0.0)``. (Selecting between values of the solution itself
-    works only while ``f`` is linear; a derivative of ``f`` at NaN, times zero, is NaN.)
+    works only if ``f`` is linear: the derivative of another ``f`` at NaN is NaN, also times zero.)
 
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.
-        stable: whether the end is stable, as in `PhaseResult`. An unstable equilibrium is one: the
-            status says OK.
+        stable: whether the end is stable, as in `PhaseResult`. The status of an unstable
+            equilibrium is OK, too.
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
         peak_tension: the force of largest size along each element, as in `State`.
         rest_length: unstressed lengths at the end: the cutting list, likewise, m; at the
-            temperature of the end (`report` has them at that before the first phase).
+            temperature of the end (`report` gives them at the temperature before the first phase).
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
-        last: the last converged `State`.
+        last: `State` at the end of the last converged increment. If the analysis has converged, the
+            end of the last phase. If it has failed, the state before the increment that failed: in
+            the same phase, or at the end of the phase before, or the state that the analysis began
+            with if no increment has converged; with the loads, unstressed lengths, anchored jacks
+            and memory of laws at that load factor. `State` says all of it.
         phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).
         links: node numbers of the elements, one [n_elem, n_end] per group.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.

@@ -42,20 +42,23 @@ def solve(
     """Analyse a structure through its phases.
 
     A pure function of pytrees: jit, vmap, grad, jvp, jacfwd and hessian work on it. Numbers are
-    traced, so that changing one does not recompile; topology and the number of increments are not.
+    traced, so that another value does not recompile; another topology or number of increments does.
 
     Args:
         structure: `Structure`.
-        phases: list of `Phase`.
+        phases: list of `Phase`, or one.
         method: `Newton` (default) or `Incremental`.
-        start: `Solution` (or its `.last`) of the same structure to continue from.
-        differentiate_path: with Newton, also give derivatives of `phases[k].path.displacement` and
-            of the forces there (one adjoint system per increment); without it those derivatives are
-            NaN. All else is differentiable in any case.
 
-        progress: True to have long work say on stderr where it is, a line every half second
-            (increment, iterations, residual); or a function of a `progress.Increment`, which is
-            called after each. It is compiled in: another function compiles again.
+    Options:
+        start: `Solution` (or its `.last`) of the same structure to continue from; default: the
+            initial structure. A failed `Solution` keeps its status and goes nowhere; its `.last`
+            can be continued from.
+        differentiate_path: with `Newton`, also give derivatives of `phases[k].path.displacement`
+            and of the forces on the path (one adjoint system per increment). By default these
+            derivatives are NaN; all other results are differentiable in any case.
+        progress: True writes a line to stderr every half second during long work (increment,
+            iterations, residual); a function is called with a `progress.Increment` after each
+            increment. It is compiled in: another function compiles again. Default: nothing.
 
     Returns:
         `Solution`; look at its `status`, or call `raise_if_failed`.
@@ -65,12 +68,12 @@ def solve(
 
     Warns:
         InputWarning: input that is legal and most likely not meant.
-        UnstableWarning: a phase ends in an equilibrium that is unstable. Inside of jit, vmap and
-            grad nothing is said, nor under moments and following loads: look at `stable`.
+        UnstableWarning: a phase ends in an equilibrium that is unstable. There is no warning inside
+            of jit, vmap and grad, nor under moments and following loads: look at `stable`.
 
     Example:
-        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle, and how that node gives way
-        (tangent stiffness: 2 (EA/L0 0.6^2 + N/l 0.8^2) = 14600 N/m):
+        Two cables, prestressed so that 600 N hang in a 3-4-5 triangle, and the stiffness of the
+        node by a derivative (exact: 2 (EA/L0 0.6^2 + N/l 0.8^2) = 14600 N/m):
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -90,30 +93,30 @@ def solve(
     listen = listener(progress)
     task = prepare(structure, phases, method, start)
     core = task.thawed, task.arrays, task.method, task.code
-    asked = differentiate_path, listen, task.bundles
-    solution = _analyse(*core, *asked, size=task.n_free)
-    if task.may_warn:  # or else nobody has to wait for the numbers
+    static = differentiate_path, listen, task.bundles
+    solution = _analyse(*core, *static, size=task.n_free)
+    if task.may_warn:  # only then: the check waits until the numbers have been computed
         plausibility.stability(solution)
     return arranged(structure, solution, task)
 
 
 @functools.partial(program, static=("differentiate_path", "listen", "bundles"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
-    """The compiled core: one loop over the phases. Results per element are lists, one a group."""
+    """The compiled core: one loop over the phases. Results of elements are lists over groups."""
     parameters = fill(thawed, arrays)
-    own, codes = verdicts(parameters, method)
+    structure_ok, codes = verdicts(parameters, method)
     nodes, groups, carry, schedule = ready(parameters, bundles)
-    # a state of numbers that are none is none: its NaN must not reach what a batch shares
-    sound = _finite((nodes, groups)) & own
+    # unsound input has no state: block its gradient so that a batch is not polluted with NaN
+    sound = _finite((nodes, groups)) & structure_ok
     frame = implicit.gate(sound, (nodes, groups))
     loads, counts = carry.loads, jnp.asarray(schedule.increments, jnp.int32)
     factors = jnp.asarray(schedule.factors, nodes.dtype)
     teller = None if listen is None else _teller(listen, len(schedule))
     touched = implicit.touch(parameters)
 
-    def phase(run, own):
-        row, verdict, *steps = own
-        data = schedule.of(row)
+    def phase(run, scanned):
+        arrays_of_phase, verdict, *steps = scanned
+        data = schedule.of(arrays_of_phase)
         code = status.first_failure(run.code, verdict)
         before = knowing(copy(run.carry, loads=loads), data.number)
         problem = nodes, groups, before, data
@@ -133,7 +136,7 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
         result = _unless(code == status.OK, copy(end, displacement=moved), touched)
         result = {name: getattr(result, name) for name in PER_PHASE}
         began = [state.memory for state in ramp.begin.states]
-        began = None if all(own is None for own in began) else began
+        began = None if all(memory is None for memory in began) else began
         result = PhaseResult(status=None, stable=None, path=None, began=began, **result)
         left = copy(carry, loads=None)
         run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
@@ -149,11 +152,11 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
     run, (ends, paths, log) = lax.scan(phase, run, (schedule.rows, codes, counts, factors))
     if not differentiate_path and isinstance(method, Newton):
         paths = implicit.undifferentiated(paths, parameters)
-    known = [stack.until(run.reached.number) for stack in _given(parameters)]
+    known = [stack.until(run.reached.number) for stack in _all_loads(parameters)]
     states = bundles.apart(run.carry.states)
-    carry = copy(run.carry, states=states, loads=[jax.tree.leaves(own.load) for own in known])
+    carry = copy(run.carry, states=states, loads=[jax.tree.leaves(stack.load) for stack in known])
     final = _unless(run.code == status.OK, run.end, touched)
-    end, final = (_apart(bundles, own) for own in (run.end, final))
+    end, final = (_apart(bundles, part) for part in (run.end, final))
     ends, paths = _apart(bundles, ends, axis=1), _apart(bundles, paths, axis=2)
     watched = isinstance(method, Newton) and method.watch
     return Solution(
@@ -166,32 +169,32 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
 
 
 def _blank(function):
-    """Zeros in place of what a function gives."""
+    """Zeros in the shape of a function's result, which is not computed."""
     return jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(function))
 
 
-def _given(parameters):
-    """Element loads of all phases, as they were handed over, list of `LoadStack`."""
+def _all_loads(parameters):
+    """Element loads of `start` and of all phases on the user's groups, list of `LoadStack`."""
     _, _, carry, schedule = exact(parameters)
     return [*(() if carry is None else carry.loads), *schedule.loads]
 
 
 def _apart(bundles, part, axis=0):
     """Results of bundles as those of their groups; `axis` is that of the elements."""
-    return per_element(part, lambda own: bundles.apart(own, axis))
+    return per_element(part, lambda values: bundles.apart(values, axis))
 
 
 @pytree
 class _Run:
-    """What the loop over the phases carries.
+    """What the loop over the phases hands from one phase to the next.
 
     Attributes:
         code, stable: status so far, and whether the end of the last phase is stable.
         carry: `Carry`, without the loads, which do not change.
-        end: the `State` that it stands for.
-        factored: what sparse solves factorised last, see `linear.solve_next`.
-        reached: `results.Reached`.
-        seen: `Reading` of the last good increment.
+        end: the `State` that belongs to `carry`.
+        factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
+        reached: `states.Reached`.
+        seen: `Reading` of the last converged increment.
     """
 
     code: Int[Array, ""]
@@ -204,13 +207,13 @@ class _Run:
 
 
 def _unless(ok, end, touched):
-    """A `State` with its results NaN unless `ok`."""
+    """A `State` whose results are NaN unless `ok`."""
     values = {name: getattr(end, name) for name in (*PER_PHASE, "load")}
     return copy(end, **implicit.nan_beside(ok, values, touched))
 
 
 def _teller(listen, phases):
-    """A function that tells of the increments of a phase."""
+    """The function `tell` of `newton.march`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
         relative = outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0)
@@ -232,5 +235,5 @@ def _teller(listen, phases):
 def _finite(tree):
     """Whether every float in `tree` is finite."""
     floats = [x for x in jax.tree.leaves(tree) if jnp.issubdtype(x.dtype, jnp.floating)]
-    # side by side: one test, and not one for each of many small arrays
+    # one test of the joined array compiles faster than one for each of many small arrays
     return jnp.all(jnp.isfinite(jnp.concatenate([x.reshape(-1) for x in floats])))

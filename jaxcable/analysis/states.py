@@ -1,4 +1,4 @@
-"""What is read off a point of equilibrium, and the shape in which users get it."""
+"""From a point of equilibrium to a `State`, and results in the shape of the user's elements."""
 
 from __future__ import annotations
 
@@ -30,22 +30,23 @@ Part = TypeVar("Part")
 
 
 def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
-    """A result with a function of what has an item a group, each a list of them."""
-    own = {name: getattr(part, name, None) for name in _PER_ELEMENT}
-    others = own.pop("results") or {}
-    changes = {name: function(value) for name, value in own.items() if value is not None}
+    """A result with `function` applied to every field that is a list with an item per group."""
+    fields = {name: getattr(part, name, None) for name in _PER_ELEMENT}
+    others = fields.pop("results") or {}
+    changes = {name: function(value) for name, value in fields.items() if value is not None}
     others = {name: function(value) for name, value in others.items()}
     return copy(part, **changes, results=others)
 
 
 @pytree
 class Reached:
-    """Where an analysis stands: what the last good increment belongs to.
+    """Where an analysis stands: phase, load factor and supports of the last converged increment.
 
     Attributes:
-        number: of the phase, -1 before the first increment.
+        number: number of the phase, -1 before the first increment.
         factor: load factor of that phase.
-        held: what supports hold there of what they change, by name (`Schedule.before`).
+        held: the arrays of `Freedoms` that depend on the supports, as they are there, by name
+            (as `Schedule.before`); empty if the supports never change.
     """
 
     number: Int[Array, ""]
@@ -54,13 +55,13 @@ class Reached:
 
     @classmethod
     def none(cls, schedule: Schedule, dtype: Any) -> Reached:
-        """Before the first increment."""
+        """The `Reached` before the first increment."""
         held = {} if schedule.before is None else schedule.before
         first = {name: value[0] for name, value in held.items()}
         return cls(jnp.int32(-1), jnp.zeros((), dtype), first)
 
     def after(self, data: PhaseData, factor: Float[Array, ""]) -> Reached:
-        """With a phase that has come to a load factor, 0 if it has no good increment."""
+        """The `Reached` after a phase that came to `factor`; 0 if no increment has converged."""
         held = {name: getattr(data.freedoms, name) for name in self.held}
         new = Reached(data.number, factor, held)
         return where(factor > 0, new, self)
@@ -72,17 +73,22 @@ def system_of(
     reached: Reached,
     schedule: Schedule,
 ) -> System:
-    """The system in which an analysis stands, of which only what supports hold is asked."""
+    """The system of a carry with the supports of `reached`, without numbering of unknowns."""
     freedoms = copy(schedule.freedoms.of_supports, **reached.held)
     return make_system(*frame, carry, None, freedoms)
 
 
 def state_of(frame, carry, point, reached, schedule, seen=None):
-    """The `State` that a carry stands for, rows of motion put onto their nodes.
+    """The `State` of a carry, with results of rows of motion summed at their nodes.
 
-    `point` are its motion without what has no derivative, and the marks of that
-    (`implicit.attach_apart`), or None; `seen` is the `Reading` there, without derivatives, if at
-    hand.
+    Args:
+        frame: (nodes, groups).
+        carry: `Carry`.
+        point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`; marks
+            may be None.
+        reached: `Reached`.
+        schedule: `Schedule`.
+        seen: `Reading` of the carry's motion, without derivatives; None to read it now.
     """
     nodes, groups = frame
     system = system_of(frame, carry, reached, schedule)
@@ -90,7 +96,7 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     space = system.space
     beside, within = _marked(groups, marks)
 
-    def summed(values, marked=True):  # a hinge passes its force to the node
+    def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
             values = values + beside[:, None]
         if freedoms.rows is None:
@@ -106,7 +112,7 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         found = told(_read, found, problem)
     reactions = summed(system.reactions(motion, found.pop("end_forces")))
     follow = system.followers is not None or any(group.slides for group in groups)
-    load = summed(_acting(system, motion), follow)  # dead loads do not depend on where nodes are
+    load = summed(_acting(system, motion), follow)  # dead loads do not depend on the motion
     return State(
         displacement=displacement,
         positions=nodes[:n_node] + displacement,
@@ -119,40 +125,45 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         fixed=None,
         rotation=space.rotations(carry.motion[:n_node]),
         reaction_moments=space.moments(reactions),
-        **named({name: within(own) for name, own in found.items()}),
+        **named({name: within(values) for name, values in found.items()}),
     )
 
 
 def _read(problem):
-    """What the end of a phase has of its elements, by name, from a system and a motion."""
+    """What elements tell at the end of a phase, by name, from a thawed (system, motion)."""
     system, motion = fill(*problem)
-    names = [name for name, own in system.results().items() if own.ends]
+    names = [name for name, result in system.results().items() if result.ends]
     return system.reading(motion, *names, "end_forces")
 
 
 def _marked(groups, marks):
-    """Marks of rows [n_row] as those of rows that elements join to them, and a function.
+    """Spread the marks of rows over elements and neighbouring rows (`implicit.attach_apart`).
 
-    It adds them to what is read off elements, a list of arrays [n_elem, ...] or None.
+    Marks are zero; their derivative is NaN where there is no derivative.
+
+    Returns:
+        beside: marks of every row and of the rows that share an element with it, [n_row], or None.
+        within: function that adds its marks to every element's results, a list of arrays
+            [n_elem, ...] or None.
     """
     if marks is None:
         return None, lambda parts: parts
-    own = [jnp.sum(marks[group.links], axis=1) for group in groups]
+    of_elements = [jnp.sum(marks[group.links], axis=1) for group in groups]
     beside = marks
-    for group, mark in zip(groups, own, strict=True):
+    for group, mark in zip(groups, of_elements, strict=True):
         beside = beside.at[group.links].add(mark[:, None])
 
     def within(parts):
         return [
             None if part is None else part + mark.reshape(-1, *(1,) * (part.ndim - 1))
-            for part, mark in zip(parts, own, strict=True)
+            for part, mark in zip(parts, of_elements, strict=True)
         ]
 
     return beside, within
 
 
 def _acting(system, motion):
-    """All loads on every node, with what slides along ropes where it is now."""
+    """All loads on every row, with loads that slide along ropes where they are now."""
     load = system.all_load(motion)
     for group, state in zip(system.groups, system.states, strict=True):
         if group.slides and state.line_load is not None:
@@ -162,18 +173,18 @@ def _acting(system, motion):
 
 
 def with_peaks(part):
-    """Peak tensions put where a group has none of its own: its tensions, the same arrays."""
+    """A result whose groups without peak tensions have their tensions (the same arrays) as such."""
     pairs = zip(part.tension, part.peak_tension, strict=True)
-    return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
+    return copy(part, peak_tension=[tension if peak is None else peak for tension, peak in pairs])
 
 
 def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
-    """Rows of motion put onto their nodes.
+    """A result without the rows of motion that are no nodes.
 
     Args:
         structure: `Structure`.
         part: result of the compiled core.
-        per_node: names of what has an entry for each row of motion, on its second axis.
+        per_node: names of the fields whose second axis is that of the rows of motion.
     """
     if structure.rows()[0] is None:
         return part
@@ -181,11 +192,11 @@ def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displ
 
 
 def arranged(structure: Structure, solution: Solution, task: Prepared) -> Solution:
-    """Put lists with an item per group into the shape of the elements; topology where it belongs.
+    """The solution for the user: results in the shape of `elements`, topology put back.
 
     Args:
         structure: `Structure`.
-        solution: what the compiled core gives.
+        solution: `Solution` of the compiled core, with lists that have an item per group.
         task: `preparation.Prepared`.
     """
 

@@ -1,4 +1,4 @@
-"""What elements tell, by name: what of it results have as fields, and all of it."""
+"""What elements tell, by name: which of it are fields of results, and a dict of all of it."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ _FIELDS = {
     "section_forces": "section_forces",
     "section_strain": "strain",
 }
-"""What elements tell that has a field of its own, and this field."""
+"""What elements tell and results have as a field: its name in elements, and the field."""
 
 
 def named(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[str, Any]:
-    """What elements tell, by name, as fields of a `Told`."""
+    """Fields of a `Told` from lists of what elements tell, by name."""
     fields = {field: found[name] for name, field in _FIELDS.items() if name in found}
-    others = {name: own for name, own in found.items() if name not in _FIELDS}
+    others = {name: values for name, values in found.items() if name not in _FIELDS}
     return fields | {"results": others}
 
 
 class Told:
-    """What has results of elements.
+    """Base of results that contain what elements tell.
 
     Attributes:
-        results: what elements tell beside tensions, section forces and strains, by the name that
-            they give it, in the shape of `elements`; none of those of this package does.
+        results: what elements tell beside tensions, section forces and strains, by name, in the
+            shape of `elements`; empty for the elements of this package.
     """
 
     results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None
 
     @property
     def told(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:
-        """All that elements tell, by name, each in the shape of `elements`, a dict.
+        """All that elements tell, a dict by name, each in the shape of `elements`.
 
-        ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as there are
-        such elements, and `results`.
+        These are ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as
+        there are such elements, and `results`.
 
         Example:
             >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -46,5 +46,5 @@ class Told:
             0 ['tension', 'peak_tension']
         """
         fields = {name: getattr(self, field, None) for name, field in _FIELDS.items()}
-        own = {name: value for name, value in fields.items() if value is not None}
-        return own | (self.results or {})
+        present = {name: value for name, value in fields.items() if value is not None}
+        return present | (self.results or {})

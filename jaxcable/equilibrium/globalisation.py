@@ -1,7 +1,7 @@
-"""What steers Newton's method from far away: three small policies, none of which knows the others.
+"""Globalisation of Newton's method: three small policies, independent of each other.
 
-Each is a pytree of numbers with ``init`` and what it makes of what happened in an iteration of
-`newton.equilibrate`. They steer the steps and leave the equilibrium as it is.
+Each is a pytree of numbers with ``init`` for its first value and ``update`` for the value after an
+iteration of `newton.equilibrate`. They change the steps, never the equilibrium that is found.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ..numerics.search import SHORT
 _KAPPA = 1e-3  # initial shift: harmless in a taut net, a step of 1000 lengths in a slack one
 _KAPPA_MIN, _KAPPA_MAX = 1e-10, 1e14
 _PATIENCE = 15  # short steps before a tension-only structure is softened
-_SETTLED = 0.1  # relative residual at which the added softness is taken back a step
-_HARDEN = 0.1  # by this factor
-_STIFF = 0.01  # added strain, relative to the elastic one, that is dropped altogether
-_SPRINT = 20  # plain Newton steps that may be tried first
-_ASTRAY = 10.0  # displacement, in structure sizes, at which they have led nowhere
+_SETTLED = 0.1  # relative residual at which the added softness is reduced
+_HARDEN = 0.1  # factor of each reduction
+_STIFF = 0.01  # added strain over elastic strain, below which the softness is set to zero
+_SPRINT = 20  # number of plain Newton steps that are tried first, at most
+_ASTRAY = 10.0  # displacement, in structure sizes, at which a sprint counts as failed
 
 
 @pytree
 class Shift:
-    """Levenberg shift ``kappa |R| / l`` on the tangent, which dies with the residual.
+    """Levenberg shift ``kappa |R| / l`` on the tangent, which vanishes with the residual.
 
     Attributes:
         kappa: scalar, in |R| / length.
@@ -41,15 +41,15 @@ class Shift:
         return cls(jnp.asarray(_KAPPA, dtype))
 
     def on(self, residual: Float[Array, ""], length: Float[Array, ""]) -> Float[Array, ""]:
-        """The shift, N/m, for a largest residual, N, in a structure of a size, m."""
+        """The shift, N/m, for the largest `residual`, N, and the `length` of the structure, m."""
         return self.kappa * residual / length
 
     def update(self, found: Bool[Array, ""], taken: Float[Array, ""]) -> Shift:
-        """Less after a whole step, more after a short one, much more where there was none.
+        """The next shift: smaller after a full step, larger after a short one or after none.
 
         Args:
-            found: whether there was a step.
-            taken: its length, in (0, 1].
+            found: whether a step was taken.
+            taken: the part of it that was taken, in (0, 1].
         """
         part = jnp.where(taken >= 1, 0.1, jnp.where(taken < 0.1, 10.0, 1.0))
         # keeps the shift a usable float
@@ -58,17 +58,17 @@ class Shift:
 
 @pytree
 class Sprint:
-    """Up to 20 plain Newton steps, taken whole; the iteration begins again if they lead nowhere.
+    """Up to 20 full Newton steps without search; if they fail, the iteration begins again.
 
     Attributes:
-        on: whether they are being tried.
+        on: whether the iteration is sprinting.
     """
 
     on: Bool[Array, ""]
 
     @classmethod
     def init(cls) -> Sprint:
-        """They are tried first."""
+        """The sprint at the start of an iteration: on."""
         return cls(jnp.ones((), bool))
 
     def update(
@@ -79,14 +79,14 @@ class Sprint:
         extent: Float[Array, ""],
         converged: Bool[Array, ""],
     ) -> tuple[Sprint, Bool[Array, ""]]:
-        """The sprint after a step, and whether to begin again.
+        """The sprint after a step, and whether the iteration begins again.
 
         Args:
-            found: whether there was a step that leads to numbers.
-            reach: largest displacement where it led, m.
-            steps: Newton steps so far, with it.
+            found: whether a step was taken, to a point with finite forces.
+            reach: largest displacement at that point, m.
+            steps: Newton steps so far, this one included.
             extent: size of the structure, m.
-            converged: whether that is an equilibrium.
+            converged: whether the point is an equilibrium.
         """
         astray = reach > _ASTRAY * extent
         on = self.on & found & ~astray & (steps < _SPRINT)
@@ -95,16 +95,17 @@ class Sprint:
 
 @pytree
 class Softening:
-    """A spring in series with every element of a tension-only structure, for the time being.
+    """A temporary spring in series with every element of a tension-only structure.
 
-    Stiff cables that swing allow only short steps; after 15 of them each is softened to strain 1
-    under the largest load, and stiffened by tens as it settles.
+    Stiff cables that swing allow only short steps. After 15 short steps every element is softened
+    to strain 1 under the largest load; the softness is divided by ten each time the residual has
+    become small, until it is zero.
 
     Attributes:
-        softness: compliance added to every element, strain per force, 1/N; 0 most of the time.
-        softest: the largest that is added; 0 where there is no load to take it from.
-        short: short steps so far.
-        stiffness: largest on the diagonal of the last tangent, times a length, N.
+        softness: compliance added to every element, strain per force, 1/N; 0 unless needed.
+        softest: the largest compliance that is added; 0 without load.
+        short: number of short steps so far.
+        stiffness: largest entry on the diagonal of the last tangent, times a length, N.
     """
 
     softness: Float[Array, ""]
@@ -114,25 +115,25 @@ class Softening:
 
     @classmethod
     def init(cls, load: Float[Array, ""]) -> Softening:
-        """No softness; `load` is the largest at a node, N."""
+        """The start: no softness. `load` is the largest force of the dead loads at a node, N."""
         zero = jnp.zeros_like(load)
         return cls(zero, 1 / jnp.where(load > 0, load, jnp.inf), jnp.int32(0), zero)
 
     def seen(self, matrix: Matrix, length: Float[Array, ""]) -> Softening:
-        """With the stiffness of a tangent noted."""
+        """This softening with `stiffness` from a tangent and the length of the structure, m."""
         return copy(self, stiffness=jnp.max(linear.diagonal(matrix), initial=0.0) * length)
 
     def update(self, found: Bool[Array, ""], taken: Float[Array, ""]) -> Softening:
-        """After a step: one that is short, or none, counts."""
+        """This softening after a step; arguments as for `Shift.update`. Counts short steps."""
         return copy(self, short=self.short + jnp.where((taken < SHORT) | ~found, 1, 0))
 
     def change(
         self, residual: Float[Array, ""], scale: Float[Array, ""]
     ) -> tuple[Softening, Bool[Array, ""]]:
-        """The softness for the next step, and whether it is another one.
+        """The softening for the next step, and whether its softness has changed.
 
         Args:
-            residual: largest, N.
+            residual: largest unbalanced force, N.
             scale: the force that it is judged by, N.
         """
         begin = (self.short == _PATIENCE) & (self.softest > 0)

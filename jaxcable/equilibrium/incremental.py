@@ -1,15 +1,15 @@
 """The incremental scheme of the paper: a fixed number of linear solves per increment.
 
 Tangent form: the unbalanced load is carried into the next increment,
-``K_t du = dF + (F - f_int)``, followed by a fixed number of equilibrium iterations. Order of the
-error in the increment 2, 4, 8 for 0, 1, 2 corrections.
+``K_t du = dF + (F - f_int)``, followed by a fixed number of equilibrium iterations. With 0, 1, 2
+corrections the error in an increment is of order 2, 4, 8.
 
 Secant form: ``u = K_s(u)^-1 (F - f_int(0))`` with the secant stiffness of the increment before. For
 a start in equilibrium this is the paper's eqs. 2-8 with the two inverses of eq. 5 in the order in
-which it converges: ``du_i = (K_i^-1 - K_{i-1}^-1) F_{i-1} + K_i^-1 dF_i`` telescopes to
-``u_i = K_i^-1 F_i``. One Picard step an increment: first order. Where stiffness grows fast an
-eigenvalue of that step passes -1, and rounding grows from increment to increment: below some
-increment the form diverges (`experiments/accession_curves.py`); the tangent form does not.
+which the scheme converges: ``du_i = (K_i^-1 - K_{i-1}^-1) F_{i-1} + K_i^-1 dF_i`` telescopes to
+``u_i = K_i^-1 F_i``, one Picard step per increment, of first order. Where stiffness grows fast, an
+eigenvalue of this step passes -1, and rounding grows from increment to increment: with increments
+below some size this form diverges (`experiments/accession_curves.py`), the tangent form does not.
 
 Source: Mihanovic, Trogrlic, Zivaljic (2011), section 3.
 """
@@ -37,16 +37,16 @@ from .newton import Newton, Outcome, equilibrate
 class Incremental:
     """A fixed number of linear solves per increment, as in the paper.
 
-    Where the stiffness at the start of a phase is singular (slack chord, mechanism before it is
-    prestressed) the first increment is solved to equilibrium instead; `path.equilibrated` says so.
-    Derivatives are those of the algorithm as it is, path included.
+    Where the stiffness at the start of a phase is singular (a slack chord, a mechanism before its
+    prestress) the first increment is solved to equilibrium instead; `path.equilibrated` shows it.
+    Derivatives are those of the algorithm itself, also along the path.
 
     Args:
         corrections: equilibrium iterations after each increment's first solve.
         stiffness: "tangent" or "secant".
-        tol: largest unbalanced force that an increment may end with, as a part of the load (both
-            Euclidean norms over the free freedoms; without load, of the element forces at the
-            nodes); beyond it the status is DRIFTED. The paper uses 0.05. `numpy.inf` never stops.
+        tol: largest unbalanced force at the end of an increment over the load (Euclidean norms over
+            the free freedoms; without load, over the largest sum of absolute end forces at a node);
+            above it the status is DRIFTED. The paper uses 0.05; `numpy.inf` allows everything.
         linear_solver: as for `Newton`.
 
     Raises:
@@ -86,7 +86,7 @@ class Incremental:
         linear.check(self.linear_solver)
 
     def rules(self) -> list[Rule]:
-        """What its number keeps, see `rules`; a NaN does not: no residual would exceed it."""
+        """The rule of `tol`, see `common.rules`; a NaN breaks it: no residual would exceed it."""
         return [Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive")]
 
 
@@ -98,10 +98,10 @@ def march(
     code: Int[Array, ""],
     tell: Callable[[Float[Array, ""], Outcome], None] | None = None,
 ) -> tuple[Float[Array, "n n_row n_motion"], Float[Array, "n n_log"]]:
-    """Take a phase through its load factors; arguments and result as `newton.march`.
+    """Take a phase through its load factors: points and log of all increments.
 
-    Differentiable as it is; the increments are checkpointed, so that the backward pass stores one
-    vector of unknowns per increment and not its stiffness matrix.
+    Arguments and these results are those of `newton.march`. Differentiable; increments are
+    checkpointed, so that the backward pass stores one point of each and no stiffness matrix.
     """
 
     @jax.checkpoint
@@ -128,17 +128,17 @@ def march(
 
 
 def _increment(ramp, factor, x, method, code, memory, first):
-    """One increment of the scheme and the memory that it leaves.
+    """`Outcome` of one increment of the scheme, and the memory of laws after it.
 
-    The `first` increment of a phase may be solved to equilibrium.
+    The `first` increment of a phase is solved to equilibrium if its stiffness is singular.
     """
     active, system, begin = code == status.OK, ramp.at(factor, memory), x
     frozen = lax.stop_gradient(system)
     x, regular = _step(system, x, ramp, method)
 
     def first_increment(x):
-        point, own = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
-        found, _ = equilibrate(frozen, point, own, active & ~regular)
+        point, newton = lax.stop_gradient(begin), Newton(linear_solver=method.linear_solver)
+        found, _ = equilibrate(frozen, point, newton, active & ~regular)
         settled = found.equilibrated
         x = jnp.where(settled, implicit.attach(system, found.x, settled), x)
         return x, settled, jnp.where(settled, found.steps, 1)
@@ -164,12 +164,12 @@ def _increment(ramp, factor, x, method, code, memory, first):
     ]
     if system.breaks:
         outcomes.insert(1, (frozen.beyond(reached), status.MATERIAL_FAILURE))
-    own = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
-    code = status.first_failure(code, jnp.asarray(own, jnp.int32))
+    new = jnp.select([hit for hit, _ in outcomes], [code for _, code in outcomes], status.OK)
+    code = status.first_failure(code, jnp.asarray(new, jnp.int32))
     good = code == status.OK
     x = jnp.where(good, x, begin)
     steps = jnp.where(active, steps, 0)
-    # where the energy is not convex the solver asks at the end of the phase
+    # where the energy is not convex, `one_phase` judges stability at the end of the phase
     outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
     if memory is not None:
         memory = ramp.settle(system, system.strains(x), good, memory)
@@ -177,16 +177,16 @@ def _increment(ramp, factor, x, method, code, memory, first):
 
 
 def _step(system, x, ramp, method):
-    """One linear solve: the next unknowns, and whether the stiffness was regular."""
+    """One linear solve: the next point, and whether the stiffness was regular."""
     if method.stiffness == "tangent":
         function, numbers, back = system.chart(x)
         residual, linearized = jax.linearize(function, numbers)
-        # where the supports of this increment are, as the residual is
+        # with the supports where this increment has them, as for the residual
         tangent = lax.stop_gradient(system).tangent(lax.stop_gradient(system.place(x)))
         factor = linear.factorize(tangent)
         rhs = implicit.gate(factor.regular, residual)
         return back(numbers - factor.or_identity().solve(rhs, linearized)), factor.regular
-    # secant from the geometry in which the phase began
+    # the secant form begins at the geometry at the start of the phase
     origin = system.place(ramp.begin.motion)
     matrix = system.secant(origin, system.place(x))
     factor = linear.factorize(matrix)

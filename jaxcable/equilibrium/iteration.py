@@ -1,4 +1,4 @@
-"""An iteration of Newton's method: evaluate, decide, aim (`equilibrium`)."""
+"""An iteration of Newton's method: evaluate, decide, aim; `newton` has the method as a whole."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from ..numerics.search import Search
 from .globalisation import Shift, Softening, Sprint
 from .newton_step import direction, largest
 
-_RELEASED = 2.0  # roundings of the first forces that the last ones may have
-_ZERO = 64  # roundings of the largest stiffness, below which an eigenvalue is none
+_RELEASED = 2.0  # allowed residual, in roundings (eps) of the forces at the start
+_ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
 class Method(Protocol):
-    """What an iteration asks of its method, such as `newton.Newton`."""
+    """What an iteration needs of its method, such as `newton.Newton`."""
 
     @property
     def tol(self) -> Float[ArrayLike, ""] | None:
@@ -53,18 +53,21 @@ class Iterate:
     """Where the iteration stands.
 
     Attributes:
-        x, residual, scale: last good point, R(x) and the force that R is judged by.
-        tangents: of elements that give them together with their forces (`System.evaluated`).
-        step, search: way on from there, and how far along it is tried next (`search.Search`).
-        arrival: whether the next evaluation is at x itself: at the start, where the iteration
-            begins again, where the softness has changed, and where there was no step.
-        stepless: whether it is the last of these.
-        shift, sprint, softening: `globalisation`; None where there is none.
-        steps, code: steps so far, and OK while nothing has gone wrong.
-        factored: what sparse solves factorised last, see `linear.solve_next`.
-        released, came_from: what the first evaluation says of residuals that are allowed.
+        x, residual, scale: last accepted point, R(x), and the force that R is judged by, N.
+        tangents: tangents at x of elements that give them together with their forces
+            (`System.evaluated`).
+        step, search: the step from x, and which part of it is tried next (`search.Search`).
+        arrival: whether the next evaluation is at x itself: at the start, when the iteration
+            begins again, when the softness has changed, and when no usable step was found.
+        stepless: whether the reason for `arrival` is that no usable step was found.
+        shift, sprint, softening: policies of `globalisation`; None where one does not apply.
+        steps: number of Newton steps so far.
+        code: status so far; negative before the first evaluation.
+        factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
+        released, came_from: residuals that rounding at the first point allows, a scalar for all
+            unknowns and one for each (`System.rounding`).
         stable: whether the tangent at the end is definite.
-        done: whether the end is reached.
+        done: whether the iteration has ended.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -88,7 +91,14 @@ class Iterate:
 
 
 class Task:
-    """An equilibrium that is sought, and an iteration of the loop that seeks it."""
+    """A search for equilibrium: its constants, its first `Iterate`, and one iteration.
+
+    Args:
+        system: `System` of one load factor.
+        x: motion to start from.
+        method: `Method`.
+        judge: whether to find out if the equilibrium is stable.
+    """
 
     def __init__(
         self,
@@ -106,7 +116,7 @@ class Task:
         self.sprints = system.space.rotates or self.softens or system.followers is not None
 
     def start(self, factored: Factored | None) -> Iterate:
-        """The first evaluation is ahead, at the start itself."""
+        """The `Iterate` before the first evaluation, which is at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
         still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
         softening = None
@@ -119,7 +129,7 @@ class Task:
             x=self.begin,
             residual=still,
             scale=zero,
-            tangents=jax.tree.map(lambda own: jnp.zeros(own.shape, own.dtype), tangents),
+            tangents=jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), tangents),
             step=still,
             search=Search.init(zero),
             arrival=~no,
@@ -128,7 +138,7 @@ class Task:
             sprint=Sprint.init() if self.sprints else None,
             softening=softening,
             steps=jnp.int32(0),
-            code=jnp.int32(-1),  # nothing is known yet
+            code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
             released=zero,
             came_from=still if self.system.rounds else None,
@@ -137,24 +147,30 @@ class Task:
         )
 
     def iterate(self, it: Iterate) -> Iterate:
-        """Evaluate at a point, decide whether to go there, and make the next step."""
+        """Evaluate the point that is tried, decide whether to accept it, and make the next step."""
         working = self.system
         if self.softens:
             working = working.softened(it.softening.softness)
         it, taken, found, over = self._tried(working, it)
         it, converged = self._known(it)
-        it, aside = self._steered(it, taken, found, over, converged)
-        return self._aimed(working, it, over & ~it.done & ~aside, converged)
+        it, reevaluate = self._steered(it, taken, found, over, converged)
+        return self._aimed(working, it, over & ~it.done & ~reevaluate, converged)
 
     def _tried(self, working, it):
-        """The one evaluation: the point it leads to, the part of the step, whether there is a
-        step, and whether its search is over."""
+        """The evaluation of an iteration, at `search.length` of the step.
+
+        Returns:
+            it: with the point if it is accepted, and the next length of the search.
+            taken: the part of the step that was tried.
+            found: whether a step was taken.
+            over: whether the search along the step has ended.
+        """
         x = working.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
         residual, scale, tangents = working.evaluated(x)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
-        if self.sprints:  # plain steps are taken whole if they lead to numbers
+        if self.sprints:  # plain steps are accepted whole if the forces there are finite
             fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
         fine, again = fine | it.arrival, again & ~it.arrival
 
@@ -172,12 +188,12 @@ class Task:
         return new, it.search.length, fine & ~it.stepless, ~again
 
     def _known(self, it):
-        """What is known after an evaluation: a bad start, and whether it is an equilibrium."""
+        """Note what the first evaluation says, and find out whether x is an equilibrium."""
         first = it.code < 0
         finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
         code = jnp.where(finite, status.OK, status.NONFINITE)
         eps = jnp.finfo(it.scale.dtype).eps
-        # what is released ends at the rounding of the forces that it began with
+        # a structure that is released ends with the rounding of the forces that it began with
         released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
         it = copy(
             it,
@@ -195,7 +211,12 @@ class Task:
         return it, converged
 
     def _steered(self, it, taken, found, over, converged):
-        """What the policies make of it; whether the next evaluation is where they put it."""
+        """Update the policies and the status after an evaluation.
+
+        Returns:
+            The `Iterate`, and whether a policy asks for an evaluation before the next step: because
+            the iteration begins again, or the softness has changed.
+        """
         moved = over & (~it.arrival | it.stepless)
         spent = over & ~converged & (it.steps >= self.method.max_steps)
         again = jnp.zeros((), bool)
@@ -203,41 +224,41 @@ class Task:
         x, sprint, softening = it.x, it.sprint, it.softening
         reach = self.system.reach(x)
         if self.sprints:
-            own, again = sprint.update(found, reach, it.steps, self.extent, converged)
-            sprint, again = where(moved, own, sprint), moved & again
+            new, again = sprint.update(found, reach, it.steps, self.extent, converged)
+            sprint, again = where(moved, new, sprint), moved & again
             x = jnp.where(again, self.begin, x)
             shift = where(again, Shift.init(x.dtype), shift)
         runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
-        aside = again & ~stop
+        reevaluate = again & ~stop
         if self.softens:
             softening = where(moved, softening.update(found, taken), softening)
-            own, changed = softening.change(largest(it.residual), it.scale)
-            changed = changed & over & ~aside & ~stop & ~converged
-            softening = where(changed, own, softening)
+            new, changed = softening.change(largest(it.residual), it.scale)
+            changed = changed & over & ~reevaluate & ~stop & ~converged
+            softening = where(changed, new, softening)
             shift = where(changed, Shift.init(x.dtype), shift)
-            # it stops while softened: the residual of the structure itself is to be told
-            told = stop & (softening.softness > 0)
-            softening = copy(softening, softness=jnp.where(told, 0.0, softening.softness))
-            aside, stop = aside | changed | told, stop & ~told
+            # stopped while softened: evaluate once more, for the residual of the structure itself
+            still_soft = stop & (softening.softness > 0)
+            softening = copy(softening, softness=jnp.where(still_soft, 0.0, softening.softness))
+            reevaluate, stop = reevaluate | changed | still_soft, stop & ~still_soft
         stuck = stop & (code == status.OK)
         judging = converged & self.judge & ~self.convex
         after = copy(
             it,
             x=x,
-            arrival=aside,
+            arrival=reevaluate,
             stepless=jnp.zeros((), bool),
             shift=shift,
             sprint=sprint,
             softening=softening,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
-            done=stop | (over & converged & ~judging & ~aside),
+            done=stop | (over & converged & ~judging & ~reevaluate),
         )
-        return after, aside
+        return after, reevaluate
 
     def _aimed(self, working, it, wanted, converged):
-        """The next step, if `wanted`; at an equilibrium only whether the tangent is definite."""
+        """The next step, if `wanted`; at an equilibrium only judge the tangent there."""
 
         def aim(it):
             matrix = working.tangent(it.x, it.tangents)
@@ -273,6 +294,6 @@ class Task:
 
 
 def no_stiffness(matrix: Matrix) -> Float[Array, ""]:
-    """Size of eigenvalues of a tangent that rounding makes of zero, N/m; positive."""
+    """Bound of the eigenvalues that rounding makes of a zero one in a tangent, N/m; positive."""
     size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
     return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

@@ -1,32 +1,34 @@
 """Newton's method for one state of loading, globalised so that cable nets converge from anywhere.
 
-Each iteration factorises once, at most (see 5):
+Each iteration factorises at most once (see 5):
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. The shift
-   dies with the residual, so that convergence stays quadratic even where loose nodes leave ``K``
-   singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not positive
-   definite, only ``kappa`` grows.
+   vanishes with the residual, so that convergence stays quadratic even where loose nodes leave
+   ``K`` singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not
+   positive definite, the iteration only enlarges ``kappa``.
 2. Line search on the directional derivative (`search`), which needs no energy. Along any line the
    energy of a cable-only structure is convex.
-3. Sprint: a full Newton step first stretches what only wants to bend or to swing, or slackens
-   what the next one tightens. The energy rises, and the search would creep along; the next full
-   step puts it right. Nets of cables and structures with rotations therefore start with up to 20
-   plain Newton steps, and begin again, searched, if these lead nowhere (in frames also through an
-   indefinite tangent, which is allowed under nodal moments: they have no potential). A slack
-   saddle of 30 000 unknowns takes 18 steps instead of 142.
+3. Sprint: a full Newton step often stretches members that should only bend or swing, or slackens
+   cables that the next step tightens. The energy rises, although the next full step corrects this;
+   a line search would allow tiny steps only. Nets of cables, structures with rotations and those
+   under following loads therefore start with up to 20 full Newton steps. If these fail, the
+   iteration begins again with line search. (Where nodal moments or following loads act, which have
+   no potential, a sprint may pass an indefinite tangent.) A slack saddle of 30 000 unknowns takes
+   18 steps instead of 142.
 4. Stiff cables that swing: a step sideways lengthens a cable in second order, and at EA/N = 1e5
-   the search then allows only tiny ones. After 15 short steps a tension-only structure is softened
+   the search then allows tiny steps only. After 15 short steps a tension-only structure is softened
    by a spring in series with every element (strain 1 under the largest load), which keeps the
-   energy convex, and stiffened by tens as it settles. It costs an ordinary net nothing.
+   energy convex; the softness is divided by ten each time the residual has become small. Ordinary
+   nets are not affected.
 5. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
-   conjugate gradients, which stop at the residual that Newton's method will leave anyway; a new
-   factor is made where they do not get there in a few steps (`linear.solve_next`).
-6. Is it stable? Where the energy need not be convex, one more iteration at the equilibrium
-   factorises the tangent, and moves nothing.
+   conjugate gradients, which stop at the residual that Newton's method leaves anyway. A new factor
+   is made where they do not reach it in a few steps (`linear.solve_next`).
+6. Stability: where the energy need not be convex, one more iteration at the equilibrium factorises
+   the tangent without a step.
 
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
-of lengths), hence the iteration converges from any start, until the rounding of the displacements
-themselves (EA eps) shows in the residual.
+of lengths). Hence the iteration converges from any start, down to the residual that the rounding of
+the displacements leaves (EA eps).
 """
 
 from __future__ import annotations
@@ -57,19 +59,19 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); not below 64 eps, nor, in cable nets under dead load, below
-            2 eps of that force where the increment begins. Default 1e-10, in float32 1e-5. At bars
-            and beams a residual is also allowed that the rounding of their displacements leaves,
-            ``8 eps u/L (EA along, 12 EI/L^2 across)``: they may move far without force.
-        max_steps: steps allowed per increment; beyond it the status is NOT_CONVERGED.
+            absolute end forces + load); at least 64 eps, and in cable nets under dead load at least
+            2 eps of that force at the start of the increment. Default 1e-10, in float32 1e-5. Bars
+            and beams may move far without force: the residual that the rounding of their
+            displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too.
+        max_steps: steps allowed per increment; after them the status is NOT_CONVERGED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
             some hundred, else PARDISO where installed, else SuperLU.
         watch: whether to judge the stability of every increment (`path.stable`), and not only of
-            the last one of a phase: a factorisation more for each.
+            the last one of a phase; costs one factorisation per increment.
 
     Raises:
-        ValueError: a number that is not positive, `max_steps` not whole, an unknown solver.
+        ValueError: a number is not positive, `max_steps` is not whole, the solver is unknown.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -95,7 +97,7 @@ class Newton:
             raise ValueError(f"watch = {self.watch!r}: expected True or False")
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `rules`; a NaN keeps none: no residual would exceed it."""
+        """Rules of its numbers, see `common.rules`; a NaN breaks them."""
         large = "relative to the forces: from 1 on any state would pass"
         return [
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
@@ -110,14 +112,14 @@ class Outcome:
     """What an increment ended with.
 
     Attributes:
-        x: the point reached; the one it began with if it failed.
+        x: the point reached; if the increment failed, the point that it began with.
         code: status.
-        steps: Newton steps.
-        factorizations: of the tangent; with sparse matrices fewer than steps.
+        steps: number of Newton steps.
+        factorizations: of the tangent; with sparse matrices there can be fewer than steps.
         residual: largest unbalanced force at a free freedom, N.
-        scale: the force that it is judged by, N.
-        equilibrated: whether it was iterated to equilibrium.
-        stable: whether the tangent there is known to have no negative eigenvalue.
+        scale: the force that the residual is judged by, N.
+        equilibrated: whether the increment was iterated to equilibrium.
+        stable: whether the tangent at x is known to have no negative eigenvalue.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -131,7 +133,7 @@ class Outcome:
 
     @property
     def log(self) -> Float[Array, " n_log"]:
-        """All but the point as numbers side by side, in the order of `solution.LOG`."""
+        """The first seven numbers of `solution.LOG`, an array: all fields but the point."""
         noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
         whether = (self.equilibrated, self.stable)
         return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *whether)])
@@ -140,9 +142,9 @@ class Outcome:
 def adjoint_effort(
     method: Method, system: System, dtype: DTypeLike
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """Tolerance and number of conjugate gradient steps for derivatives, see `implicit.attach`.
+    """Tolerance and limit of conjugate gradient steps for derivatives, see `linear.solve_marked`.
 
-    As exact as the state whose derivative it is: its residual is below `tol` times the forces.
+    The tolerance follows that of the state (`Method.tol`), so that derivatives are as exact.
     """
     return 0.1 * limit(method, dtype), jnp.where(system.convex, WORTH, 0)
 
@@ -159,20 +161,21 @@ def equilibrate(
 
     Args:
         system: `System` of one load factor.
-        x: start, a motion.
+        x: motion to start from.
         method: `Newton`.
         active: False to return at once (an earlier increment has failed).
-        factored: what sparse solves factorised in earlier increments, if on the same pattern.
-        judge: whether to ask if the equilibrium is stable.
+        factored: what sparse solves have factorised in earlier increments of the same pattern;
+            None: nothing.
+        judge: whether to find out if the equilibrium is stable.
 
     Returns:
-        `Outcome`, and what was factored after it. Not differentiable: `implicit.attach` gives the
+        `Outcome`, and what is factored now. Not differentiable: `implicit.attach` adds the
         derivative.
     """
     if factored is None:
         factored = linear.nothing_factored(system.freedoms.pattern, x.dtype)
     end = _iterated(system, x, method, active, factored, judge)
-    # the iteration follows curves beyond their ends, an answer does not
+    # the iteration may pass beyond the end of a law's curve, the equilibrium must not be there
     broken = system.breaks and system.beyond(end.x)
     return _outcome(end, x, active, broken, factored), end.factored
 
@@ -184,14 +187,14 @@ def _iterated(system, x, method, active, factored, judge):
 
 
 def _outcome(end, x, active, broken, factored):
-    """`Outcome` of an iteration from `x`; `broken`: whether it ended beyond a curve."""
+    """`Outcome` of an iteration from `x`; `broken`: whether it ended beyond the curve of a law."""
     code = jnp.maximum(end.code, status.OK)
     broken = active & (code != status.NONFINITE) & broken
     code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
     x = jnp.where(good, end.x, x)
     count = end.steps if factored is None else end.factored.count - factored.count
-    # nothing is evaluated after a failure
+    # after an earlier failure nothing was evaluated
     residual = jnp.where(active, largest(end.residual), jnp.nan)
     return Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
 
@@ -222,24 +225,28 @@ def march(
     PyTree[Any],
     Factored | None,
 ]:
-    """Bring a phase to equilibrium at each load factor in turn, each from the one before.
+    """Bring a phase to equilibrium at every load factor, each time from the point before.
 
     Args:
         ramp: the phase, `ramp.at(factor)` a `System`; not differentiated.
-        x: start, a point of the system.
-        increments: load factors, and which of them there are, both [1 + n_inc]; others pass by. The
-            first is 0: there is nothing to solve, but to read.
+        x: motion to start from.
+        increments: (load factors, whether the phase has them), both [1 + n_inc]; nothing is done
+            at factors that the phase does not have. The first factor is 0, where nothing is solved.
         method: `Newton`.
-        code: status so far; if it is a failure, or from the first failure on, nothing moves.
+        code: status so far; after a failure nothing moves.
         factored: as for `equilibrate`.
         seen: `Reading` of the last good increment.
-        fresh: whether there is none, so that the start is read.
-        tell: function of a load factor and its `Outcome` that is called after each, or None.
+        fresh: whether no increment has been good so far: then the start is read.
+        tell: function of a load factor and its `Outcome` that is called after every increment, or
+            None.
 
     Returns:
-        Points, [1 + n_inc, ...]; the log of each (`Outcome.log`), codes latched; `Reading`s, each
-        that of the last good increment; the last of these; memory of laws at the end; and what was
-        factored.
+        xs: points, [1 + n_inc, ...].
+        log: `Outcome.log` of every increment, with latched status.
+        readings: `Reading.of_path` at every increment, or at the last good one after a failure.
+        seen: `Reading` of the last good increment.
+        memory: memory of laws at the end.
+        factored: what is factored at the end.
     """
     begun = ramp.begun()
 
@@ -271,12 +278,12 @@ def march(
         return carry, (outcome.x, outcome.log, new.of_path)
 
     start = x, code, ramp.memory, factored, seen
-    (_, _, memory, factored, seen), (xs, log, rows) = lax.scan(step, start, increments)
-    return xs, log, rows, seen, memory, factored
+    (_, _, memory, factored, seen), (xs, log, readings) = lax.scan(step, start, increments)
+    return xs, log, readings, seen, memory, factored
 
 
 def _as_begun(system, begun, factor):
-    """The system, but at the load factor 0 that in which the phase begins, if its end is NaN."""
+    """The system, at load factor 0 with the states of the start exactly (the end may be NaN)."""
     states = []
     for now, then in zip(system.states, begun.states, strict=True):
         if now.jack_force is not None:

@@ -13,22 +13,34 @@ from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 
-WORTH = 12  # steps of an iterative linear solve that a factorisation is worth
-_INEXACT = 1e-2  # residual that it may leave, at most
+WORTH = 12  # conjugate gradient steps that cost as much as a factorisation
+_INEXACT = 1e-2  # largest relative residual that conjugate gradients may leave
 
 
 def direction(
     working: System,
     matrix: Matrix,
-    it: Any,  # the `iteration.Iterate`, which makes use of this
+    it: Any,  # an `iteration.Iterate`; that module imports this one
     sprinting: Bool[Array, ""],
     tol: Float[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n_free"], Bool[Array, ""], Factored | None]:
-    """The step of Newton's method: solution, whether it can be used, what was factored."""
-    # Conjugate gradients cannot tell that a matrix is indefinite; a convex energy has no such.
-    # They leave what the next step of Newton's method will leave anyway; the bounds steer effort
-    # and hide nothing, since the residual of the step is judged as ever.
+    """The step of Newton's method.
+
+    Args:
+        working: `System`, softened if the iteration softens.
+        matrix: its tangent with the Levenberg shift.
+        it: `iteration.Iterate`.
+        sprinting: whether an indefinite tangent is allowed under moments and following loads.
+        tol: relative residual that counts as converged.
+        wanted: False if the result does not matter (a finished case of a batch).
+
+    Returns:
+        step, whether it can be used, what was factored.
+    """
+    # Conjugate gradients cannot see that a matrix is indefinite, so they are used only where the
+    # energy is convex. Their tolerance is about the residual that the next Newton step leaves
+    # anyway. It steers the effort only: convergence is judged by the residual of the system.
     relative = largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
     limit = jnp.where(working.convex, WORTH, 0)
@@ -36,8 +48,9 @@ def direction(
         matrix, -it.residual, it.factored, forcing, limit, wanted
     )
     if working.space.rotates or working.followers is not None:
-        # Moments and following loads have no potential, hence no definite tangent to ask for. In a
-        # batch both are done: after each other, as LAPACK's batched calls can wait for each other.
+        # Moments and following loads have no potential, so that their tangent need not be definite.
+        # In a batch both branches are computed. The barrier puts them one after the other, because
+        # batched calls of LAPACK can wait for each other for ever.
         after, _ = lax.optimization_barrier((-it.residual, step))
         step, definite = lax.cond(
             sprinting & working.unsymmetric(),
@@ -51,5 +64,5 @@ def direction(
 
 
 def largest(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
-    """Largest entry by size; 0 where nothing is free."""
+    """Largest entry by size; 0 without unknowns."""
     return jnp.max(jnp.abs(residual), initial=0.0)

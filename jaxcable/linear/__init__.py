@@ -1,6 +1,6 @@
 """Factorise and solve: the only place that knows matrix formats.
 
-A matrix is a jax array [n, n], or `Sparse` on a `Pattern`. Both go into the same functions.
+A matrix is a jax array [n, n], or a `Sparse` on a `Pattern`. The functions here take both.
 """
 
 from __future__ import annotations
@@ -63,23 +63,23 @@ def diagonal(matrix: Matrix) -> Float[Array, " n"]:
 
 
 def plus_diagonal(matrix: Matrix, shift: Float[ArrayLike, ""]) -> Matrix:
-    """A matrix and `shift`, a scalar, on its diagonal."""
+    """The matrix with `shift`, a scalar, added to its diagonal."""
     if isinstance(matrix, Sparse):
         return matrix.plus_diagonal(shift)
     return matrix + shift * jnp.eye(len(matrix), dtype=matrix.dtype)
 
 
 def plus_entry(matrix: Matrix, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Matrix:
-    """A matrix and `value` on one place of its diagonal, both scalars."""
+    """The matrix with `value` added to entry `place` of its diagonal, both scalars."""
     if isinstance(matrix, Sparse):
         return matrix.plus_entry(place, value)
     return matrix.at[place, place].add(value)
 
 
 def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
-    """A matrix whose unknowns `held`, [n] bool, have no part in it but a stiffness of their own.
+    """The matrix with rows and columns of unknowns `held`, [n] bool, empty but for the diagonal.
 
-    It is as large as the largest on the diagonal, so that it spoils no scale.
+    Their diagonal is the largest of the matrix, so that its scale does not change.
     """
     stiffness = jnp.max(jnp.abs(diagonal(matrix)))
     if isinstance(matrix, Sparse):
@@ -89,14 +89,14 @@ def held_at(matrix: Matrix, held: Bool[Array, " n"]) -> Matrix:
 
 
 def or_identity(matrix: Matrix, valid: Bool[ArrayLike, ""]) -> Matrix:
-    """A matrix where `valid`, else the identity."""
+    """The matrix if `valid`, else the identity."""
     if isinstance(matrix, Sparse):
         return matrix.or_identity(valid)
     return jnp.where(valid, matrix, jnp.eye(len(matrix), dtype=matrix.dtype))
 
 
 def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
-    """A matrix where `defined`, else NaN: it will count as singular."""
+    """The matrix if `defined`, else NaN, which counts as singular."""
     factor = jnp.where(defined, 1.0, jnp.nan)
     if isinstance(matrix, Sparse):
         return copy(matrix, values=matrix.values * factor.astype(matrix.values.dtype))
@@ -104,14 +104,14 @@ def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
 
 
 def factorize(matrix: Matrix, loose: Bool[Array, " n"] | None = None) -> Factor | SparseFactor:
-    """A general (indefinite or unsymmetric) matrix [n, n], ready to solve with.
+    """Factorise a general (indefinite or unsymmetric) matrix.
 
     Args:
-        matrix: [n, n]; no derivative is taken of it.
+        matrix: [n, n]; it is not differentiated.
         loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
 
     Returns:
-        `Factor` or `SparseFactor`: `regular`, `solve(rhs, matvec)`, `or_identity()`.
+        `Factor` or `SparseFactor`, with `regular`, `solve(rhs, matvec)` and `or_identity()`.
     """
     if isinstance(matrix, Sparse):
         return sparse.factorize(matrix, loose)
@@ -128,28 +128,31 @@ def solve_marked(
 ) -> Float[Array, " 2*n"]:
     """Solve with a general matrix that is assembled by ``build() -> (matrix, loose)``.
 
-    Like ``factorize(*build()).solve(rhs, matvec)``, but what has no value is zero in the solution
-    and NaN in a mark beside it. Where matrices are sparse, nothing is assembled in a program that
-    in the end does not solve; and a positive semidefinite one that is near to a matrix factorised
-    before is solved by conjugate gradients. These do not see that a matrix is singular in a
-    direction that the right side does not touch: there the answer is finite where a factorisation
-    would make it NaN.
+    Like ``factorize(*build()).solve(rhs, matvec)``, but an unknown without a value is zero in the
+    solution, and its mark beside the solution is NaN. A sparse matrix is assembled only if the
+    program does solve with it. If it is positive semidefinite and near to a matrix factorised
+    before, conjugate gradients solve the system. They do not see that a matrix is singular in a
+    direction that the right side does not touch: then the solution is finite, where that of a
+    factorisation is NaN.
 
     Args:
-        build: function without arguments.
-        rhs: [2 n], that of the mark last, which is its own solution.
-        matvec: the linear function of solution and mark, [2 n] both, that derivatives of the solve
-            go through.
-        factored: of `solve_next`.
-        tol: residual that conjugate gradients may leave, relative to that of the start.
-        limit: conjugate gradient steps that a factorisation is worth; 0 unless the matrix is
+        build: function without arguments that assembles the matrix and finds loose unknowns.
+        rhs: right side and marks, [2 n]; a mark is its own solution.
+        matvec: linear function from (solution, marks) [2 n] to right side and marks [2 n], for
+            derivatives of the solve.
+        factored: as for `solve_next`.
+        tol: residual that conjugate gradients may leave, relative to the right side.
+        limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is
             known to be positive semidefinite.
+
+    Returns:
+        Solution and marks, [2 n].
     """
     if factored is None:
         factor = factorize(*build())
         if isinstance(factor, Factor):
             return factor.solve_marked(rhs, matvec)
-    # type checkers do not know that what is factored is sparse
+    # here the matrix is sparse, which type checkers do not know
     return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)  # type: ignore[arg-type]
 
 
@@ -162,9 +165,9 @@ def solve_general(
 
 
 def is_definite(matrix: Matrix) -> Bool[Array, ""]:
-    """Whether a matrix has no eigenvalue below zero, as far as rounding tells; not differentiable.
+    """Whether a matrix has no negative eigenvalue, to rounding; not differentiable.
 
-    Of an unsymmetric one: whether its symmetric part has none.
+    For an unsymmetric matrix: whether its symmetric part has none.
     """
     if isinstance(matrix, Sparse):
         return sparse.is_definite(matrix)
@@ -181,19 +184,21 @@ def solve_next(
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
     """Solve the next of a sequence of similar, positive definite systems; not differentiable.
 
-    A dense matrix is factorised. So is a sparse one, unless conjugate gradients with the factor of
-    an earlier matrix get there first.
+    A dense matrix is factorised. A sparse matrix is factorised only if conjugate gradients with the
+    factor of an earlier matrix would take too many steps.
 
     Args:
         matrix: [n, n].
-        rhs: [n].
-        factored: what earlier solves left, `nothing_factored` at first; None for dense matrices.
-        tol: residual, relative to that of the start, that conjugate gradients may leave.
-        limit: conjugate gradient steps that a factorisation is worth; 0 always factorises.
+        rhs: right side, [n].
+        factored: the `Factored` of the solve before, `nothing_factored` at first; None for dense
+            matrices.
+        tol: residual that conjugate gradients may leave, relative to the right side.
+        limit: conjugate gradient steps allowed before a factorisation; 0 always factorises.
         wanted: False if the result does not matter (a finished case of a batch).
 
     Returns:
-        Solution [n], whether the matrix is positive definite (as far as seen), factored.
+        Solution [n]; whether the matrix is positive definite (conjugate gradients see this in the
+        directions of their steps only); `Factored` for the next solve.
     """
     if isinstance(matrix, Sparse):
         tol, limit = jnp.asarray(tol, rhs.dtype), jnp.int32(limit)

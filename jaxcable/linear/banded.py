@@ -1,15 +1,15 @@
 """Symmetric positive definite banded solves for batches of small systems on CPU.
 
-XLA runs a loop over columns of one small matrix as a string of tiny kernels. Here the batch is the
-last axis, so that each kernel works on a row of cases in vector registers, and the batch is worked
-off in chunks whose window of the factor stays in cache. `solve_banded` takes one case; under
+XLA runs a loop over columns of one small matrix as a string of tiny kernels. Here the cases of a
+batch are the last axis, so that each kernel works on many cases in vector registers, and the batch
+is solved in chunks whose window of the factor stays in cache. `solve_banded` takes one case; under
 `jax.vmap`, however deep, it becomes one such program.
 
-Storage of a matrix A with half-bandwidth b: ``band[k, i] = A[k + i, k]``, [n, b + 1], that is the
+Storage of a matrix A with half-bandwidth b: ``band[k, i] = A[k + i, k]``, [n, b + 1], which is the
 transpose of the lower form of `scipy.linalg.solveh_banded`. Entries past the last row (k + i >= n)
-are without influence, but must be finite.
+have no influence, but must be finite.
 
-The solve is not differentiable by itself: it belongs inside `lax.custom_linear_solve`.
+The solve is not differentiable by itself: put it into `lax.custom_linear_solve`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from jax.custom_batching import custom_vmap
 
 from ..common.types import Array, Bool, Float
 
-_ROW_BYTES = 256  # of one number of all cases of a chunk, at most
-_VECTOR = 4  # chunks are multiples of this
-_SEGMENTS, _SEGMENT = 6, 4  # a column in at most so many parts, of at least so many rows
+_ROW_BYTES = 256  # most bytes of one entry for all cases of a chunk
+_VECTOR = 4  # the number of cases in a chunk is a multiple of this
+_SEGMENTS, _SEGMENT = 6, 4  # most segments of a column, fewest rows of a segment
 
 
 def solve_banded(
@@ -35,8 +35,8 @@ def solve_banded(
         rhs: [n].
 
     Returns:
-        Solution [n] and whether the matrix is (numerically) positive definite; if it is not, the
-        solution is not to be used.
+        Solution [n], and whether the matrix is (numerically) positive definite; if not, the
+        solution is meaningless.
     """
     x, definite = _solve_cases(band[None], rhs[None, :, None])
     return x[0, :, 0], definite[0]
@@ -52,9 +52,9 @@ def _solve_cases(band, rhs):
     size = min(cases, -(-cases // (chunks * _VECTOR)) * _VECTOR)
     segment = min(width, max(_SEGMENT, -(-width // _SEGMENTS)))
 
-    def step(turn, carry):
+    def step(chunk, carry):
         factor, x, definite = carry
-        at = turn * size  # reading and writing move the last chunk back to where it is complete
+        at = chunk * size  # slices past the end are moved back: the last chunk overlaps
         band_part = _read(band, (at, 0, 0), (size, n, width))
         rhs_part = _read(rhs, (at, 0, 0), (size, n, sides))
         factor, x_part, definite_part = _solve_chunk(
@@ -63,7 +63,7 @@ def _solve_cases(band, rhs):
         x = _write(x, jnp.transpose(x_part, (2, 0, 1)), (at, 0, 0))
         return factor, x, _write(definite, definite_part, (at,))
 
-    # zero in front of the first column and below the band, and stays so
+    # zero before the first column and below the band; no chunk writes there
     factor = jnp.zeros((width - 1 + n, width - 1 + segment, size), band.dtype)
     carry = (factor, jnp.zeros_like(rhs), jnp.zeros(cases, bool))
     return lax.fori_loop(jnp.uint32(0), jnp.uint32(chunks), step, carry)[1:]
@@ -71,7 +71,7 @@ def _solve_cases(band, rhs):
 
 @_solve_cases.def_vmap
 def _solve_mapped(axis_size, mapped, band, rhs):
-    """One more axis in front: more right sides if the matrices do not have it, else more cases."""
+    """One more batch axis: more cases, or more right sides if the matrices do not have the axis."""
     if not mapped[0]:
         cases, n, sides = rhs.shape[1:]
         rhs = jnp.moveaxis(rhs, 0, 2).reshape(cases, n, axis_size * sides)
@@ -94,11 +94,11 @@ def _write(array, part, start):
 def _solve_chunk(factor, band, rhs):
     """Cholesky by columns, looking left, and both substitutions; the cases are the last axis.
 
-    A column is reduced in segments, each of which skips the products known to be zero.
+    A column is reduced in segments, each of which skips products that are known to be zero.
 
-    What the loops carry is arranged for XLA: a kernel that reads one place of an array and writes
-    another would make it copy the array in every turn. Hence the right sides in rolling windows,
-    and unsigned counters, which need no test for negative positions.
+    The carries of the loops are arranged for XLA, which would copy an array in every iteration if a
+    kernel read one position of it and wrote another: right sides are in rolling windows. Counters
+    are unsigned, so that no test for negative positions is compiled.
 
     Args:
         factor: work array [b + n, b + segment, C], column k of the factor at b + k; zero in its
@@ -117,7 +117,7 @@ def _solve_chunk(factor, band, rhs):
     rhs = jnp.pad(rhs, ((0, width), (0, 0), (0, 0)))
 
     def reduce(factor, k, low):
-        """Rows low ... of column k less the products with the columns before it."""
+        """A segment of column k, from row `low` on, minus products with the columns before it."""
         rows = min(segment, width - low)
         column = _read(band, (k, low, 0), (1, rows, size))
         for m in range(1, b + 1 - low):
@@ -141,9 +141,9 @@ def _solve_chunk(factor, band, rhs):
     pivots = factor[b:, 0]
     definite = jnp.all((pivots > 0) & jnp.isfinite(pivots), axis=0)
 
-    def backward(turn, carry):
+    def backward(count, carry):
         x, window = carry  # window: solution k + 1 ... k + b
-        k = jnp.uint32(n - 1) - turn
+        k = jnp.uint32(n - 1) - count
         value = _read(y, (k, 0, 0), (1, sides, size))
         for i in range(1, width):
             value = value - _read(factor, (k + b, i, 0), (1, 1, size)) * window[i - 1 : i]

@@ -3,13 +3,14 @@
     [ K  c ] [x]   [b]
     [ r  d ] [y] = [e]
 
-With K the tangent stiffness and c the derivative of the residual by the load factor it stays
-regular at limit points (Keller 1977). A sparse K is factorised on the host and the rest eliminated
-by blocks. Where K is nearly singular this loses digits: both parts of ``x = K^-1 b - y K^-1 c`` are
-then large and nearly cancel. The result is improved by its own residual, and judged by it, against
-the terms ``|K| |x| + |c| |y| + |b|`` that the residual is the sum of (backward error; not against
-``|K x|``, which is no more than its rounding where K x vanishes). If that does not lead to the
-rounding of these terms, as at a singular K, the whole matrix is factorised with row exchanges.
+With K the tangent stiffness and c the derivative of the residual by the load factor, the bordered
+matrix stays regular at limit points (Keller 1977). A sparse K is factorised on the host and the
+border eliminated by blocks. Where K is nearly singular this loses digits: both parts of
+``x = K^-1 b - y K^-1 c`` are large and nearly cancel. The result is improved iteratively by its
+residual, which is judged against the sum of the sizes of its terms, ``|K| |x| + |c| |y| + |b|``
+(backward error; ``|K x|`` would be too strict where K x vanishes). If the residual does not come
+down to the rounding of these terms, as at a singular K, the whole matrix is factorised with row
+exchanges.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from . import host, sparse
 from .pattern import Matrix, Sparse
 
-_CLOSE = 64  # roundings of its terms that a residual may have
-_IMPROVE = 4  # times that a solution by blocks is improved before the whole is factorised
+_CLOSE = 64  # largest residual, in roundings (eps) of the sizes of its terms
+_IMPROVE = 4  # most improvements of a solution by blocks before the whole matrix is factorised
 
 
 def solve_bordered(
@@ -46,11 +47,12 @@ def solve_bordered(
         matrix: K, [n, n].
         column, row: c and r, [n].
         corner: d, scalar.
-        rhs, last: b, [n], and e, scalar.
+        rhs: b, [n].
+        last: e, scalar.
         loose: unknowns with empty rows and columns, which stay zero, [n] bool.
 
     Returns:
-        x [n], y, and whether the bordered matrix is regular to working precision.
+        x [n], y scalar, and whether the bordered matrix is regular to working precision.
     """
     column, row, rhs = (jnp.where(loose, 0.0, v) for v in (column, row, rhs))
     if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
@@ -60,11 +62,12 @@ def solve_bordered(
 
 
 def _whole(matrix, column, row, corner, rhs, last, loose):
+    """`solve_bordered` for a dense matrix: LU factors of the bordered matrix, scaled."""
     n = len(rhs)
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
     size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
     size = jnp.where(size > 0, size, 1.0)
-    # unknowns y and the last equation are scaled so that pivots can be compared
+    # the unknown y and the last equation are scaled, too, so that pivots can be compared
     width, height = _largest(column / size), jnp.maximum(_largest(row / size), 0.0)
     height = jnp.maximum(height, jnp.abs(corner) / width)
     bordered = jnp.block(
@@ -82,12 +85,13 @@ def _whole(matrix, column, row, corner, rhs, last, loose):
 
 
 def _largest(v):
-    """Largest size of an entry; 1 of nothing, so that it can divide."""
+    """Largest size of an entry; 1 where all are zero, so that it can be a divisor."""
     largest = jnp.max(jnp.abs(v), initial=0.0)
     return jnp.where(largest > 0, largest, 1.0)
 
 
 def _on_host(matrix, column, row, corner, rhs, last, loose):
+    """`solve_bordered` for a sparse matrix: a callback to the host."""
     p = matrix.pattern
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
@@ -101,6 +105,8 @@ def _on_host(matrix, column, row, corner, rhs, last, loose):
 
 @functools.cache
 def _solver(solver, symmetric):
+    """The callback that solves all cases of a batch, NumPy."""
+
     def function(digest, indptr, indices, *arrays):
         vectors, scalars = arrays[:-2], arrays[-2:]
         batch = np.broadcast_shapes(*(v.shape[:-1] for v in vectors), *(s.shape for s in scalars))
@@ -124,11 +130,11 @@ def _solve(analysed, values, loose, column, row, rhs, corner, last):
     values, column, row, rhs, corner, last = (np.asarray(v, float) for v in numbers)
     if not all(np.isfinite(v).all() for v in (values, column, row, rhs, corner, last)):
         return nothing
-    own = host._without(analysed, values, loose)
-    stored = sp.csr_matrix((own, analysed.indices, analysed.indptr), (n, n))
+    entries = host._without(analysed, values, loose)
+    stored = sp.csr_matrix((entries, analysed.indices, analysed.indptr), (n, n))
     matrix = stored + sp.triu(stored, 1).T if analysed.symmetric else stored
     # unknowns and equations are scaled as in `_whole`
-    size = np.sqrt(np.abs(own[analysed.diagonal]))
+    size = np.sqrt(np.abs(entries[analysed.diagonal]))
     size[size == 0] = 1.0
     width = np.abs(column / size).max(initial=0.0) or 1.0
     height = max(np.abs(row / size).max(initial=0.0), abs(corner) / width) or 1.0
@@ -141,14 +147,14 @@ def _solve(analysed, values, loose, column, row, rhs, corner, last):
         format="csc",
     )
     b = np.append(rhs / size, last / height)
-    z = _by_blocks(analysed.factor(own, False), whole, b, size)
+    z = _by_blocks(analysed.factor(entries, False), whole, b, size)
     if z is None:
         z = _factorised(whole, b)
     return nothing if z is None else (z[:-1] / size, z[-1] / width, True)
 
 
 def _by_blocks(factor, whole, b, size):
-    """Solution with a factor of K, or None if it is not as good as one of the whole matrix."""
+    """Solution with a factor of K; None if its residual is not small enough, see the module."""
     if factor is None:
         return None
     column, row = whole[:-1, [-1]].toarray()[:, 0], whole[[-1], :-1].toarray()[0]
@@ -167,7 +173,7 @@ def _by_blocks(factor, whole, b, size):
 
 
 def _factorised(whole, b):
-    """Solution by factors of the whole matrix with row exchanges, None if it is singular."""
+    """Solution by LU factors of the whole matrix with row exchanges; None if it is singular."""
     import scipy.sparse.linalg as sla  # slow to import
 
     try:
@@ -183,15 +189,15 @@ def _factorised(whole, b):
 
 
 def _improved(solve, whole, b):
-    """``solve(b)``, improved until the residual is the rounding of its terms; None if it is not."""
+    """``solve(b)``, improved until its residual is small, see the module; else None."""
     sizes, z, left = abs(whole), np.zeros_like(b), b
     for _ in range(1 + _IMPROVE):
         z = z + solve(left)
         left = b - whole @ z
         terms = sizes @ np.abs(z) + np.abs(b)
-        # forces and the condition apart: each against the largest of its own terms
+        # forces (N) and the last equation (another unit) are judged separately
         pairs = ((left[:-1], terms[:-1]), (left[-1:], terms[-1:]))
         allowed = _CLOSE * np.finfo(float).eps
-        if all(np.abs(own).max() <= allowed * of.max() for own, of in pairs):
+        if all(np.abs(residual).max() <= allowed * size.max() for residual, size in pairs):
             return z
     return None

@@ -1,4 +1,4 @@
-"""The solvers that are known, in the order in which the first that suits is chosen."""
+"""Registers the solvers of this package; the first in this order that suits is chosen."""
 
 from . import solver
 from .dense import Dense
@@ -6,5 +6,5 @@ from .lapack import Banded
 from .pardiso import Pardiso
 from .superlu import SuperLU
 
-for _own in (Dense(), Banded(), Pardiso(), SuperLU()):
-    solver.register(_own)
+for _solver in (Dense(), Banded(), Pardiso(), SuperLU()):
+    solver.register(_solver)

@@ -1,7 +1,7 @@
 """Dense direct solves, each wrapped in `lax.custom_linear_solve`.
 
-The wrapper is what gives derivatives: it differentiates ``A x = b`` and not the factorisation,
-which would cost several times the solve itself.
+The wrapper differentiates the equation ``A x = b`` and not the factorisation, whose derivative
+would cost several times the solve itself.
 """
 
 from __future__ import annotations
@@ -18,28 +18,28 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver
 
-_MOST = 150  # unknowns up to which dense is faster, see experiments/scaling.py
+_MOST = 150  # unknowns up to which dense matrices are faster, see experiments/scaling.py
 
 
 class Dense(solver.Solver):
-    """Factors of jax itself: no call of the host, for some hundred unknowns and on accelerators."""
+    """Factors of jax itself, without callbacks: for some hundred unknowns, and on accelerators."""
 
     name = "dense"
     on_device = True
 
     def suits(self, n: int, banded: bool) -> bool:
-        """It suits what is small."""
+        """True for few unknowns."""
         return n <= _MOST
 
     def analyse(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> NoReturn:
-        """Nothing is analysed: `solve_definite` and `factorize` take the array."""
+        """Never called: `solve_definite` and `factorize` take the array."""
         raise NotImplementedError("a dense matrix is solved inside of the program")
 
 
 def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
-    """Diagonal of a matrix, [n]: a slice with steps (`jnp.diagonal` is a search for indices)."""
+    """Diagonal of a matrix, [n], by a strided slice (cheaper than the gather of `jnp.diagonal`)."""
     n = len(matrix)
     return matrix.reshape(-1)[:: n + 1]
 
@@ -51,11 +51,11 @@ def solve_definite(
 
     Args:
         matrix: symmetric, [n, n].
-        rhs: [n].
+        rhs: right side, [n].
 
     Returns:
-        Solution [n] and whether the matrix is (numerically) positive definite; if it is not, the
-        solution is not to be used.
+        Solution [n], and whether the matrix is (numerically) positive definite; if not, the
+        solution is meaningless.
     """
     factor = jnp.linalg.cholesky(lax.stop_gradient(matrix))
     pivots = diagonal(factor)
@@ -73,10 +73,10 @@ class Factor:
     """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.
 
     Attributes:
-        lu, pivot: factor of the scaled matrix.
-        size: scaling, [n].
+        lu, pivot: LU factor of the scaled matrix.
+        size: scaling, the root of the diagonal, [n].
         loose: unknowns without a value, [n] bool.
-        regular: whether the rest of the matrix is regular to working precision.
+        regular: whether the matrix of the other unknowns is regular to working precision.
     """
 
     lu: Float[Array, "n n"]
@@ -88,10 +88,10 @@ class Factor:
     def solve(
         self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
     ) -> Float[Array, " n"]:
-        """Solve for `rhs` [n]; derivatives go through the linear function `matvec`.
+        """Solve for `rhs` [n]; derivatives are those of the linear function `matvec`.
 
-        All NaN if the matrix is singular. A loose unknown has no value: NaN; the others are exact.
-        An adjoint that asks about one of these (right side not zero there) is all NaN.
+        All NaN if the matrix is singular. Loose unknowns have no value: they are NaN, the others
+        are exact. An adjoint whose right side is not zero at a loose unknown is all NaN.
         """
 
         def forward(_, b):
@@ -126,8 +126,8 @@ class Factor:
         return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size
 
     def _transposed(self, b):
-        # not linear, on purpose: a loose unknown, or a singular phase on the way, that nobody
-        # asks about must not spoil the rest
+        # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
+        # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
         asked = jnp.any((self.loose | ~self.regular) & (b != 0))
         answer = jnp.where(self.regular, self._back_substitute(b, 1), 0.0)
         return jnp.where(asked, jnp.nan, answer)
@@ -147,8 +147,8 @@ class Factor:
 def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = None) -> Factor:
     """See `linear.factorize`.
 
-    The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps of the
-    largest: scaling first, so that a stiffness of 1e-12 of the others is still a stiffness.
+    The matrix counts as singular if a pivot, after scaling to unit diagonal, is below n eps times
+    the largest. Because of the scaling a stiffness of 1e-12 of the others still counts.
     """
     n = matrix.shape[0]
     matrix = lax.stop_gradient(matrix)

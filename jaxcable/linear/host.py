@@ -1,7 +1,7 @@
-"""What runs on the host inside a compiled program: analyses, factors kept, conjugate gradients.
+"""The host side of sparse solves: analyses and factors for reuse, conjugate gradients.
 
-Everything is NumPy: a callback that calls jax can wait for itself. Results depend on nothing but
-the arguments; what is kept here (analyses of patterns, the last factors) only saves work.
+Everything is NumPy: a callback that calls jax can wait for itself for ever. Results depend on the
+arguments only; the stored analyses of patterns and last factors only save work.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import scipy.sparse as sp
 from ..common.types import Bool, Float, Int
 from .solver import NumericFactor, Solver
 
-_PATTERNS = 8  # analyses kept
-_FACTORS = 4  # factors kept per pattern, and at most
-_BYTES = 1 << 29  # of memory per pattern, but always the last
-_PACE = 4  # conjugate gradient steps after which the pace is judged
+_PATTERNS = 8  # most analyses that are stored
+_FACTORS = 4  # most factors that are stored per pattern
+_BYTES = 1 << 29  # most memory of the factors of a pattern; the last one is stored in any case
+_PACE = 4  # conjugate gradient steps after which the rate of convergence is judged
 
 _lock = threading.RLock()
 _kept = OrderedDict()
@@ -33,7 +33,7 @@ def kept(
     indptr: Int[np.ndarray, " n+1"],
     indices: Int[np.ndarray, " n_value"],
 ) -> Analysed:
-    """The analysis of a pattern by a `solver.Solver`, made at its first use."""
+    """The analysis of a pattern by a `solver.Solver`: stored, or made now."""
     key = (solver.name, symmetric, digest.tobytes())
     if key not in _kept:
         while len(_kept) >= _PATTERNS:
@@ -44,7 +44,13 @@ def kept(
 
 
 class Analysed:
-    """A pattern made ready for a solver, with the factors of the last matrices on it."""
+    """A pattern analysed by a solver, with the factors of the last matrices on it.
+
+    Args:
+        solver: `Solver`.
+        symmetric: whether only the upper triangle is stored.
+        indptr, indices: compressed rows of what is stored, see `pattern.Pattern`.
+    """
 
     def __init__(
         self,
@@ -60,10 +66,10 @@ class Analysed:
         self.diagonal = np.flatnonzero(self.rows == self.indices)
         shape = self.n, self.n
         whole = sp.csr_matrix((np.arange(1, len(indices) + 1), indices, indptr), shape)
-        # the stored entries as a matrix and as its transpose; whoever uses them puts values in
+        # the stored entries as a matrix and as its transpose; `times` puts the values in
         self.stored = sp.csr_matrix((np.ones(len(indices)), self.indices, self.indptr), shape)
         self.flipped = self.stored.T
-        if symmetric:  # solvers are shown both triangles
+        if symmetric:  # solvers get both triangles
             whole = (whole + sp.triu(whole, 1).T).tocsr()
             whole.sort_indices()
             self.take = whole.data - 1
@@ -76,19 +82,19 @@ class Analysed:
     def times(
         self, values: Float[np.ndarray, " n_value"]
     ) -> Callable[[Float[np.ndarray, " n"]], Float[np.ndarray, " n"]]:
-        """The function that multiplies a symmetric matrix by a vector, until the next call."""
+        """A function that multiplies a symmetric matrix by a vector; valid until the next call."""
         self.stored.data = self.flipped.data = values
         diagonal = values[self.diagonal]
         return lambda v: self.stored @ v + self.flipped @ v - diagonal * v
 
     def factor(self, values: Float[np.ndarray, " n_value"], definite: bool) -> NumericFactor | None:
-        """Factor of a matrix, from those kept or made now; None if it is singular.
+        """Factor of a matrix, stored or made now; None if the matrix is singular.
 
-        `definite` demands a positive definite matrix, and of an unsymmetric one takes the symmetric
-        part.
+        `definite` demands a positive definite matrix; an unsymmetric matrix is then replaced by its
+        symmetric part.
         """
-        for number, (own, kind, factor) in reversed(self.factors.items()):
-            if (kind == definite or (kind and self.symmetric)) and np.array_equal(own, values):
+        for number, (known, kind, factor) in reversed(self.factors.items()):
+            if (kind == definite or (kind and self.symmetric)) and np.array_equal(known, values):
                 self.factors.move_to_end(number)
                 return factor
         if self.symmetric:
@@ -109,6 +115,7 @@ class Analysed:
         return factor
 
     def _make_room(self):
+        """Release old factors until another one fits in number and memory."""
         while self.factors:
             sizes = [factor.n_bytes for _, _, factor in self.factors.values()]
             if len(sizes) < _FACTORS and sum(sizes) + sizes[-1] <= _BYTES:
@@ -116,7 +123,7 @@ class Analysed:
             self.factors.popitem(last=False)[1][2].release()
 
     def release(self) -> None:
-        """Give all memory back."""
+        """Free the memory of the analysis and of all factors."""
         for _, _, factor in self.factors.values():
             factor.release()
         self.factors.clear()
@@ -133,8 +140,8 @@ def conjugate_gradients(
     """Solve a positive definite system from zero until ``|r| <= tol |b|``.
 
     Returns:
-        The solution, or None if the matrix shows a direction without stiffness, or if at the pace
-        of the first steps more than `limit` would be needed.
+        The solution; None if a direction without stiffness was met, or if at the rate of the first
+        steps more than `limit` steps would be needed.
     """
     goal = tol * _norm(b)
     x, r = np.zeros_like(b), b
@@ -161,7 +168,7 @@ def conjugate_gradients(
 
 
 def _dot(a, b):
-    """Inner product without BLAS, whose threads would fight with those of the program."""
+    """Inner product without BLAS, whose threads would compete with those of the program."""
     return np.add.reduce(a * b)
 
 
@@ -179,15 +186,27 @@ def step(
     limit: Int[np.ndarray, " m"],
     wanted: Bool[np.ndarray, " m"],
 ) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
-    """Solutions of systems that should be positive definite, each as in `definite_step`.
+    """Solve a batch of systems that should be positive definite, see `linear.solve_next`.
 
-    All but `pattern` have a leading axis. Returns x [m, n], definite [m], fresh [m].
+    Args:
+        pattern: arguments of `kept`.
+        values: matrices, [m, n_value].
+        rhs: right sides, [m, n].
+        stale: matrices factorised earlier, [m, n_value].
+        usable: whether there is such a matrix, and conjugate gradients are to be tried, [m] bool.
+        tol, limit: for `conjugate_gradients`, [m].
+        wanted: whether the result matters, [m] bool.
+
+    Returns:
+        x: solutions, [m, n].
+        definite: whether the matrices are positive definite, as far as seen, [m].
+        fresh: whether the matrix itself was factorised, [m].
     """
     x = np.zeros(rhs.shape)
     definite, fresh = np.zeros(len(rhs), bool), np.zeros(len(rhs), bool)
     with _lock:
         analysed = kept(*pattern)
-        # as many factors as cases would not be kept: then each matrix has its own
+        # the factors of a larger batch would not all be stored: factorise every matrix anew
         usable = usable & (len(rhs) < _FACTORS) & analysed.iterates
         for k in np.flatnonzero(wanted):
             answer = None
@@ -218,22 +237,22 @@ def solve(
     rhs: Float[np.ndarray, "m n"],
     group: Int[np.ndarray, " m"],
 ) -> tuple[Float[np.ndarray, "m n"], Bool[np.ndarray, " m"]]:
-    """Solutions of general systems: x [m, n] and whether the matrix is regular [m].
+    """Solve a batch of general systems: x [m, n], and whether the matrices are regular [m].
 
-    A single right side of a matrix like one that has been factorised is left to conjugate
-    gradients; more are worth a factorisation.
+    If a matrix has one right side only, and a similar one is factorised, conjugate gradients are
+    tried first.
 
     Args:
         pattern: arguments of `kept`.
-        transposed: solve with the transposed matrices; then a right side of zeros costs nothing,
-            and its matrix counts as regular.
+        transposed: whether to solve with the transposed matrices. Then a right side of zeros is not
+            solved for, and its matrix counts as regular.
         values: matrices, [g, n_value].
         loose: unknowns whose rows and columns are replaced by those of the identity, [g, n] bool.
         stale: matrices factorised earlier, [g, n_value].
         usable: whether there is such a matrix, and this one is positive semidefinite, [g] bool.
         tol, limit: for `conjugate_gradients`, [g].
-        rhs: [m, n].
-        group: the matrix that belongs to each right side, [m].
+        rhs: right sides, [m, n].
+        group: number of the matrix of each right side, [m].
     """
     x, regular = np.zeros(rhs.shape), np.zeros(len(rhs), bool)
     idle = ~rhs.any(axis=1) if transposed else np.zeros(len(rhs), bool)
@@ -242,23 +261,23 @@ def solve(
         analysed = kept(*pattern)
         usable = usable & (len(values) < _FACTORS) & analysed.iterates
         for g in np.unique(group[~idle]):
-            mine = np.flatnonzero((group == g) & ~idle)
-            own = _without(analysed, values[g], loose[g])
-            if usable[g] and len(mine) == 1:
+            sides = np.flatnonzero((group == g) & ~idle)
+            entries = _without(analysed, values[g], loose[g])
+            if usable[g] and len(sides) == 1:
                 old = analysed.factor(stale[g], True)
                 answer = None
                 if old is not None:
-                    times = analysed.times(own)
+                    times = analysed.times(entries)
                     answer = conjugate_gradients(
-                        times, old.solve, rhs[mine[0]], tol[g], int(limit[g])
+                        times, old.solve, rhs[sides[0]], tol[g], int(limit[g])
                     )
                 if answer is not None:
-                    x[mine], regular[mine] = answer, True
+                    x[sides], regular[sides] = answer, True
                     continue
-            factor = analysed.factor(own, False)
+            factor = analysed.factor(entries, False)
             if factor is not None:
-                b = rhs[mine[0]] if len(mine) == 1 else rhs[mine].T
-                x[mine], regular[mine] = factor.solve(b, transposed).T, True
+                b = rhs[sides[0]] if len(sides) == 1 else rhs[sides].T
+                x[sides], regular[sides] = factor.solve(b, transposed).T, True
     return x, regular
 
 
@@ -267,5 +286,5 @@ def _without(analysed, values, loose):
     if not loose.any():
         return values
     touched = loose[analysed.rows] | loose[analysed.indices]
-    own = analysed.rows == analysed.indices
-    return np.where(touched, np.where(own, 1.0, 0.0), values)
+    diagonal = analysed.rows == analysed.indices
+    return np.where(touched, np.where(diagonal, 1.0, 0.0), values)

@@ -16,10 +16,10 @@ class Banded(solver.Solver):
 
     name = "banded"
     offered = False
-    iterates = False  # a factor is cheaper
+    iterates = False  # a new factor is cheaper than iterations
 
     def suits(self, n: int, banded: bool) -> bool:
-        """It suits what has a small bandwidth."""
+        """True for a small bandwidth."""
         return banded
 
     def analyse(
@@ -43,7 +43,7 @@ class _Analysis(solver.Analysis):
         row, column = place[np.repeat(np.arange(n), np.diff(indptr))], place[indices]
         self.b = int(np.max(np.abs(row - column), initial=0))
         self.lower = np.flatnonzero(row >= column)
-        # where values go in the Fortran arrays of LAPACK, columns one after the other
+        # positions of the values in the Fortran arrays of LAPACK, column by column
         high = self.b + 1
         self.lower_at = (row - column + column * high)[self.lower]
         self.general_at = row - column + 2 * self.b + column * (3 * self.b + 1)
@@ -52,7 +52,7 @@ class _Analysis(solver.Analysis):
         self.diagonal = self.diagonal[np.argsort(row[self.diagonal])]
 
     def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
-        """See `solver.Analysis`; `definite` is faster."""
+        """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
         diagonal = np.abs(values[self.diagonal])
         size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # so that pivots can be compared
         row, column = self.places
@@ -74,7 +74,7 @@ class _Analysis(solver.Analysis):
 
 
 class _Factor(solver.NumericFactor):
-    """A numeric factor; `pivot` is None for Cholesky's."""
+    """A numeric factor; `pivot` is None for a Cholesky factor."""
 
     def __init__(self, symbolic, band, pivot, size):
         self.symbolic, self.band, self.pivot, self.size = symbolic, band, pivot, size

@@ -1,7 +1,7 @@
 """PARDISO of Intel's MKL, by way of `pypardiso`: analysed once, factorised many times.
 
-`pypardiso`'s own calls repeat the analysis with every factorisation and take matrices to be
-unsymmetric. Here a pattern is analysed once a matrix type, several factors live side by side
+The functions of `pypardiso` repeat the analysis with every factorisation and treat all matrices as
+unsymmetric. Here a pattern is analysed once per matrix type, several factors exist side by side
 (PARDISO's `mnum`), and symmetric positive definite matrices are treated as such.
 """
 
@@ -18,10 +18,10 @@ from ..common.types import Float, Int
 from . import solver
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
-_SLOTS = 8  # factors of a pattern that can live side by side
+_SLOTS = 8  # factors of a pattern that can exist side by side
 _SMALL = 3000  # unknowns up to which one thread is as fast as several, see experiments/scaling.py
-# Entries a row, of the upper triangle, up to which minimum degree gives the better ordering: of
-# nets with one unknown a node (a third less time at 5 000 to 40 000 unknowns).
+# Entries per row of the upper triangle up to which minimum degree gives the better ordering, as in
+# nets with one unknown per node (a third less time at 5 000 to 40 000 unknowns).
 _THIN = 4
 _FEW = 16  # right sides up to which it is faster to solve one after the other (3 sides: 4 times)
 _INT = ctypes.POINTER(ctypes.c_int32)
@@ -45,18 +45,18 @@ class Pardiso(solver.Solver):
     """PARDISO, where `pypardiso` is installed."""
 
     name = "pardiso"
-    exchanges_rows = False  # far apart
+    exchanges_rows = False  # it exchanges only rows that are near each other
 
     def available(self) -> bool:
         """Whether `pypardiso` is installed."""
         return importlib.util.find_spec("pypardiso") is not None
 
     def missing(self) -> str:
-        """What to do where it is not, in words."""
+        """Text of the error where `pypardiso` is not installed."""
         return 'pypardiso is not installed; use "superlu", or install the extra jaxcable[pardiso]'
 
     def suits(self, n: int, banded: bool) -> bool:
-        """It suits everything."""
+        """True: any matrix."""
         return True
 
     def analyse(
@@ -67,7 +67,7 @@ class Pardiso(solver.Solver):
 
 
 class _Analysis(solver.Analysis):
-    """A pattern analysed once for each of the matrix types that are asked for."""
+    """A pattern, analysed once for every matrix type when it is first needed."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -76,7 +76,7 @@ class _Analysis(solver.Analysis):
         self.handles = {}
 
     def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
-        """See `solver.Analysis`; `definite` is faster."""
+        """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
         if not np.isfinite(values).all():
             return None
         kind = _DEFINITE if definite else _GENERAL
@@ -85,14 +85,14 @@ class _Analysis(solver.Analysis):
         return self.handles[kind].factorize(values)
 
     def release(self) -> None:
-        """Give all memory back."""
+        """Free PARDISO's memory."""
         for handle in self.handles.values():
             handle.call(-1, 1, None)
         self.handles.clear()
 
 
 class _Handle:
-    """PARDISO's own memory for a pattern and a matrix type."""
+    """The internal memory of PARDISO for one pattern and one matrix type."""
 
     def __init__(
         self,
@@ -103,26 +103,26 @@ class _Handle:
     ):
         self.kind, self.n = kind, n
         rows = np.repeat(np.arange(n), np.diff(indptr))
-        # of a symmetric matrix PARDISO takes the upper triangle
+        # PARDISO takes the upper triangle of a symmetric matrix
         self.take = np.flatnonzero(indices >= rows) if kind == _DEFINITE else slice(None)
         self.rows, self.indices = rows[self.take], indices[self.take].astype(np.int32)
         self.indptr = np.searchsorted(self.rows, np.arange(n + 1)).astype(np.int32)
         self.diagonal = np.flatnonzero(self.rows == self.indices)
         self.memory = np.zeros(64, np.int64)
-        self.iparm = np.zeros(64, np.int32)  # counted from zero here, from one in its manual
+        self.iparm = np.zeros(64, np.int32)  # indices from zero; the manual counts from one
         self.iparm[0] = 1  # no defaults
         thin = len(self.indices) <= _THIN * n
         self.iparm[1] = 0 if thin else 2  # minimum degree, or nested dissection
-        self.iparm[9] = 13  # pivots below 1e-13 of the matrix are perturbed, and counted
+        self.iparm[9] = 13  # pivots below 1e-13 of the matrix are perturbed and counted
         self.iparm[17] = -1  # count the entries of the factor
         self.iparm[34] = 1  # indices from zero
-        self.iparm[55] = 1  # the diagonal of the factor may be asked for
+        self.iparm[55] = 1  # keep the diagonal of the factor readable
         self.free = list(range(_SLOTS, 0, -1))
         self.alone = n <= _SMALL
         self.call(11, 1, np.ones(len(self.indices)))
 
     def factorize(self, values: Float[np.ndarray, " n_value"]) -> _Factor | None:
-        """`_Factor` in a free slot, or None."""
+        """A `_Factor` in a free slot; None if the matrix is singular."""
         values, size = values[self.take], None
         if self.kind == _GENERAL:  # so that pivots can be compared
             size = np.sqrt(np.abs(values[self.diagonal]))
@@ -137,9 +137,9 @@ class _Handle:
         return None
 
     def regular(self, slot: int) -> bool:
-        """Whether no pivot of a factor has lost all its digits."""
+        """Whether every pivot of a factor has significant digits."""
         if self.kind == _GENERAL:
-            return self.iparm[13] == 0  # none was perturbed
+            return self.iparm[13] == 0  # no pivot was perturbed
         pivot, diagonal = np.empty(self.n), np.empty(self.n)
         library().pardiso_getdiag(
             self.memory.ctypes.data,
@@ -158,7 +158,7 @@ class _Handle:
         b: Float[np.ndarray, "n ..."] | None = None,
         x: Float[np.ndarray, "n ..."] | None = None,
     ) -> int:
-        """Run a phase; returns PARDISO's error number."""
+        """Run a phase of PARDISO (its word); returns its error number."""
         mkl = library()
         error = ctypes.c_int32(0)
         count = 1 if b is None or b.ndim == 1 else b.shape[1]
@@ -213,13 +213,13 @@ class _Factor(solver.NumericFactor):
         b = np.asfortranarray(b)
         x = np.empty_like(b, order="F")
         few = b.ndim == 2 and b.shape[1] <= _FEW
-        for own, place in zip(b.T, x.T, strict=True) if few else [(b, x)]:
-            error = handle.call(33, self.slot, self.values, own, place)
+        for side, solution in zip(b.T, x.T, strict=True) if few else [(b, x)]:
+            error = handle.call(33, self.slot, self.values, side, solution)
             if error != 0:
                 raise RuntimeError(f"PARDISO: the solution failed with error {error}")
         return x if size is None else x / size
 
     def release(self) -> None:
-        """Give the memory back and free the slot."""
+        """Free PARDISO's memory of the factor, and its slot."""
         self.handle.call(0, self.slot, self.values)
         self.handle.free.append(self.slot)

@@ -1,7 +1,8 @@
-"""Where entries of element matrices go in a sparse matrix; found once a structure, on the host.
+"""Sparsity patterns, sparse matrices on them, and their assembly from element matrices.
 
-A tangent is assembled as a list of values on a fixed pattern. The contributions of the elements
-are put into the order of their targets beforehand, so that assembly is a gather and a sorted sum.
+A pattern is found once per structure, on the host; a matrix is a list of values on it. The
+contributions of the elements are sorted by their targets when the pattern is found, so that
+assembly is a gather and a sorted sum.
 """
 
 from __future__ import annotations
@@ -18,27 +19,28 @@ from ..common.tree import copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from .solver import Solver, choose
 
-_WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded ones
+_WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded systems
 
 
 @pytree(static=("size", "symmetric", "solver"))
 class Pattern:
-    """Sparsity of a square matrix in compressed rows, and the way of element entries into it.
+    """Sparsity of a square matrix in compressed rows, and where element entries are added.
 
     Attributes:
-        source: contributions that count, as positions among all entries of all element matrices
-            one after the other, [n_part].
-        target: the value that each of them is added to, ascending, [n_part].
+        source: entries of element matrices that are added, as positions among all entries of all
+            element matrices one after the other, [n_part].
+        target: the value that each of these entries is added to, ascending, [n_part].
         indptr, indices: compressed rows, [n + 1], [n_value]; columns ascending.
         diagonal: positions of the diagonal among the values, [n].
         digest: 128 bits that stand for `indptr` and `indices`, [4] uint32.
-        order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is not so, or b
-            is too large.
-        band: where the values of ``A[order][:, order]`` are, by columns from the diagonal down,
+        order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is False or b is
+            too large.
+        band: positions of the values of ``A[order][:, order]``, by columns from the diagonal down,
             [n, b + 1]; n_value for a zero.
-        table: where the values of a whole row are, [n, n], likewise; of a solver on the device.
+        table: positions of the values of the dense matrix, [n, n], likewise; None unless the solver
+            is one on the device.
         size: n.
-        symmetric: only the upper triangle is stored.
+        symmetric: whether only the upper triangle is stored.
         solver: `solver.Solver`.
     """
 
@@ -66,12 +68,12 @@ def make_pattern(
     """The pattern that element matrices with the given unknowns fill.
 
     Args:
-        numbers: per group of elements, the unknown of every row of an element matrix, NumPy
+        numbers: for every group of elements the unknowns of the rows of its matrices, NumPy
             [n_elem, d]; `size` or more for a row that is left out.
         size: number of unknowns n.
-        symmetric: store the upper triangle only.
-        name: of a solver, or None to choose.
-        exchanges_rows: whether the solver has to be able to.
+        symmetric: whether to store the upper triangle only.
+        name: name of a solver, or None to choose one.
+        exchanges_rows: whether the solver must exchange rows.
     """
     rows, columns, sources, offset = [], [], [], 0
     for number in numbers:
@@ -93,7 +95,7 @@ def make_pattern(
     row, indices = entries // size, entries % size
     indptr = np.searchsorted(row, np.arange(size + 1))
     diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
-    # every unknown is one of some element, whose matrix has its diagonal
+    # every unknown belongs to an element, so that all of the diagonal is there
     assert np.array_equal(entries[diagonal], np.arange(size, dtype=np.int64) * (size + 1))
     indptr, indices = indptr.astype(np.int32), indices.astype(np.int32)
     digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
@@ -108,13 +110,13 @@ def make_pattern(
     )
     solver = choose(size, arrays[-1] is not None, name, exchanges_rows)
     table = _table(row, indices, size, symmetric) if solver.on_device else None
-    with jax.ensure_compile_time_eval():  # arrays, also when a caller is being traced
+    with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
     return Pattern(*placed, size, symmetric, solver)  # type: ignore[call-arg]  # nine arrays
 
 
 def _band(rows, columns, size):
-    """`Pattern.order` and `.band` for an upper triangle, or None for both."""
+    """`Pattern.order` and `.band` of an upper triangle; (None, None) if the band is too wide."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
@@ -144,7 +146,7 @@ def _table(rows, columns, size, symmetric):
 
 @pytree
 class Sparse:
-    """A matrix: values on a pattern.
+    """A sparse matrix: values on a pattern.
 
     Attributes:
         values: entries in the order of the pattern, [n_value].
@@ -156,7 +158,7 @@ class Sparse:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return self.pattern.size, self.pattern.size
 
     def diagonal(self) -> Float[Array, " n"]:
@@ -164,24 +166,24 @@ class Sparse:
         return self.values[self.pattern.diagonal]
 
     def plus_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
-        """This matrix and `shift`, a scalar, on its diagonal."""
+        """This matrix with `shift`, a scalar, added to its diagonal."""
         at = self.values.at[self.pattern.diagonal]
         values = at.add(shift, indices_are_sorted=True, unique_indices=True)
         return copy(self, values=values)
 
     def plus_entry(self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Sparse:
-        """This matrix and `value` on one place of its diagonal."""
+        """This matrix with `value` added to entry `place` of its diagonal."""
         return copy(self, values=self.values.at[self.pattern.diagonal[place]].add(value))
 
     def held_at(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
-        """This matrix with rows and columns `held`, [n] bool, empty but for the diagonal."""
+        """This matrix with rows and columns `held`, [n] bool, empty but for a `stiffness`."""
         touched = held[self._rows()] | held[self.pattern.indices]
         values = jnp.where(touched, 0.0, self.values)
         diagonal = jnp.where(held, stiffness, values[self.pattern.diagonal])
         return copy(self, values=values.at[self.pattern.diagonal].set(diagonal))
 
     def or_identity(self, valid: Bool[ArrayLike, ""]) -> Sparse:
-        """This matrix where `valid`, else the identity."""
+        """This matrix if `valid`, else the identity."""
         one = jnp.zeros_like(self.values).at[self.pattern.diagonal].set(1.0)
         return copy(self, values=jnp.where(valid, self.values, one))
 
@@ -235,19 +237,19 @@ def assemble(
 
     Args:
         parts: list of (matrices [n_elem, d, d], unknowns of their rows [n_elem, d]).
-        number: of unknowns; a row with this number is left out.
-        pattern: None for a dense result [number, number], or the `Pattern` made of the same
-            unknowns for a `Sparse` one.
+        number: number of unknowns; a row with this number is left out.
+        pattern: `Pattern` of the same unknowns for a `Sparse` result; None for a dense one,
+            [number, number].
     """
     if pattern is None:
         matrix = jnp.zeros((number, number), parts[0][0].dtype)
         for blocks, rows in parts:
-            # rows left out are out of range, dropped
+            # rows that are left out are out of range: "drop" ignores them
             matrix = matrix.at[rows[:, :, None], rows[:, None, :]].add(blocks, mode="drop")
         return matrix
-    each = [blocks.reshape(-1) for blocks, _ in parts]
-    entries = each[0] if len(each) == 1 else jnp.concatenate(each)
-    # computed once, and not again for every entry that is taken from them
+    flat = [blocks.reshape(-1) for blocks, _ in parts]
+    entries = flat[0] if len(flat) == 1 else jnp.concatenate(flat)
+    # the barrier keeps XLA from computing an element matrix again for every entry that is gathered
     entries = jax.lax.optimization_barrier(entries)
     n_value = pattern.indices.shape[0]
     values = jnp.zeros(n_value, entries.dtype)

@@ -1,14 +1,14 @@
-"""What a linear solver is, and those that are known: the one place where a solver is chosen.
+"""The interface of linear solvers, and the registry that chooses one of them.
 
-A solver is an object of its own, registered by its name (`register`), which `Newton(linear_solver=
-name)` then takes. It analyses a pattern once, and makes a factor of every matrix on it:
+A solver is an object registered by its name (`register`); `Newton(linear_solver=name)` takes that
+name. It analyses a pattern once, and makes a factor of every matrix on it:
 
     analysis = solver.analyse(n, indptr, indices)     # compressed rows of the whole matrix
     factor = analysis.factorize(values, definite)     # None if the matrix is singular
     x = factor.solve(b)                                # b [n] or [n, m]; transposed=True for A^T
     factor.n_bytes; factor.release(); analysis.release()
 
-All of it is NumPy on the host: a callback that calls jax can wait for itself.
+All of it is NumPy on the host: a callback that calls jax can wait for itself for ever.
 """
 
 from __future__ import annotations
@@ -27,13 +27,14 @@ class Solver(abc.ABC):
     """A way to solve sparse systems of equations.
 
     Attributes:
-        name: by which it is asked for.
-        offered: whether users may name it; else it is only chosen.
-        on_device: the matrix becomes a dense array that is solved inside of the program; then there
-            is nothing to analyse.
-        exchanges_rows: also over long ways, which a matrix with zeros on its diagonal needs.
+        name: the name that users give.
+        offered: whether users may name it; otherwise it is only chosen by size.
+        on_device: whether it solves a dense array inside of the compiled program; then `analyse` is
+            never called.
+        exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
+            on its diagonal needs.
         iterates: whether conjugate gradients with the factor of a similar matrix can be cheaper
-            than a factor.
+            than a new factor.
     """
 
     name: str = None  # type: ignore[assignment]  # every solver has one
@@ -43,17 +44,19 @@ class Solver(abc.ABC):
     iterates: bool = True
 
     def available(self) -> bool:
-        """Whether it is installed."""
+        """Whether the solver is installed."""
         return True
 
     def missing(self) -> str:
-        """What to do where it is not installed, in words."""
+        """Text of the error where the solver is not installed."""
         return "is not installed"
 
     def suits(self, n: int, banded: bool) -> bool:
-        """Whether it is the one for `n` unknowns, if none is named and none before it is.
+        """Whether to choose this solver if none is named and no earlier one in the list suits.
 
-        `banded`: whether the matrix has a small bandwidth.
+        Args:
+            n: number of unknowns.
+            banded: whether the matrix has a small bandwidth.
         """
         return False
 
@@ -61,7 +64,7 @@ class Solver(abc.ABC):
     def analyse(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> Analysis:
-        """Make a pattern ready: an `Analysis`.
+        """Analyse a pattern once, for all matrices on it.
 
         Args:
             n: number of unknowns.
@@ -74,7 +77,7 @@ class Solver(abc.ABC):
 
 
 class Analysis(abc.ABC):
-    """A pattern made ready by a solver."""
+    """A pattern analysed by a solver."""
 
     @abc.abstractmethod
     def factorize(
@@ -83,13 +86,14 @@ class Analysis(abc.ABC):
         """A `NumericFactor` of a matrix; None if it is singular to working precision.
 
         Args:
-            values: in the order of the rows given to `Solver.analyse`, float64; not to be changed.
-            definite: demand a symmetric positive definite matrix, None for others; else it may be
-                indefinite, and unsymmetric.
+            values: entries in the order of `indices` of `Solver.analyse`, float64; not to be
+                changed.
+            definite: True demands a symmetric positive definite matrix, and returns None for
+                others. False allows indefinite and unsymmetric matrices.
         """
 
     def release(self) -> None:
-        """Give back what does not go with this object."""
+        """Free memory that Python does not free with this object."""
         return None
 
 
@@ -97,7 +101,7 @@ class NumericFactor(abc.ABC):
     """A numeric factor.
 
     Attributes:
-        n_bytes: memory that it takes.
+        n_bytes: memory that the factor takes.
     """
 
     n_bytes: int = 0
@@ -106,21 +110,23 @@ class NumericFactor(abc.ABC):
     def solve(
         self, b: Float[np.ndarray, "n ..."], transposed: bool = False
     ) -> Float[np.ndarray, "n ..."]:
-        """The solution for right sides [n] or [n, m], or that of the transposed matrix."""
+        """Solve for right sides [n] or [n, m], with the matrix or its transpose."""
 
     def release(self) -> None:
-        """Give back what does not go with this object."""
+        """Free memory that Python does not free with this object."""
         return None
 
 
-Own = TypeVar("Own", bound=Solver)
+AnySolver = TypeVar("AnySolver", bound=Solver)
 
 
-def register(solver: Own) -> Own:
-    """Make a solver known by its name; it is chosen by itself where it alone `suits`.
+def register(solver: AnySolver) -> AnySolver:
+    """Add a solver to those that can be named; it is returned.
+
+    Without a name, it is chosen where it `suits` and no solver registered before does.
 
     Raises:
-        ValueError: another one has that name.
+        ValueError: another solver has that name.
     """
     if _KNOWN.setdefault(solver.name, solver) is not solver:
         raise ValueError(f"solver {solver.name!r}: another one has that name")
@@ -138,9 +144,9 @@ def offered() -> tuple[str, ...]:
 
 
 def check(name: str | None, exchanges_rows: bool = False) -> None:
-    """Raise ValueError unless a name is None or that of a solver which is there.
+    """Raise ValueError unless a name is None or that of an installed solver that users may name.
 
-    With `exchanges_rows` it has to be able to do that, too.
+    With `exchanges_rows` the solver must exchange rows, too.
     """
     if name is None:
         return
@@ -160,13 +166,13 @@ def check(name: str | None, exchanges_rows: bool = False) -> None:
 
 
 def choose(n: int, banded: bool, name: str | None = None, exchanges_rows: bool = False) -> Solver:
-    """The solver of a name, or if that is None, the first of those known that suits.
+    """The solver of a name; if that is None, the first registered one that suits.
 
     Args:
         n: number of unknowns.
         banded: whether the matrix has a small bandwidth.
-        name: of a solver that is there, or None.
-        exchanges_rows: whether the solver has to be able to.
+        name: name of an installed solver, or None.
+        exchanges_rows: whether the solver must exchange rows.
     """
     if name is not None:
         return named(name)

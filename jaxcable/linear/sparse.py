@@ -1,8 +1,8 @@
 """Sparse direct solves on the host, called from a compiled program.
 
-`buffer_callback` shows the callback the buffers of the program themselves: nothing is copied, and
-no array of jax is made, for which a busy program can wait for ever (`pure_callback` does both; it
-serves where the program runs on another device than the host).
+`buffer_callback` gives the callback the buffers of the program: nothing is copied, and no array of
+jax is made, for which a busy program can wait for ever. `pure_callback` does both; it is used only
+where the program does not run on the CPU.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from . import dense, host
 from .banded import solve_banded
 from .pattern import Pattern, Sparse
 
-_PAUSE = 3  # where cables flip between slack and taut, matrices stay apart for some steps
+_PAUSE = 3  # solves: where cables change between slack and taut, matrices differ for some steps
 
 
 def _call(function, shapes, *arguments):
@@ -33,8 +33,8 @@ def _call(function, shapes, *arguments):
 
         def in_place(_, out, *buffers):
             results = function(*(np.asarray(buffer) for buffer in buffers))
-            for place, result in zip(out, results, strict=True):
-                np.asarray(place)[...] = result
+            for buffer, result in zip(out, results, strict=True):
+                np.asarray(buffer)[...] = result
 
         return buffer_callback(in_place, shapes, vmap_method="expand_dims")(*arguments)
 
@@ -47,15 +47,17 @@ def _call(function, shapes, *arguments):
 
 
 def _pattern_of(solver, symmetric, digest, indptr, indices):
-    """Arguments of `host.kept`, without the axes of batches."""
+    """Arguments of `host.kept`; the pattern is the same for all cases of a batch."""
     first = [array.reshape(-1, array.shape[-1])[0] for array in (digest, indptr, indices)]
     return solver, symmetric, *first
 
 
 @functools.cache
 def _stepper(solver, symmetric):
+    """The callback for `host.step`: flattens the axes of batches."""
+
     def function(digest, indptr, indices, values, rhs, stale, *scalars):
-        if digest.ndim == 1:  # no batch: spare the small change
+        if digest.ndim == 1:  # fast path: no batch axes
             pattern = solver, symmetric, digest, indptr, indices
             arrays = (a.astype(np.float64, copy=False)[None] for a in (values, rhs, stale))
             return tuple(r[0] for r in host.step(pattern, *arrays, *(s[None] for s in scalars)))
@@ -72,13 +74,15 @@ def _stepper(solver, symmetric):
 
 @functools.cache
 def _solver(solver, symmetric, transposed):
+    """The callback for `host.solve`: flattens the axes of batches of matrices and right sides."""
+
     def function(digest, indptr, indices, rhs, values, loose, stale, *scalars):
-        own = np.broadcast_shapes(*(a.shape[:-1] for a in (values, loose, stale)))
-        own = np.broadcast_shapes(own, *(s.shape for s in scalars))
-        batch = np.broadcast_shapes(own, rhs.shape[:-1])
-        values, loose, stale = (_rows(array, own) for array in (values, loose, stale))
-        flat = [np.broadcast_to(s, own).reshape(-1) for s in scalars]
-        group = np.broadcast_to(np.arange(len(values)).reshape(own), batch).ravel()
+        matrices = np.broadcast_shapes(*(a.shape[:-1] for a in (values, loose, stale)))
+        matrices = np.broadcast_shapes(matrices, *(s.shape for s in scalars))
+        batch = np.broadcast_shapes(matrices, rhs.shape[:-1])
+        values, loose, stale = (_rows(array, matrices) for array in (values, loose, stale))
+        flat = [np.broadcast_to(s, matrices).reshape(-1) for s in scalars]
+        group = np.broadcast_to(np.arange(len(values)).reshape(matrices), batch).ravel()
         pattern = _pattern_of(solver, symmetric, digest, indptr, indices)
         values, stale, rhs = (
             a.astype(np.float64, copy=False) for a in (values, stale, _rows(rhs, batch))
@@ -90,19 +94,20 @@ def _solver(solver, symmetric, transposed):
 
 
 def _rows(array, batch):
-    """An array [..., k] as rows [m, k], one for every member of a batch."""
+    """An array [..., k] as vectors [m, k], one for every case of a batch."""
     return np.broadcast_to(array, (*batch, array.shape[-1])).reshape(-1, array.shape[-1])
 
 
 @pytree
 class Factored:
-    """The last matrix that was factorised, for the solves that follow.
+    """The last matrix that was factorised, for use in later solves.
 
     Attributes:
-        values: of that matrix, [n_value].
-        usable: whether there is one.
+        values: values of that matrix, [n_value].
+        usable: whether there is such a matrix, and its factor may be used.
         count: factorisations so far.
-        pause: solves for which conjugate gradients are not tried, after they have failed.
+        pause: number of solves during which conjugate gradients are not tried, because they have
+            failed before.
     """
 
     values: Float[Array, " n_value"]
@@ -112,7 +117,7 @@ class Factored:
 
 
 def nothing_factored(pattern: Pattern | None, dtype: DTypeLike) -> Factored | None:
-    """The `Factored` to begin with on a pattern; None if that is None (dense)."""
+    """The `Factored` before the first solve on a pattern; None for dense matrices."""
     if pattern is None or pattern.solver.on_device:
         return None
     values = jnp.zeros(pattern.indices.shape, dtype)
@@ -120,7 +125,7 @@ def nothing_factored(pattern: Pattern | None, dtype: DTypeLike) -> Factored | No
 
 
 def forgotten(factored: Factored | None) -> Factored | None:
-    """A `Factored` whose matrix is not to be used any more, or None."""
+    """The `Factored` without use of its matrix, with its count; None stays None."""
     return None if factored is None else copy(factored, usable=jnp.zeros((), bool))
 
 
@@ -133,7 +138,7 @@ def solve_next(
     limit: Int[Array, ""],
     wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, " n"], Bool[Array, ""], Factored | None]:
-    """See `linear.solve_next`; `matrix` is `Sparse`, `factored` a `Factored`, or None if dense."""
+    """`linear.solve_next` for a `Sparse`; `factored` is None if its solver is on the device."""
     p = matrix.pattern
     if p.solver.on_device:
         return *dense.solve_definite(matrix.dense(), rhs), factored
@@ -159,7 +164,7 @@ def solve_next(
 
 
 def is_definite(matrix: Sparse) -> Bool[Array, ""]:
-    """See `linear.is_definite`; of an unsymmetric matrix whether its pivots are positive."""
+    """See `linear.is_definite`; an unsymmetric matrix is judged by its symmetric part."""
     zero = jnp.zeros(matrix.shape[0], matrix.values.dtype)
     factored = nothing_factored(matrix.pattern, zero.dtype)
     return solve_next(matrix, zero, factored, zero[0], jnp.int32(0), jnp.ones((), bool))[1]
@@ -167,7 +172,7 @@ def is_definite(matrix: Sparse) -> Bool[Array, ""]:
 
 @solve_next.def_vmap
 def _solve_batch(axis_size, mapped, *arguments):
-    """A batch of systems of small bandwidth, in jax; others one after the other on the host."""
+    """Solve a batch: in jax if the bandwidth is small, else one after the other on the host."""
     matrix, rhs, factored, *_ = arguments
     axes = jax.tree.map(lambda is_mapped: 0 if is_mapped else None, mapped)
     out = (0, 0, jax.tree.map(lambda _: 0, factored))
@@ -189,7 +194,7 @@ def _solve_batch(axis_size, mapped, *arguments):
 
 @pytree
 class SparseFactor:
-    """A general matrix to be solved with; factorised on the host when it is first needed.
+    """A general matrix that is factorised on the host when it is first solved with.
 
     Attributes:
         matrix: `Sparse`.
@@ -201,14 +206,14 @@ class SparseFactor:
 
     @property
     def regular(self) -> Bool[Array, ""]:
-        """Whether the matrix is regular to working precision, loose unknowns aside."""
+        """Whether the matrix without loose unknowns is regular to working precision."""
         zero = jnp.zeros(self.loose.shape, self.matrix.values.dtype)
         return _solve(self.matrix, self.loose, zero, False)[1]
 
     def solve(
         self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
     ) -> Float[Array, " n"]:
-        """Solve for `rhs` [n]; as `dense.Factor.solve`."""
+        """Solve for `rhs` [n], see `dense.Factor.solve`."""
 
         def build():
             return self.matrix, self.loose
@@ -244,7 +249,7 @@ def solve_marked(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> Float[Array, " 2*n"]:
-    """See `linear.solve_marked`; assembled where it is needed, in the solve itself."""
+    """See `linear.solve_marked`; the matrix is assembled inside of the solve."""
 
     def forward(_, both):
         b, mark = jnp.split(both, 2)
@@ -253,16 +258,16 @@ def solve_marked(
         unknown = loose | ~regular
         return jnp.concatenate([jnp.where(unknown, 0.0, x), jnp.where(unknown, jnp.nan, mark)])
 
-    def asked(b):
+    def transposed(b):
         # not linear, on purpose: see `dense.Factor`
         matrix, loose = build()
         x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), True, factored, tol, limit)
         wrong = jnp.any((loose | ~regular) & (b != 0))
         return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
 
-    def backward(_, both):  # nothing is assembled for a phase that nobody asks about
+    def backward(_, both):  # nothing is assembled for phases without influence
         b, mark = jnp.split(both, 2)
-        return jnp.concatenate([lax.cond(jnp.any(b != 0), asked, jnp.zeros_like, b), mark])
+        return jnp.concatenate([lax.cond(jnp.any(b != 0), transposed, jnp.zeros_like, b), mark])
 
     return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 

@@ -1,12 +1,12 @@
-"""Signs and the eigenvalue nearest to zero of a stiffness: whether a state is stable, and where
-it ceases to be.
+"""Number of negative eigenvalues of a stiffness, and its eigenvalue nearest to zero: stability.
 
-Dense matrices get all eigenvalues. Sparse ones are factorised without pivoting on the host, which
-tells the signs (Sylvester's law of inertia), and the eigenvalue nearest to zero is found by inverse
-Lanczos iteration (ARPACK). A matrix that is symmetric but for rounding is taken as symmetric,
-wherever it comes from (pressure in a closed ring follows and has a potential). Unsymmetric ones
-have complex eigenvalues, all computed on the host, and singular values beside them; large ones are
-not counted: of these only the sign of the determinant is known.
+Dense matrices: all eigenvalues are computed. Sparse matrices are factorised without pivoting on the
+host; the signs of the pivots are those of the eigenvalues (Sylvester's law of inertia), and the
+eigenvalue nearest to zero is found by inverse Lanczos iteration (ARPACK). A matrix that is
+symmetric up to rounding is treated as symmetric, whatever the loads (pressure in a closed ring
+follows and has a potential). Unsymmetric matrices have complex eigenvalues, which are computed on
+the host, and singular values. In large unsymmetric matrices eigenvalues are not counted; only the
+sign of the determinant is known.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import sparse
 from .pattern import Matrix, Sparse
 
-_FEW = 40  # unknowns that are treated as a dense matrix on the host too
+_FEW = 40  # unknowns up to which a sparse matrix is treated as dense on the host
 _INVERSE = 40  # inverse iterations; near a singular matrix two are enough
 _COUNTED = 400  # unknowns up to which eigenvalues of an unsymmetric matrix are counted
 NOT_COUNTED = -1
-"""Stands for the number of negative eigenvalues where nobody knows it."""
-_ROUNDING = 4  # times n eps of the largest eigenvalue: a negative one below that is none
+"""Stands for the number of negative eigenvalues where it is unknown."""
+_ROUNDING = 4  # negative eigenvalues below 4 n eps of the largest one count as zero
 
 
 def spectrum(
@@ -37,32 +37,34 @@ def spectrum(
     general: bool = False,
     strict: Bool[ArrayLike, ""] = False,
 ) -> tuple[Int[Array, ""], Float[Array, ""], Float[Array, " n"], Float[Array, " n"]]:
-    """Number of negative eigenvalues, and the one nearest to zero; not differentiable.
+    """Number of negative eigenvalues, and the eigenvalue nearest to zero; not differentiable.
 
-    Of an unsymmetric matrix: the number of eigenvalues with negative real part; the smallest
-    singular value, with the sign of the real part of the eigenvalue nearest to zero; and its two
-    vectors. It passes zero where the matrix is singular. With more than 400 unknowns the number is
-    `NOT_COUNTED`, and the sign that of the determinant.
+    For an unsymmetric matrix: the number of eigenvalues with negative real part, and the smallest
+    singular value (which is zero where the matrix is singular), with the sign of the real part of
+    the eigenvalue nearest to zero. With more than 400 unknowns the number is `NOT_COUNTED`, and the
+    sign is that of the determinant.
 
     Args:
         matrix: [n, n].
         loose: unknowns with empty rows and columns, left out, [n] bool.
-        general: whether the matrix may be unsymmetric; one that is not is taken as symmetric.
-        strict: count what is below zero by less than the rounding of the largest, too; scalar.
-            Where eigenvalues may be zero all along this counts noise, but beside one that crosses
-            zero it is what tells on which side of it.
+        general: whether the matrix may be unsymmetric; it is treated as symmetric if it is so.
+        strict: whether to count negative eigenvalues within the rounding of the largest, too;
+            scalar. This counts noise where eigenvalues stay zero along the path, but it is needed
+            near an eigenvalue that crosses zero, to know its sign.
 
     Returns:
-        number int32, value, right and left unit vectors [n]; NaN where they were not found.
+        number: int32.
+        value: the eigenvalue, or signed singular value.
+        right, left: its right and left unit vectors, [n]; NaN where they were not found.
     """
     matrix = lax.stop_gradient(matrix)
     if isinstance(matrix, Sparse) and not matrix.pattern.solver.on_device:
         return _on_host(matrix, loose, general, strict)
     full = matrix.dense() if isinstance(matrix, Sparse) else matrix
     largest = jnp.max(jnp.abs(jnp.diagonal(full)), initial=0.0)
-    # a loose unknown gets a stiffness that is the least interesting one
-    own = jnp.where(loose, largest, 0.0)
-    apart = jnp.where(loose[:, None] | loose[None, :], 0.0, full) + jnp.diag(own)
+    # a loose unknown gets the largest stiffness: positive, and far from zero
+    filled = jnp.where(loose, largest, 0.0)
+    apart = jnp.where(loose[:, None] | loose[None, :], 0.0, full) + jnp.diag(filled)
     sound = jnp.all(jnp.isfinite(apart))
     nan = jnp.where(sound, 1.0, jnp.nan).astype(full.dtype)
     one = jnp.eye(len(apart), dtype=apart.dtype)
@@ -78,14 +80,15 @@ def spectrum(
 
 
 def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
-    """Whether a tangent [n, n] is symmetric but for its rounding; NaN counts as such."""
+    """Whether a tangent [n, n] is symmetric up to rounding; one with NaN counts as symmetric."""
     size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))
-    tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)  # sums of many rotations, squares of their angles
+    # sums of many rotations lose digits, as do squares of their angles: more than a few eps
+    tol = jnp.finfo(matrix.dtype).eps ** (2 / 3)
     return ~jnp.any(jnp.abs(matrix - matrix.T) > tol * jnp.outer(size, size))
 
 
 def _by_eigenvalues(matrix, sure):
-    """`spectrum` of a dense symmetric matrix; `sure`: of the largest, what counts as zero."""
+    """`spectrum` of a dense symmetric matrix; `sure` times the largest eigenvalue is zero."""
     values, vectors = jnp.linalg.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
     number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
@@ -94,7 +97,7 @@ def _by_eigenvalues(matrix, sure):
 
 
 def _by_singular_values(matrix, sure):
-    """The same of an unsymmetric one; its eigenvalues are found on the host."""
+    """`spectrum` of a dense unsymmetric matrix; its eigenvalues are computed on the host."""
     left, values, right = jnp.linalg.svd(matrix)
     if len(matrix) > _COUNTED:
         number, sign = jnp.int32(NOT_COUNTED), jnp.linalg.slogdet(matrix)[0]
@@ -105,7 +108,7 @@ def _by_singular_values(matrix, sure):
 
 
 def _count(matrix, sure):
-    """Eigenvalues with negative real part, and the sign of the one nearest to zero, NumPy."""
+    """Number of eigenvalues with negative real part, and sign of the nearest to zero, NumPy."""
     values = np.linalg.eigvals(matrix)
     size = np.abs(values)
     limit = np.asarray(sure)[..., None] * size.max(axis=-1, keepdims=True)
@@ -115,6 +118,7 @@ def _count(matrix, sure):
 
 
 def _on_host(matrix, loose, general, strict):
+    """`spectrum` of a sparse matrix: a callback to the host."""
     p = matrix.pattern
     shapes = (
         jax.ShapeDtypeStruct((), jnp.int32),
@@ -130,6 +134,8 @@ def _on_host(matrix, loose, general, strict):
 
 @functools.cache
 def _analyser(symmetric, general):
+    """The callback that analyses all cases of a batch, NumPy."""
+
     def function(indptr, indices, values, loose, strict):
         batch = np.broadcast_shapes(values.shape[:-1], loose.shape[:-1], strict.shape)
         rows = (
@@ -148,7 +154,7 @@ def _analyser(symmetric, general):
 
 
 def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
-    """`spectrum` of one matrix in compressed rows; `apart` as of `_is_symmetric`, or None."""
+    """`spectrum` of one matrix in compressed rows; `apart`: `tol` of `_is_symmetric`, or None."""
     n = len(indptr) - 1
     stored = sp.csr_matrix((values, indices, indptr), (n, n))
     whole = stored + sp.triu(stored, 1).T if symmetric else stored
@@ -172,24 +178,24 @@ def _analyse(symmetric, apart, indptr, indices, values, loose, strict):
 
 
 def _signed_eigenvalue(matrix, sure):
-    """Negative eigenvalues, the one nearest to zero and its vector, twice; None if not found."""
+    """`spectrum` of a sparse symmetric matrix; None if it cannot be factorised."""
     import scipy.sparse.linalg as sla  # slow to import
 
     n = matrix.shape[0]
     eps = np.finfo(float).eps
-    if n <= _FEW:  # Lanczos needs room
+    if n <= _FEW:  # Lanczos needs more unknowns than vectors
         values, vectors = np.linalg.eigh(matrix.toarray())
         nearest = np.abs(values).argmin()
         number = (values < -sure * n * np.abs(values).max()).sum()
         return number, values[nearest], vectors[:, nearest], vectors[:, nearest]
     size = np.abs(matrix.diagonal()).max()
     lu = _unpivoted(matrix)
-    if lu is None:  # singular to the last digit: a nudge of its rounding
+    if lu is None:  # exactly singular: shift it by its rounding
         lu = _unpivoted(matrix + sp.diags_array(np.full(n, eps * size), format="csc"))
     if lu is None:
         return None
     number = (lu.U.diagonal() < -sure * size).sum()
-    start = np.random.default_rng(0).standard_normal(n)  # no symmetry of its own
+    start = np.random.default_rng(0).standard_normal(n)  # a vector without symmetry
     inverse = sla.LinearOperator(matrix.shape, lu.solve, dtype=float)
     try:
         value, vector = sla.eigsh(matrix, k=1, sigma=0.0, OPinv=inverse, v0=start)
@@ -199,14 +205,14 @@ def _signed_eigenvalue(matrix, sure):
 
 
 def _is_symmetric(matrix, tol):
-    """`is_symmetric` of a sparse matrix, NumPy, up to `tol` of the diagonal."""
+    """`is_symmetric` of a sparse matrix, NumPy, with the tolerance `tol`."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     apart = abs(matrix - matrix.T).tocoo()
     return not (apart.data > tol * size[apart.row] * size[apart.col]).any()
 
 
 def _signed_singular(matrix, sure):
-    """`spectrum` of an unsymmetric matrix: number, signed value, vectors; None if not found."""
+    """`spectrum` of a sparse unsymmetric matrix; None if it is singular."""
     import scipy.sparse.linalg as sla  # slow to import
 
     n = matrix.shape[0]
@@ -224,7 +230,7 @@ def _signed_singular(matrix, sure):
         sign = np.prod(np.sign(lu.U.diagonal())) * _parity(lu.perm_r) * _parity(lu.perm_c)
         counted = NOT_COUNTED, sign
     right = np.random.default_rng(0).standard_normal(n)
-    for _ in range(_INVERSE):  # inverse iteration with the matrix and its transpose
+    for _ in range(_INVERSE):  # inverse iteration with the transposed matrix and the matrix
         left = lu.solve(right, "T")
         left /= np.linalg.norm(left)
         right = lu.solve(left)
@@ -246,7 +252,7 @@ def _parity(permutation):
 
 
 def _unpivoted(matrix):
-    """LU factors without pivoting, so that pivots have the signs of eigenvalues; None if none."""
+    """LU factors without pivoting: pivots have the signs of eigenvalues; None if singular."""
     import scipy.sparse.linalg as sla
 
     try:

@@ -13,12 +13,12 @@ _SYMMETRIC = {"SymmetricMode": True}
 
 
 class SuperLU(solver.Solver):
-    """SciPy's SuperLU: always there, for what no other one suits."""
+    """SciPy's SuperLU: always installed, chosen where no other solver suits."""
 
     name = "superlu"
 
     def suits(self, n: int, banded: bool) -> bool:
-        """It suits everything."""
+        """True: any matrix."""
         return True
 
     def analyse(
@@ -29,7 +29,7 @@ class SuperLU(solver.Solver):
 
 
 class _Analysis(solver.Analysis):
-    """The order of a pattern, found once."""
+    """A pattern in an order of the unknowns that is found once."""
 
     def __init__(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
@@ -48,14 +48,14 @@ class _Analysis(solver.Analysis):
         self.take, self.rows = permuted.data, permuted.indices
         self.columns = np.repeat(np.arange(n, dtype=np.int32), np.diff(permuted.indptr))
         self.diagonal = np.flatnonzero(self.rows == self.columns)
-        self.matrix = permuted.astype(float)  # whose values are those of the last factorisation
+        self.matrix = permuted.astype(float)  # every factorisation puts its values in
 
     def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
         """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
         values = values[self.take]
         if not np.isfinite(values).all():
             return None
-        # a scaling to unit diagonal, so that pivots can be compared
+        # scaled to unit diagonal, so that pivots can be compared
         size = np.sqrt(np.abs(values[self.diagonal]))
         size[size == 0] = 1.0
         values /= size[self.rows] * size[self.columns]

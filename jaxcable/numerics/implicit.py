@@ -1,8 +1,8 @@
-"""The derivative of an equilibrium: the implicit function theorem, apart from the iteration.
+"""The derivative of an equilibrium by the implicit function theorem, independent of the iteration.
 
 With ``R(x, p) = 0`` the derivative of ``x`` is ``dx = -K^-1 R_p dp``, whatever iteration found
-``x`` and however many increments it took. `rooted` attaches it; derivatives of any order and both
-modes follow from `lax.custom_linear_solve`.
+``x`` and however many increments it took. `rooted` attaches it to ``x``. Derivatives of any order
+and both modes follow from `lax.custom_linear_solve`.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from .rooted import rooted
 
 Tree = TypeVar("Tree")
 System: TypeAlias = Any
-"""`mechanics.assembly.System`, which stands on this room."""
+"""`mechanics.assembly.System`, which cannot be imported here: it stands on this room."""
 
 
 def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
-    """Let derivatives of `tree` through only where `open_`; values pass always.
+    """Return `tree`, whose derivatives pass only where `open_`.
 
-    A select, so that a NaN on its way back is stopped and not multiplied by zero.
+    By a select: a product with zero would let a NaN of a backward pass through.
     """
 
     def one(x):
@@ -42,7 +42,7 @@ def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
 def attach(
     system: System, x: Float[Array, "n_row n_motion"], valid: Bool[ArrayLike, ""]
 ) -> Float[Array, "n_row n_motion"]:
-    """Return `x` with the derivative of the equilibrium of `system`: `attach_apart` as one."""
+    """Return `x` with the derivative of the equilibrium of `system`, see `attach_apart`."""
     return attach_apart(system, x, valid)[0]
 
 
@@ -54,29 +54,29 @@ def attach_apart(
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
 ) -> tuple[Float[Array, "n_row n_motion"], Float[Array, "n_row n_motion"], Float[Array, " n_row"]]:
-    """Return `x` with the derivative of the equilibrium of `system`, and where it has none.
+    """Return `x` with the derivative of the equilibrium of `system`, and marks where it has none.
 
     Args:
         system: `System`, differentiable.
-        x: its equilibrium, the point of an iteration; its own derivative is ignored.
-        valid: whether `x` is an equilibrium; if not, the result has derivative zero (and the caller
-            must see to it that nobody takes that for an answer). An equilibrium with a cable
-            between taut and slack has no derivative: NaN.
+        x: its equilibrium, a motion; the derivative of this argument is ignored.
+        valid: whether `x` is an equilibrium. If not, the result has derivative zero, and the caller
+            must make it NaN. An equilibrium with a cable exactly between taut and slack has no
+            derivative: it is NaN.
         factored, tol, limit: see `linear.solve_marked`.
 
     Returns:
-        x: with NaN for a derivative where it has none.
-        bare: with zero there.
-        marks: zero for every row of motion, [n_row], with NaN for a derivative where it has none.
-            To what is read off `bare` it brings that NaN by a sum: were it in what is multiplied,
-            second derivatives would meet it times the zero of who does not ask.
+        x: the point, with derivative NaN where it has none.
+        bare: the point, with derivative zero where it has none.
+        marks: zero for every row of motion, [n_row], with derivative NaN where the row has none.
+            Results are computed from `bare`, and the marks are added: their NaN must not be in a
+            product, where second derivatives would multiply it by zero and become NaN everywhere.
     """
     x = lax.stop_gradient(x)
     _, numbers, back = system.chart(system.carried(x))
     if not numbers.size:  # nothing is free
         return back(numbers), back(numbers), jnp.zeros(system.nodes.shape[0], x.dtype)
-    # What has no derivative is marked beside the root: its NaN goes out to whoever asks, and not
-    # into the residual at the root, where second derivatives would meet it times zero.
+    # Unknowns without a derivative are marked beside the root. A NaN in the root itself would enter
+    # the residual there, where second derivatives would multiply it by zero.
     start = jnp.concatenate([numbers, jnp.zeros_like(numbers)])
     problem = thaw((system, x, valid, factored, tol, limit))
     found = rooted(_marked, start, problem, _solved)
@@ -86,14 +86,14 @@ def attach_apart(
 
 
 def _marked(found, problem):
-    """Residual of the system, and the marks themselves, at numbers of the unknowns and marks."""
+    """The equation of root and marks, [2 n]: residual at a step, and the marks themselves."""
     system, x, *_ = fill(*problem)
     residual, numbers, _ = system.chart(system.carried(x))
     return jnp.concatenate([residual(found[: numbers.size]), found[numbers.size :]])
 
 
 def _solved(problem, linearized, rhs):
-    """Solve with the derivative of `_marked`."""
+    """Solve with the derivative of `_marked`, `linearized`, for a right side."""
     system, x, valid, factored, tol, limit = fill(*lax.stop_gradient(problem))
 
     def build():
@@ -107,7 +107,7 @@ def _solved(problem, linearized, rhs):
 def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
     """Return `tree` with derivative NaN with respect to every one of `parameters`.
 
-    For results whose derivative was not asked for: an honest NaN instead of a silent zero.
+    For results whose derivative is not computed: a NaN is seen, a zero would be silently wrong.
     """
     touched = touch(parameters)
 
@@ -120,9 +120,9 @@ def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
 
 
 def first_order(tree: Tree) -> Tree:
-    """Return `tree`; its first derivative passes, every higher one is NaN.
+    """Return `tree`, whose first derivative passes and whose higher derivatives are NaN.
 
-    For what is exact at first order only: an honest NaN instead of a silently wrong number.
+    For results that are exact at first order only: a higher derivative would be silently wrong.
     """
 
     def one(x):
@@ -132,24 +132,24 @@ def first_order(tree: Tree) -> Tree:
 
 
 def nan_unless(ok: Bool[ArrayLike, ""], tree: Tree, parameters: PyTree[Any]) -> Tree:
-    """Make `tree` NaN, in value and in derivative, unless `ok`."""
+    """Return `tree` if `ok`, else NaN with NaN derivatives with respect to `parameters`."""
     return nan_beside(ok, tree, touch(parameters))
 
 
 def nan_beside(ok: Bool[ArrayLike, ""], tree: Tree, touched: Float[Array, ""]) -> Tree:
-    """`nan_unless` with what `touch` gives, which is to be asked for outside of loops."""
+    """`nan_unless` with ``touch(parameters)``, which is cheaper outside of loops."""
     return jax.tree.map(lambda x: _poison(ok, x, touched), tree)
 
 
 def touch(parameters: PyTree[Any]) -> Float[Array, ""]:
-    """Zero, with a derivative by every float in `parameters`: only that matters."""
+    """Zero, with derivative 1 with respect to every float in `parameters`."""
     leaves = [jnp.asarray(x) for x in jax.tree.leaves(parameters)]
     return _touch([x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating)])
 
 
 @jax.custom_jvp
 def _touch(floats):
-    # zero whatever they are, with the axes that they have in a batch
+    # zero for all values, with the axes that the floats have in a batch
     return sum((jnp.where(x.ravel()[0] > 0, 0.0, 0.0) for x in floats if x.size), jnp.zeros(()))
 
 
@@ -159,12 +159,12 @@ def _touch_jvp(primals, tangents):
 
 
 def _poison(ok, x, touched):
-    """A linear map: the identity on the array `x` where `ok`, else NaN.
+    """A linear map: the identity on the array `x` if `ok`, else NaN.
 
-    Backwards it is NaN, to `x` and through `touched` to every parameter, only where a cotangent is
-    not zero. A product with NaN would spoil what a batch shares by 0 NaN for cases that nobody
-    asked about. Such a pair of maps cannot be had by tracing; `lax.custom_linear_solve` of the
-    identity takes it as a black box and has all transformations.
+    Its transpose gives NaN, to `x` and through `touched` to every parameter, only where a cotangent
+    is not zero. A product with NaN would give 0 NaN for cases of a batch whose cotangent is zero,
+    and pollute the parameters that the cases share. Tracing cannot yield such a pair of maps;
+    `lax.custom_linear_solve` of the identity takes both as they are and has all transformations.
     """
 
     def identity(v):
@@ -175,11 +175,11 @@ def _poison(ok, x, touched):
 
     def backward(_, b):
         x, touched = b
-        asked = jnp.any(x != 0)
-        return jnp.where(ok | (x == 0), x, jnp.nan), jnp.where(ok | ~asked, touched, jnp.nan)
+        wanted = jnp.any(x != 0)
+        return jnp.where(ok | (x == 0), x, jnp.nan), jnp.where(ok | ~wanted, touched, jnp.nan)
 
     def beside(x, other):
-        """`x`, which has a derivative wherever `other` has one (jax 0.10 wants all or none)."""
+        """`x`, made differentiable wherever `other` is (jax 0.10 wants both or none)."""
         return x + jnp.where(np.False_, other, 0.0)
 
     if not x.size:

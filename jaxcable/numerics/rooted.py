@@ -1,10 +1,13 @@
-"""A root with the derivative of its equation, as a primitive of jax of its own.
+"""A root with the derivative of its equation, as a primitive of jax.
 
-`lax.custom_root` is a custom rule, which jax 0.10 drops while it takes a reverse-mode derivative of
-a `lax.scan`: derivatives of such a derivative are then silently zero. Primitives it leaves alone.
-What the equation depends on is handed over, so that nothing of it is traced unless somebody takes a
-derivative; and the derivative is a primitive, too, so that reverse mode keeps what the equation
-depends on, and nothing of how it is linearised (but in batches of changes, which are written out).
+`lax.custom_root` is a custom rule. jax 0.10 drops custom rules when it takes a reverse-mode
+derivative of a `lax.scan`, and derivatives of this derivative are then silently zero. Primitives
+are not dropped.
+
+The parameters of the equation are arguments of the primitive, so that the equation is traced only
+if a derivative is taken. The derivative is a primitive, too, so that reverse mode stores the
+parameters and no intermediate results of the linearisation (except in batches of changes, where the
+derivative is traced).
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from ..common.types import Array, Float, PyTree
 
 Tree = TypeVar("Tree")
 _ROOT = Primitive("rooted")
-_CHANGE = Primitive("root_change")  # of a root: linear in the changes of what it depends on
+_CHANGE = Primitive("root_change")  # derivative of a root, linear in the changes of parameters
 
 
 def rooted(
@@ -34,16 +37,16 @@ def rooted(
     parameters: PyTree[Any],
     tangent_solve: Callable[..., Float[Array, "*n"]] | None,
 ) -> Float[Array, "*n"]:
-    """Return a root with derivatives of any order of what it is a root of.
+    """Return a known root with the derivatives, of any order, of its equation.
 
-    With ``f(x, p) = 0`` its derivative is ``-f_x^-1 f_p dp``.
+    With ``f(x, p) = 0`` the derivative of x is ``-f_x^-1 f_p dp``.
 
     Args:
-        function: ``f(x, p)``, an array as `x`; it depends on nothing else that is traced.
-        root: where it is zero, an array; its own derivative does not count.
+        function: ``f(x, p)``, an array like `x`; it depends on no other traced values.
+        root: x, an array; the derivative of this argument is ignored.
         parameters: p, a pytree.
-        tangent_solve: function of p, a linear function and a right side that solves; None where
-            ``f_x`` is one.
+        tangent_solve: function of p, the linear function ``f_x`` and a right side, which solves
+            with ``f_x``; None if ``f_x`` is the identity.
     """
     leaves, tree = jax.tree.flatten(parameters)
 
@@ -61,12 +64,12 @@ def rooted(
 
 
 def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTree[Any]) -> Tree:
-    """Return what a function gives, which is known already; traced for derivatives only.
+    """Return the known `values` of a function, which is traced only if a derivative is taken.
 
     Args:
-        function: of the parameters, a tree of floats of one dtype; it depends on nothing else that
-            is traced.
-        values: what it gives, likewise; their own derivatives do not count.
+        function: function of the parameters, a tree of floats of one dtype; it depends on no other
+            traced values.
+        values: ``function(parameters)``; the derivatives of this argument are ignored.
         parameters: a pytree.
     """
     flat, back = ravel_pytree(values)
@@ -84,6 +87,7 @@ def _shape(root, *leaves, equation, solver):
 
 
 def _derivative(primals, tangents, *, equation, solver):
+    """Forward derivative of the root: the primitive `_CHANGE`."""
     _, *leaves = primals
     found = _ROOT.bind(*primals, equation=equation, solver=solver)
     pairs = enumerate(zip(leaves, tangents[1:], strict=True))
@@ -99,7 +103,7 @@ def _derivative(primals, tangents, *, equation, solver):
 
 
 def _change(found, *leaves_and_changes, equation, solver, moving):
-    """``-f_x^-1 f_p dp`` for the changes of some leaves, which come after all leaves."""
+    """``-f_x^-1 f_p dp`` for changes dp of the leaves `moving`, which come after all leaves."""
     count = len(leaves_and_changes) - len(moving)
     leaves, changes = leaves_and_changes[:count], leaves_and_changes[count:]
 
@@ -118,6 +122,7 @@ def _shape_of_change(found, *_, **__):
 
 
 def _change_of_change(primals, tangents, *, moving, **given):
+    """Forward derivative of `_CHANGE`: linear in the changes, traced in the other arguments."""
     count = len(primals) - len(moving)
     evaluate = partial(_change, moving=moving, **given)
     out = _CHANGE.bind(*primals, moving=moving, **given)
@@ -138,6 +143,7 @@ def _change_of_change(primals, tangents, *, moving, **given):
 
 @without_collection()
 def _transposed(back, *arguments, moving, **given):
+    """Transpose of `_CHANGE` in its changes."""
     count = len(arguments) - len(moving)
     if isinstance(back, ad.Zero):
         return [None] * len(arguments)
@@ -148,23 +154,25 @@ def _transposed(back, *arguments, moving, **given):
 
 
 def _change_batched(arguments, axes, **given):
+    """`_CHANGE` under `jax.vmap`: traced."""
     return jax.vmap(partial(_change, **given), axes)(*arguments), 0
 
 
 def _batched(arguments, axes, *, equation, solver):
+    """The root under `jax.vmap`: the primitive of the mapped equation."""
     size = next(x.shape[a] for x, a in zip(arguments, axes, strict=True) if a is not None)
     arguments = [
         x if a is None else jnp.moveaxis(x, a, 0) for x, a in zip(arguments, axes, strict=True)
     ]
-    own = [None if a is None else 0 for a in axes[1:]]
+    leaf_axes = [None if a is None else 0 for a in axes[1:]]
     root, *leaves = arguments
     if axes[0] is None:
         root = jnp.broadcast_to(root, (size, *root.shape))
     found = _ROOT.bind(
         root,
         *leaves,
-        equation=jax.vmap(equation, (0, *own), axis_size=size),
-        solver=jax.vmap(solver, (0, 0, *own), axis_size=size),
+        equation=jax.vmap(equation, (0, *leaf_axes), axis_size=size),
+        solver=jax.vmap(solver, (0, 0, *leaf_axes), axis_size=size),
     )
     return found, 0
 

@@ -1,4 +1,4 @@
-"""The zero of a rising function of one number, with its derivative."""
+"""The zero of an increasing function of one number, with its derivative."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 from ..common.types import Array, Float
 from .rooted import rooted
 
-_MAX_STEPS = 120  # bisection alone halves any bracket of floats to its last digit in these
+_MAX_STEPS = 120  # enough for bisection alone to halve any bracket of floats to its last digit
 
 
 def rising_root(
@@ -21,19 +21,19 @@ def rising_root(
     low: Float[Array, ""],
     high: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Zero of a function that rises where it is a number: Newton's method within a bracket.
+    """Zero of an increasing function of a scalar: Newton's method within a bracket.
 
-    A step that leaves the bracket, or a value that is not a number, is answered by bisection. The
-    derivative is that of the implicit function theorem, of any order.
+    Bisection replaces a step that leaves the bracket, and a step from a value that is not a number.
+    The derivative, of any order, is that of the implicit function theorem.
 
     Args:
-        function: of a scalar, rising; not a number, or minus infinity, only below its zero.
-        guess: scalar.
-        low, high: a bracket, scalars.
+        function: increasing function of a scalar; it may be NaN or minus infinity below its zero.
+        guess: where the iteration starts, scalar.
+        low, high: the bracket, scalars.
 
     Returns:
-        The zero, to the rounding of `function`; NaN if its parameters are, or if the bracket has
-        none.
+        The zero, to the rounding of `function`; NaN if its parameters are NaN, or if there is no
+        zero in the bracket.
     """
 
     def solve(f, guess):
@@ -41,7 +41,7 @@ def rising_root(
 
         def unfinished(s):
             _, _, _, moved, before, count = s
-            # near the zero each step is far smaller than the last, until only rounding is left
+            # near the zero each step is far smaller than the one before, until it is rounding only
             rounding = (moved < jnp.sqrt(eps)) & (moved > 0.5 * before)
             return (moved > 2 * eps) & ~rounding & (count < _MAX_STEPS)
 
@@ -59,12 +59,12 @@ def rising_root(
         far = jnp.full_like(guess, jnp.inf)
         start = (guess, low, high, far, far, jnp.zeros_like(guess, jnp.int32))
         end, *_, count = lax.while_loop(unfinished, step, start)
-        # at an end of the bracket there is no zero in it: no number is better than a wrong one
+        # an iteration that ends at an end of the bracket has found no zero
         room = 4 * eps * jnp.maximum(1, jnp.abs(end))
         found = (end > low + room) & (end < high - room) & (count < _MAX_STEPS)
         return jnp.where(found, end, jnp.nan)
 
-    guess = jnp.clip(guess, low, high)  # of a guess only: where to begin, no part of the result
+    guess = jnp.clip(guess, low, high)  # clips the start only, not a result
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
     equation = jax.make_jaxpr(function)(guess)
 

@@ -1,9 +1,9 @@
 """Finite rotations as unit quaternions, scalar first, [4].
 
-A node's rotation is a state that is turned on, ``q <- exp(spin) q``, never a vector that is added
-to. Where a formula has 0/0 a series takes over, and the formula is kept away from the point, so
-that all derivatives exist. Functions inside elements are free of cases altogether, because they are
-compiled many times over.
+The rotation of a node is updated by products, ``q <- exp(spin) q``, never by a sum of vectors.
+Where a formula has 0/0 a series replaces it, and the formula is evaluated at another point, so that
+all derivatives exist. Functions that elements call have no such cases at all, because they are
+compiled many times.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from ..common.types import Array, Float
 
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
-_SMALL = 1e-4  # of a squared angle: the series below are then exact to rounding
+_SMALL = 1e-4  # squared angle below which the series are exact to rounding
 
 
 def _structure(rows):
-    """Constants c_ijk of a bilinear map from its table: +-(k + 1) in row i, column j."""
+    """Constants [k, i, j] of a bilinear map from its table with +-(k + 1) in row i, column j."""
     table = np.zeros((len(rows),) * 3)
     for i, row in enumerate(rows):
         for j, entry in enumerate(row):
@@ -27,7 +27,7 @@ def _structure(rows):
     return table
 
 
-# two small contractions compile several times faster than the components written out
+# two contractions with small constants compile several times faster than explicit components
 _CROSS = _structure([[0, 3, -2], [-3, 0, 1], [2, -1, 0]])
 _PRODUCT = _structure([[1, 2, 3, 4], [2, -1, 4, -3], [3, -4, -1, 2], [4, 3, -2, -1]])
 
@@ -59,7 +59,7 @@ def matrix(q: Float[Array, " 4"]) -> Float[Array, "3 3"]:
 
 
 def inverse(q: Float[Array, " 4"]) -> Float[Array, " 4"]:
-    """The rotation back."""
+    """The inverse of the rotation `q`."""
     return q * jnp.array([1.0, -1.0, -1.0, -1.0], q.dtype)
 
 
@@ -88,13 +88,13 @@ def exp(spin: Float[Array, " 3"]) -> Float[Array, " 4"]:
 
 
 def stereographic(q: Float[Array, " 4"]) -> Float[Array, " 3"]:
-    """A rotation as ``tan(angle / 4) axis``, [3]: smooth up to a full turn, zero for none."""
+    """A rotation as ``tan(angle / 4) axis``, [3]; smooth below half a turn."""
     q = jnp.where(q[0] < 0, -q, q)  # q and -q are one rotation
     return q[1:] / (1 + q[0])
 
 
 def _angle_over(t):
-    """``4 atan(s) / s`` and its derivative by ``t = s^2``, from series for small rotations."""
+    """``4 atan(s) / s`` and its derivative by ``t = s^2``, by series for small rotations."""
     value = 4 * (1 - t * (1 / 3 - t * (1 / 5 - t * (1 / 7 - t / 9))))
     slope = 4 * (-1 / 3 + t * (2 / 5 - t * (3 / 7 - t * 4 / 9)))
     return value, slope
@@ -103,21 +103,21 @@ def _angle_over(t):
 def from_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 3"]:
     """Rotation vector [3] of a small rotation ``r = tan(angle / 4) axis``, without cases.
 
-    ``4 r atan(|r|)/|r|``, cut after the fourth power of ``|r|^2``: the angle itself to 1e-15 at 10,
-    1e-11 at 23, 1e-7 at 45 degrees.
+    ``4 r atan(|r|)/|r|``, cut after the fourth power of ``|r|^2``. The error of the angle is 1e-15
+    at 10, 1e-11 at 23, 1e-7 at 45 degrees.
     """
     return _angle_over(r @ r)[0] * r
 
 
 def moment_of_spin(r: Float[Array, " 3"], moment: Float[Array, " 3"]) -> Float[Array, " 3"]:
-    """Moment that does on spins the work of `moment` on changes of ``from_stereographic(r)``, [3].
+    """Moment [3] conjugate to spins, of a `moment` conjugate to ``from_stereographic(r)``.
 
     A spin w changes r by ``[(1 - r^2) w - 2 r x w + 2 r (r.w)] / 4`` (Schaub and Junkins 1996).
     """
     t = r @ r
     value, slope = _angle_over(t)
-    own = value * moment + 2 * slope * (r @ moment) * r
-    return 0.25 * ((1 - t) * own + 2 * cross(r, own) + 2 * (r @ own) * r)
+    of_r = value * moment + 2 * slope * (r @ moment) * r  # conjugate to r
+    return 0.25 * ((1 - t) * of_r + 2 * cross(r, of_r) + 2 * (r @ of_r) * r)
 
 
 def exp_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
@@ -129,7 +129,7 @@ def exp_stereographic(r: Float[Array, " 3"]) -> Float[Array, " 4"]:
 def moment_of_stereographic(
     r: Float[Array, " 3"], moment: Float[Array, " 3"]
 ) -> Float[Array, " 3"]:
-    """Moment that does on changes of r the work of a spatial `moment` on spins, [3]."""
+    """Moment [3] conjugate to ``r = tan(angle / 4) axis``, of a spatial `moment` (of spins)."""
     t = r @ r
     return 4 / (1 + t) ** 2 * ((1 - t) * moment - 2 * cross(r, moment) + 2 * (r @ moment) * r)
 
@@ -151,9 +151,9 @@ def middle(p: Float[Array, " 4"], q: Float[Array, " 4"]) -> Float[Array, " 4"]:
 def shortest(
     a: Float[Array, " 3"], b: Float[Array, " 3"], change: Float[Array, " 3"]
 ) -> Float[Array, " 4"]:
-    """The smallest rotation that takes the unit vector `a` to `b`; not for opposite ones.
+    """The smallest rotation that turns the unit vector `a` to `b`; not for opposite vectors.
 
-    `change` is ``b - a``, more exact than the subtraction where they are close.
+    `change` is ``b - a``, computed more exactly than by subtraction where `a` and `b` are close.
     """
     return unit(jnp.append((1 + a @ b)[None], cross(a, change)))
 
@@ -166,12 +166,12 @@ def turned(motion: Float[Array, " 7"], step: Float[Array, " 6"]) -> Float[Array,
 def turning(
     motion: Float[Array, " 7"], step: Float[Array, " 6"], order: int = 5
 ) -> Float[Array, " 7"]:
-    """`turned` near a zero step, where derivatives are taken: the same up to an order, 1 or 5."""
+    """`turned` for derivatives at a zero step: equal to it up to an order, 1 or 5."""
     return jnp.concatenate([motion[:3] + step[:3], product(turn_by(step[3:], order), motion[3:])])
 
 
 def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
-    """`exp` near a zero spin, where derivatives are taken: the same up to an order, 1 or 5."""
+    """`exp` for derivatives at a zero spin: equal to it up to an order, 1 or 5."""
     if order == 1:
         return jnp.append(jnp.ones_like(spin[:1]), 0.5 * spin)
     t = spin @ spin
@@ -181,11 +181,11 @@ def turn_by(spin: Float[Array, " 3"], order: int = 5) -> Float[Array, " 4"]:
 def conjugate(
     spin: Float[Array, " 3"], moment: Float[Array, " 3"], order: int = 5
 ) -> Float[Array, " 3"]:
-    """Moment that does the work of the spatial `moment` on changes of the rotation vector `spin`.
+    """Moment [3] conjugate to the rotation vector `spin`, of a spatial `moment`.
 
     At ``exp(spin)`` a change d of the vector is a spin ``T d`` with ``T = sum_k [spin x]^k /
-    (k + 1)!``; the result is ``T^T moment`` near a zero spin, where derivatives are taken: up to
-    an order. With it a moment that keeps its direction is linearised exactly (it has no potential).
+    (k + 1)!``; the result is ``T^T moment``, for derivatives at a zero spin up to `order`. With it
+    a moment that keeps its direction, which has no potential, is linearised exactly.
     """
     term = total = moment
     for k in range(2, order + 2):

@@ -1,8 +1,8 @@
-"""Line search on the directional derivative, for a step down a (locally) convex energy.
+"""Line search on the directional derivative, for steps down a (locally) convex energy.
 
-``g(a) = R(x + a p).p`` keeps its digits near the solution where the energy has lost them. Along any
-line a convex energy has growing ``g``, and ``g <= 0`` means that it fell all the way. A full step
-is taken unless it overshoots; then the zero of ``g`` is bracketed.
+``g(a) = R(x + a p).p`` keeps its digits near the solution, where differences of the energy lose
+them. Along any line a convex energy has an increasing ``g``, and ``g <= 0`` means that the energy
+falls all the way. A full step is taken unless it overshoots; then the zero of ``g`` is bracketed.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from jax import lax
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
 
-SHORT = 0.5  # in a bracket, come at least this close from below
-_OVERSHOOT = 0.25  # accept g(a) up to this part of |g(0)| beyond the minimum
-_MAX_SEARCH = 60  # residuals per line search: a bisection of 60 exhausts float64
+SHORT = 0.5  # a step shorter than 1 is too short while g(a) is below this part of g(0)
+_OVERSHOOT = 0.25  # beyond the minimum accept g(a) up to this part of |g(0)|
+_MAX_SEARCH = 60  # evaluations per line search: 60 bisections exhaust float64
 
 
 @pytree
 class Search:
-    """Where a search along a step stands.
+    """The state of a search along a step.
 
     Attributes:
-        length: a, tried next, in (0, 1]; scalar.
+        length: the a that is tried next, in (0, 1]; scalar.
         slope: g(0), negative.
-        low, g_low, high, g_high: bracket of the zero of g.
-        count: lengths refused so far.
+        low, g_low, high, g_high: bracket of the zero of g, and the values of g there.
+        count: number of lengths refused so far.
     """
 
     length: Float[Array, ""]
@@ -46,11 +46,11 @@ class Search:
         return cls(one, slope, 0 * one, slope, one, jnp.inf * one, jnp.int32(0))
 
     def update(self, g: Float[Array, ""]) -> tuple[Search, Bool[Array, ""], Bool[Array, ""]]:
-        """What the derivative `g` at the length tried says.
+        """Judge the length that was tried by the derivative `g` there.
 
         Returns:
-            The search with the next length; whether the length that was tried will do; and whether
-            to try the next one. Neither: there is none that will do.
+            The search with the next length; whether the length that was tried is accepted; whether
+            to try the next length. If both are False, the search has failed.
         """
         g = jnp.where(jnp.isfinite(g), g, jnp.inf)
         too_far = g > -_OVERSHOOT * self.slope
@@ -59,7 +59,7 @@ class Search:
         below = g <= 0
         low, g_low = jnp.where(below, self.length, self.low), jnp.where(below, g, self.g_low)
         high, g_high = jnp.where(below, self.high, self.length), jnp.where(below, self.g_high, g)
-        # secant through the bracket, every other time bisection: neither end can stall
+        # secant through the bracket and bisection alternately, so that no end of the bracket stalls
         secant = low + (high - low) * (-g_low / (g_high - g_low))
         inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (self.count % 2 == 0)
         length = jnp.where(inside, secant, 0.5 * (low + high))
@@ -76,21 +76,21 @@ def search(
     """Find a step length a in (0, 1].
 
     Args:
-        evaluate: function of ``a``: residual [n] there, and the force it is judged by.
+        evaluate: function from ``a`` to the residual [n] there, and the force it is judged by.
         step: p, [n].
         slope: g(0), negative.
         usable: whether there is a step to search along.
 
     Returns:
-        The length, residual and scale there, and whether it may be used.
+        The length, the residual and that force there, and whether the length is accepted.
     """
 
     def trial(s):
-        own, *_ = s
-        residual, scale = evaluate(own.length)
+        tried, *_ = s
+        residual, scale = evaluate(tried.length)
         g = jnp.where(jnp.isfinite(scale), residual @ step, jnp.inf)
-        after, fine, again = own.update(g)
-        return after, own.length, residual, scale, fine, again
+        after, fine, again = tried.update(g)
+        return after, tried.length, residual, scale, fine, again
 
     nothing = jnp.zeros_like(slope), jnp.zeros_like(step), jnp.zeros_like(slope)
     s = (Search.init(slope), *nothing, jnp.zeros((), bool), jnp.ones((), bool))

@@ -1,4 +1,4 @@
-"""One step of a continuation is tried: what it leads to, before anything is made of it."""
+"""Tries one step of a continuation; whether it is taken is decided later (`decision`)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .correction import Condition, Corrected, by_load, correct, loose_unknowns
 from .run import Point, Run, Settings
 from .steps import cosine, scale_of
 
-ARC, FINISH, LOAD = 0, 1, 2  # ways to step: along the path, onto the last load factor, by load
+ARC, FINISH, LOAD = 0, 1, 2  # kinds of step: by arc length, to the last load factor, by load
 _BEND = 0.9  # cosine of the largest angle between tangents of neighbouring points
-_LEAP = 4.0  # longest steps that a correction may go; further off is another part of the path
-_UNSURE = 64  # roundings in a strain, which tell neither taut nor slack
-_FAR = 100.0  # displacement, in structure sizes, of a structure that nothing holds
+_LEAP = 4.0  # longest way of a correction, in longest steps; beyond is another part of the path
+_UNSURE = 64  # strains of so many roundings (eps) are neither taut nor slack
+_FAR = 100.0  # displacement, in structure sizes, at which a structure counts as a mechanism
 
 
 @pytree(static=("capacity",))
@@ -30,12 +30,12 @@ class Course:
 
     Attributes:
         ramp: the phase.
-        begin: `System` at no load.
+        begin: `System` at load factor 0.
         method: `Newton`.
         settings: `Settings`.
-        tol: relative residual of an equilibrium.
+        tol: relative residual that counts as equilibrium.
         extent: size of the structure, m.
-        capacity: (rows, events) that there is room for.
+        capacity: numbers of points and of events that there is room for.
     """
 
     ramp: Ramp
@@ -59,19 +59,20 @@ class Course:
 
 @pytree
 class Tried:
-    """What a step has led to.
+    """The result of a step that was tried.
 
     Attributes:
         found: `Corrected`.
-        point: `Point`.
-        fresh: whether it is the first of the path.
-        by_newton: whether it was made by a step of the load factor.
-        newton_code: status of that; OK where the energy is not convex, and corrections do it alone.
-        sound: whether there is an equilibrium where it may be looked for; with a tangent, but for
-            steps of the load factor of a convex energy.
-        bent: whether the path turns a corner on the way.
-        far: whether the structure has gone off.
-        weight: `Run.weight` after it.
+        point: `Point` at its end.
+        fresh: whether it is the first point of the path.
+        by_newton: whether the step was one of the load factor (`LOAD`).
+        newton_code: status of Newton's method in such a step; OK where the energy is not convex,
+            because only corrections are made there.
+        sound: whether an equilibrium was found, not too far away, with a tangent to the path. (With
+            a convex energy a step of the load factor needs no tangent.)
+        bent: whether the direction of the path changes sharply in the step.
+        far: whether displacements are so large that the structure counts as a mechanism.
+        weight: `Run.weight` after the step.
     """
 
     found: Corrected
@@ -86,7 +87,7 @@ class Tried:
 
 
 def attempt(course: Course, run: Run) -> Tried:
-    """Try a step from the anchor of a `Run`; returns `Tried`."""
+    """Try a step from the anchor of a `Run`."""
     ramp, begin, settings = course.ramp, course.begin, course.settings
     a, ds = run.anchor, run.ds
     fresh, by_newton, free = run.n_row == 0, run.mode == LOAD, run.mode == ARC
@@ -96,10 +97,10 @@ def attempt(course: Course, run: Run) -> Tried:
     factor = jnp.where(run.mode == FINISH, end, factor)
     along = jnp.where(by_newton, 0.0, ds * a.direction * run.weight)
     guess, newton_code = ramp.at(factor, a.memory).move(a.x, along), jnp.int32(status.OK)
-    if begin.always_convex:  # else equilibrium is not unique, and it might go anywhere
+    if begin.always_convex:  # else equilibrium is not unique, and Newton could end anywhere
         moved, newton_code = by_load(ramp, a.memory, a.x, factor, course.method, by_newton)
         guess = jnp.where(by_newton, moved, guess)
-    sense = jnp.where(a.rise < 0, -1.0, 1.0)  # the tangent at the end points onward, too
+    sense = jnp.where(a.rise < 0, -1.0, 1.0)  # so that the tangent at the end points onward
     condition = Condition(
         jnp.where(free, a.direction / jnp.where(free, run.weight, 1.0), 0.0),
         jnp.where(free, a.rise, sense),
@@ -124,7 +125,7 @@ def attempt(course: Course, run: Run) -> Tried:
 
 
 def _point(ramp, a, found, direction, rise, closing):
-    """The `Point` that an iteration from `a` ended in; `closing` in on a bifurcation."""
+    """The `Point` of a correction from `a`; `closing`: whether a bifurcation is being located."""
     system = ramp.at(found.factor, a.memory)
     loose = loose_unknowns(system, found.x)
     # loads that follow and moments of frames can make the tangent unsymmetric
@@ -135,13 +136,13 @@ def _point(ramp, a, found, direction, rise, closing):
 
 
 def _slack(system, motion, before):
-    """Slack elements, all groups one after the other; as before where strain is all rounding."""
-    rows, at = [], 0
-    for group, state, own in zip(system.groups, system.states, system.slack(motion), strict=True):
-        was, at = before[at : at + len(own)], at + len(own)
+    """Slack elements, all groups one after the other; as `before` where strain is rounding only."""
+    parts, at = [], 0
+    for group, state, now in zip(system.groups, system.states, system.slack(motion), strict=True):
+        was, at = before[at : at + len(now)], at + len(now)
         if group.tension_only:
             strain = each("strain", group, state, system.nodes, motion)
             unsure = jnp.abs(strain) <= _UNSURE * jnp.finfo(strain.dtype).eps
-            own = jnp.where(unsure, was, own)
-        rows.append(own)
-    return jnp.concatenate(rows)
+            now = jnp.where(unsure, was, now)
+        parts.append(now)
+    return jnp.concatenate(parts)

@@ -1,16 +1,17 @@
-"""Along the path: arc-length steps, and events caught between two of them.
+"""The loop of a continuation: arc-length steps along the path, and events located between them.
 
-Every iteration of one loop tries a step from the last point, the `anchor`, along the tangent there.
-What a point is told by is its state: the sign of the tangent's load factor, the number of negative
-eigenvalues, which elements are slack, whether any has failed. A step that ends in another state is
-not taken but hunted: it is shortened by secants of what is smooth and by halves, while steps that
-end in the old state are taken, until the event lies in a step as short as the tolerance. Then it
-is noted, and the path goes on beyond it.
+Every iteration tries a step from the last point, the `anchor`, along the tangent there. Between
+events, these stay the same from point to point: the sign of the tangent's load factor, the number
+of negative eigenvalues, which elements are slack, and whether any has failed. If one of them
+differs at the end of a step, an event lies in the step. The step is not taken; the event is hunted:
+shorter steps are tried, by secants of quantities that are smooth and by bisection. Those that end
+before the event are taken, until the event lies in a step as short as the tolerance. Then it is
+recorded, and the path goes on beyond it.
 
 In a structure whose equilibrium is unique (`System.always_convex`), a step of the load factor is
 made by Newton's method where the tangent does not exist (slack cables at the start, a mechanism
-before its first load) and where corrections fail. In others such a step could end anywhere: there a
-start without a tangent is refused (SINGULAR).
+before its first load) and where corrections fail. In other structures such a step could end on any
+path: there a start without a tangent is refused (SINGULAR).
 """
 
 from __future__ import annotations
@@ -44,8 +45,8 @@ def march(
         ramp: the phase; not differentiated.
         method: `Newton`.
         settings: `Settings`.
-        code: status so far; nothing is done if it is a failure.
-        capacity: (rows, events) that there is room for.
+        code: status so far; after a failure nothing is done.
+        capacity: numbers of points and of events that there is room for.
     """
     course = Course.of(ramp, method, settings, capacity)
 
@@ -71,14 +72,14 @@ def _start(course, code):
     dtype = ramp.begin.motion.dtype
     zero, no, number = jnp.zeros((), dtype), jnp.zeros((), bool), jnp.int32(0)
     x = begin.place(ramp.begin.motion)
-    nobody = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
+    no_element = jnp.zeros(sum(len(group.links) for group in ramp.groups), bool)
     still = jnp.zeros(begin.freedoms.free.shape[0], dtype)
     tangent = still, zero + 1
-    nowhere = Point(x, zero, *tangent, ramp.memory, number, zero, still, still, still, nobody)
-    entry = Noted(number, zero, zero, zero, number, nowhere, nobody, no, number)
-    row = jax.eval_shape(lambda p: row_at(ramp, p, ramp.memory, nothing(p)), nowhere)
+    point = Point(x, zero, *tangent, ramp.memory, number, zero, still, still, still, no_element)
+    entry = Noted(number, zero, zero, zero, number, point, no_element, no, number)
+    row = jax.eval_shape(lambda p: row_at(ramp, p, ramp.memory, nothing(p)), point)
     return Run(
-        anchor=nowhere,
+        anchor=point,
         mode=jnp.int32(LOAD),
         ds=zero,
         nominal=jnp.sqrt(2.0).astype(dtype) * settings.step,

@@ -1,14 +1,14 @@
-"""Onto the path: Newton's method for equilibrium and one linear condition on the way there.
+"""Correction onto the path: Newton's method for equilibrium and one linear condition.
 
-Unknowns are the freedoms u and the load factor. With the residual R(u, f) and a condition
+Unknowns are the freedoms u and the load factor f. With the residual R(u, f) and a condition
 ``row . (u - u0) + rise (f - f0) = target`` each iteration solves
 
-    [ K    R_f  ] [du]   [ -R                     ]
-    [ row  rise ] [df] = [ what the condition lacks ]
+    [ K    R_f  ] [du]   [ -R                           ]
+    [ row  rise ] [df] = [ target - (left side so far)  ]
 
 A condition along the tangent of the path is the arc-length method (Riks 1979, Wempner 1971, in the
-form of Keller 1977), one on f alone load control. The last iteration, at the solution, gives the
-tangent there with the same matrix.
+form of Keller 1977), a condition on f alone is load control. The last iteration, at the solution,
+gives the tangent there with the same matrix.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 
-_EXACT = 1e-3  # of what is allowed: not to be improved
-_STEPS = 12  # iterations allowed; near the path quadratic convergence needs 3 to 6
+_EXACT = 1e-3  # part of the allowed residual below which a guess is not improved
+_STEPS = 12  # most iterations; near the path quadratic convergence needs 3 to 6
 
 
 @pytree
@@ -40,21 +40,21 @@ class Condition:
 
 @pytree
 class Corrected:
-    """Where the iteration ended.
+    """The state of a correction, and its result.
 
     Attributes:
-        x: point of the system.
-        moved: sum of the steps since the condition's origin, [n_free].
+        x: motion of all rows.
+        moved: sum of the steps from the origin of the condition, u - u0, [n_free].
         factor: load factor.
-        direction, rise: tangent of the path, du [n_free] and df, with
-            ``row . direction + rise rise = 1``.
+        direction, rise: tangent of the path, du [n_free] and df, scaled so that
+            ``row . du + rise df = 1`` with `row` and `rise` of the condition.
         pull: derivative of the residual by the load factor, [n_free], N.
         matrix: tangent stiffness, a matrix of `linear`.
-        converged: whether it is in equilibrium.
-        regular: whether there is a tangent.
-        failed: whether the iteration broke down.
-        steps: iterations, the last one, which gives the tangent, not counted.
-        residual, scale: largest unbalanced force and the force that it is judged by, N.
+        converged: whether x is in equilibrium.
+        regular: whether the bordered matrix is regular, so that there is a tangent.
+        failed: whether the iteration has broken down.
+        steps: number of iterations without the last one, which gives the tangent.
+        residual, scale: largest unbalanced force, and the force that it is judged by, N.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -87,15 +87,12 @@ def correct(
 
     Args:
         ramp: the phase; not differentiated.
-        memory: of laws, to start from, or None.
-        x, moved, factor: the guess: point, step from the condition's origin, load factor.
-        origin: load factor of the condition's origin.
+        memory: memory of laws at the anchor, or None.
+        x, moved, factor: the guess: motion, step from the origin of the condition, load factor.
+        origin: load factor at the origin of the condition, f0.
         condition: `Condition`.
         tol: relative residual that counts as equilibrium.
         active: False to return at once.
-
-    Returns:
-        `Corrected`.
     """
     zero = jnp.zeros((), x.dtype)
     begin = ramp.at(factor, memory)
@@ -110,14 +107,14 @@ def correct(
         residual, pull = jax.jvp(
             lambda f: _residual(ramp.at(f, memory), x), (it.factor,), (zero + 1,)
         )
-        # an unloaded start has no forces to be judged by: the load to come stands in for them
+        # an unloaded start has no forces to judge by: take the load that the phase adds
         coming = jnp.max(jnp.abs(pull), initial=0.0)
         scale = jnp.maximum(system.residual_and_scale(x)[1], coming)
         allowed = tol * scale
         if system.rounds:
             allowed = jnp.maximum(allowed, jnp.maximum(system.rounding(x), came_from))
         small = jnp.all(jnp.abs(residual) <= allowed)
-        # a short step from a good point is nearly as good: one correction makes it so
+        # after a short step the guess is nearly in equilibrium: make one correction at least
         settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT * allowed))
         matrix = system.tangent(x)
         lacks = condition.target - condition.row @ it.moved - condition.rise * (it.factor - origin)
@@ -159,7 +156,7 @@ def correct(
 
 
 def _residual(system, x):
-    """Unbalanced forces at `x` under the loads and on the supports of `system`, [n_free], N."""
+    """Residual of `system` at `x`, [n_free], N; its supports depend on the load factor, too."""
     function, numbers, _ = system.chart(x)
     return function(numbers)
 
@@ -177,6 +174,6 @@ def by_load(
     method: Newton,
     active: Bool[Array, ""],
 ) -> tuple[Float[Array, "n_row n_motion"], Int[Array, ""]]:
-    """A guess by Newton's method at a given load factor: the point, and its status."""
+    """A guess by Newton's method at a given load factor: the motion, and the status."""
     outcome, _ = newton.equilibrate(ramp.at(factor, memory), x, method, active)
     return outcome.x, outcome.code

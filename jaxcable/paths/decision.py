@@ -1,4 +1,4 @@
-"""What a continuation makes of a step: whether it is taken, what comes next, when it is over."""
+"""Decides after a step of a continuation: whether it is taken, the next step, and the end."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from .detection import NEAR, Seen
 from .run import Run
 from .steps import cosine, guess_ahead, stride
 
-_EASY = 3  # iterations of a step that may be followed by one as long
+_EASY = 3  # iterations after which the next step has the same length
 _STRAIGHT = 0.999  # cosine of the angle between tangents where a soft path counts as straight
-_SOFT = 0.05  # stiffness along the path over that at its start which little is left of
-_TURNS = 30  # tries for each row of the path, on average, before giving up
+_SOFT = 0.05  # part of the load factor in the tangent below which a path counts as soft
+_TRIES = 30  # tries per point of the path, on average, before giving up
 
 
 @pytree
 class Decided:
-    """What is made of a step, all bool.
+    """What is decided about a step that was tried, all bool.
 
     Attributes:
-        outside: it passes the end of the path, and is tried again onto that.
-        accept: it is taken, and its end the next anchor.
-        last: with it the path is at its end.
-        stopping: the path stops at the event in it.
-        record: it gets a row.
-        again: it has failed, and is tried again shorter.
-        exhausted: it is as short as it gets.
-        rescue: then it is tried by a step of the load factor.
-        soft: little is left of the stiffness along the path.
+        outside: it passes the last load factor; next, a step onto that load factor is tried.
+        accept: it is taken, and its end is the next anchor.
+        last: with this step the path is complete.
+        stopping: the path stops at the event in this step.
+        record: a point is recorded: the end of the step, or its start if an element fails in it.
+        again: it has failed, and a shorter one is tried next.
+        exhausted: it has failed and cannot be shortened any more.
+        rescue: it is exhausted, and a step of the load factor is tried next.
+        soft: little stiffness along the path is left.
     """
 
     outside: Bool[Array, ""]
@@ -47,7 +47,7 @@ class Decided:
 
 
 def decide(course: Course, run: Run, tried: Tried, seen: Seen) -> Decided:
-    """`Decided` of a step that was tried, by what was `Seen` in it."""
+    """The `Decided` of a step that was tried, from what was `Seen` in it."""
     settings, p = course.settings, tried.point
     outside = seen.usable & ~seen.crossing & (run.mode == ARC) & ~tried.fresh
     outside = outside & ((p.factor >= settings.until) | (p.factor <= settings.down_to))
@@ -57,7 +57,7 @@ def decide(course: Course, run: Run, tried: Tried, seen: Seen) -> Decided:
     record = (accept & (~run.hunting | seen.hit | last)) | (seen.fatal & run.hunting)
     critical = seen.limit | seen.branch | seen.astray
     stopping = seen.hit & critical & ~seen.failed & ~settings.through
-    # a step that fails is tried again, shorter; where equilibrium is unique, by load at last
+    # a failed step is tried again, shorter; at last by load, where equilibrium is unique
     again = ~seen.usable & ~tried.far
     exhausted = again & (0.25 * run.ds < 0.1 * settings.tol)
     rescue = exhausted & (run.mode != LOAD) & course.begin.always_convex
@@ -66,10 +66,10 @@ def decide(course: Course, run: Run, tried: Tried, seen: Seen) -> Decided:
 
 
 def proceed(course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided) -> Run:
-    """The `Run` after a step, but for its records and outcome: anchor, hunt, way and length."""
+    """The `Run` after a step, without its records, status and end."""
     settings, a, p, accept = course.settings, run.anchor, tried.point, decided.accept
     anchor = where(accept, _settled(course, p, a), a)
-    # the path itself goes straight on, beyond the bifurcation that has been noted
+    # the anchor stays on the path, but counts as beyond the bifurcation that was recorded
     passed = {
         of: jnp.where(seen.hit & seen.astray, getattr(run.beyond, of), getattr(anchor, of))
         for of in ("negative", "stiffness")
@@ -105,14 +105,14 @@ def proceed(course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided
         hunting=hunting & ~decided.rescue,
         bracket=bracket,
         beyond=beyond,
-        # rounding moves events by more than the tolerance: be content with a larger one
+        # rounding has moved the event out of its bracket: enlarge the tolerance
         tol=jnp.where(seen.hit, settings.tol, run.tol * jnp.where(over, 4.0, 1.0)),
         tries=run.tries + 1,
     )
 
 
 def _settled(course, p, a):
-    """A point with the memory that an increment from there begins with."""
+    """The point `p` with the memory of laws after the increment from `a` to it."""
     if a.memory is None:
         return p
     system = course.ramp.at(p.factor, a.memory)
@@ -120,7 +120,7 @@ def _settled(course, p, a):
 
 
 def _nominal(course, run, tried, seen, decided):
-    """Length of an ordinary step: longer where the last was easy; no part of the result."""
+    """Length of an ordinary step, longer after few iterations; it affects no result."""
     settings, a, p, accept = course.settings, run.anchor, tried.point, decided.accept
     ease = jnp.sqrt(_EASY / jnp.maximum(tried.found.steps, 1).astype(run.ds.dtype))
     plain = accept & ~run.hunting & ~seen.hit & (run.mode == ARC)
@@ -137,15 +137,18 @@ def _nominal(course, run, tried, seen, decided):
 def outcome(
     course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided, count: Int[Array, ""]
 ) -> tuple[Int[Array, ""], Bool[Array, ""]]:
-    """Status after a step, and whether the path is over.
+    """Status after a step, and whether the path has ended.
 
-    `run` has the rows with it, `count` is the number of events, also of those without room.
+    Args:
+        course, tried, seen, decided: those of the step.
+        run: the `Run` after the step, with its records.
+        count: number of events, including those that there is no room for.
     """
     n_row, n_event = course.capacity
     found, code = tried.found, tried.newton_code
     done = decided.last | decided.stopping | seen.fatal
     full = ~done & ((run.n_row >= n_row) | (count > n_event))
-    lost = ~done & (run.tries > _TURNS * n_row)
+    lost = ~done & (run.tries > _TRIES * n_row)
     stopped = jnp.where(seen.limit, status.LIMIT_POINT, status.BIFURCATION)
     given_up, by_newton = decided.exhausted & ~decided.rescue, tried.by_newton & (code != status.OK)
     first = decided.again & tried.fresh
@@ -162,6 +165,6 @@ def outcome(
         (full, status.OUT_OF_STEPS),
     )
     code = jnp.int32(status.OK)
-    for happened, own in reversed(outcomes):
-        code = jnp.where(happened, own, code)
+    for happened, new in reversed(outcomes):
+        code = jnp.where(happened, new, code)
     return code.astype(jnp.int32), done

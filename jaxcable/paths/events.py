@@ -1,4 +1,4 @@
-"""What happens on a path: limit points, branch points, cables that slacken, material that fails."""
+"""Events on a path: limit points, bifurcations, slackening, tightening, material failure."""
 
 from __future__ import annotations
 
@@ -36,24 +36,25 @@ CRITICAL = (LIMIT_POINT, BIFURCATION)
 class Events:
     """Events in the order in which the path meets them; ``len(events)``, ``events[k]``.
 
-    An event lies between the last point before it and the first one after it, whose load factors
-    are `lower` and `upper`. They are within the tolerance of `trace_path` along the path, but at
-    smooth bifurcations: there they keep some distance (1e-5), closer to which the path is lost in
-    rounding, and `load_factor` is where the straight line between their stiffnesses is zero: its
-    error is of the square of that distance.
+    An event lies between the last point before it and the first point after it, whose load factors
+    are `lower` and `upper`. Along the path these points are within the tolerance of `trace_path`,
+    except at smooth bifurcations: there they are some 5e-4 of `step` apart, since nearer points are
+    lost in rounding. `load_factor` is then interpolated to zero stiffness on a straight line; its
+    error is of the order of the square of that distance.
 
     Attributes:
         kind: `LIMIT_POINT`, `BIFURCATION`, `SLACKENING`, `TIGHTENING` or `MATERIAL_FAILURE` of
             `jc.paths`, [n] int; 0 in places that are not used (under a transformation).
         load_factor: [n]. Differentiable at smooth limit points: ``-phi.R_p / (phi.R_f)``.
-        lower, upper: the same before and after the event, in this order, [n].
-        row: number of the row of the path that follows it, [n] int.
+        lower, upper: load factors of the points before and after the event, in this order, [n].
+        row: index of the point of the path that follows the event, [n] int.
         displacement: from the geometry in which the phase began, [n, n_node, 3], m.
-        mode: null vector of the tangent at limit points and bifurcations, displacements, the
+        mode: null vector of the tangent at limit points and bifurcations as displacements, the
             largest of a node 1, [n, n_node, 3]; where stiffness jumps below zero (a corner of a
-            law) the softest mode; else NaN.
-        alignment: ``|phi.F| / (|phi| |F|)`` there, phi the left null vector, F the load that the
-            phase adds: zero at a branch point, not zero at a limit point, [n].
+            law) the softest mode; NaN at other events.
+        alignment: ``|phi.F| / (|phi| |F|)`` at limit points and bifurcations, with the left null
+            vector phi and the load F that the phase adds: zero at a bifurcation, not zero at a
+            limit point, [n]; NaN at other events.
         multiplicity: number of eigenvalues of the tangent that change their sign at limit points
             and bifurcations, [n] int: 2 where two modes cross together (within the bracket), as in
             a ring under pressure; -1 where they are not counted (`TracedPath.n_negative`), 0 at

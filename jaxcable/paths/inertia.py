@@ -1,4 +1,4 @@
-"""What two points of a path, or a point and its load, tell about eigenvalues that cross zero."""
+"""Eigenvalues that cross zero: from the inertia of two points, or a null vector and the load."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def _odd(p):
 
 
 def unstable(p: Point) -> Bool[Array, ""]:
-    """Whether there are negative eigenvalues, as far as it is known."""
+    """Whether there are negative eigenvalues, or an odd number of them where not counted."""
     return (p.negative > 0) | ((p.negative < 0) & _odd(p))
 
 
 def crossed(p: Point, a: Point) -> Bool[Array, ""]:
-    """Whether the number of negative eigenvalues differs, as far as it is known."""
+    """Whether the number of negative eigenvalues differs, or its parity where not counted."""
     counted = (p.negative >= 0) & (a.negative >= 0)
     return jnp.where(counted, p.negative != a.negative, _odd(p) != _odd(a))
 
@@ -32,11 +32,11 @@ def multiplicity(
     counted = (p.negative >= 0) & (a.negative >= 0)
     many = jnp.abs(p.negative - jnp.where(fresh, 0, a.negative))
     many = jnp.where(counted, many, linear.NOT_COUNTED)
-    # the inertia changes a hair before or after the load factor turns
+    # at a limit point the inertia may change, by rounding, just outside of the bracket
     return many, jnp.where(counted, jnp.maximum(many, 1), many)
 
 
 def alignment(p: Point) -> Float[Array, ""]:
-    """``|phi.F| / (|phi| |F|)`` of the left null vector; 1 if nothing pulls."""
+    """``|phi.F| / (|phi| |F|)`` of the left null vector phi and the load F; 1 if F is zero."""
     size = jnp.linalg.norm(p.pull)
     return jnp.where(size > 0, jnp.abs(p.left @ p.pull) / jnp.where(size > 0, size, 1.0), 1.0)

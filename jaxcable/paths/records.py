@@ -1,4 +1,4 @@
-"""What is recorded along a path: rows of points, and events."""
+"""Records along a path: points and events, in arrays of fixed size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .run import Noted, Point, Run
 def record(
     course: Course, run: Run, tried: Tried, seen: Seen, decided: Decided
 ) -> tuple[tuple[PyTree[Array], ...], Int[Array, ""]]:
-    """Rows and their number after a step."""
+    """Recorded points (`Run.rows`) and their number after a step."""
     fatal, a = seen.fatal, run.anchor
     shown = where(fatal, a, tried.point)
     row = row_at(course.ramp, shown, a.memory, tried.found)
@@ -31,7 +31,7 @@ def record(
 
 
 def note(course: Course, run: Run, tried: Tried, seen: Seen) -> tuple[Noted, Int[Array, ""]]:
-    """Events after a step, and their number, which may exceed what there is room for."""
+    """Recorded events after a step, and their number, including those there is no room for."""
     a, p = run.anchor, tried.point
     kinds = (
         (seen.limit & ~seen.failed, events.LIMIT_POINT),
@@ -44,18 +44,20 @@ def note(course: Course, run: Run, tried: Tried, seen: Seen) -> tuple[Noted, Int
     beside = where(seen.astray, run.beyond, seen.now)
     many = multiplicity(beside, a, tried.fresh)
     for happened, kind in kinds:
-        own = _elements(course, kind, a, p)
+        changed = _elements(course, kind, a, p)
         on_line = seen.line & (kind == events.BIFURCATION)
         at = jnp.where(on_line, _zero_between(a, p), p.factor)
         number = many[kind == events.LIMIT_POINT] if kind in events.CRITICAL else jnp.int32(0)
-        entry = Noted(jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, own, seen.null, number)
+        entry = Noted(
+            jnp.int32(kind), at, a.factor, p.factor, run.n_row, p, changed, seen.null, number
+        )
         noted = put(noted, count, entry, seen.hit & happened & (count < course.capacity[1]))
         count = count + (seen.hit & happened)
     return noted, count
 
 
 def _elements(course, kind, a, p):
-    """The elements that an event is about, bool."""
+    """The elements that an event of this kind concerns, bool."""
     if kind == events.SLACKENING:
         return p.slack & ~a.slack
     if kind == events.TIGHTENING:
@@ -75,7 +77,7 @@ def _zero_between(a, p):
 def row_at(
     ramp: Ramp, p: Point, memory: list[PyTree[Array]] | None, found: Corrected
 ) -> tuple[PyTree[Array], ...]:
-    """What is recorded of a point."""
+    """The record of a point, an entry of `Run.rows`."""
     system = ramp.at(p.factor, memory)
     return (
         p.factor,
@@ -90,14 +92,14 @@ def row_at(
 
 
 def _row_of(ramp, system, x):
-    """Displacement since the phase began, and what is read there."""
+    """Displacement since the phase began, results of elements, counts of slack and loose."""
     seen = read(system, x)
     moved = (x - ramp.begin.motion)[:, :3]
     return moved, seen.of_path.found, seen.n_slack, seen.n_loose
 
 
 def nothing(p: Point) -> Any:
-    """Stands for `Corrected` where only shapes are asked for."""
+    """Stands for a `Corrected` where only shapes are needed."""
     zero = jnp.zeros((), p.rise.dtype)
 
     class Shapes:
@@ -109,7 +111,7 @@ def nothing(p: Point) -> Any:
 def put(
     rows: PyTree[Array], number: Int[Array, ""], row: PyTree[Array], wanted: Bool[Array, ""]
 ) -> PyTree[Array]:
-    """Write `row` at `number` where `wanted`."""
+    """Write the record `row` at index `number` of `rows` if `wanted`."""
 
     def one(column, value):
         at = jnp.minimum(number, len(column) - 1)

@@ -12,30 +12,33 @@ from .events import FAILURES, Events
 
 @pytree
 class TracedPath(Path):
-    """A `Path` in the order in which it is met; the load factor may fall as well as rise.
+    """A `Path` whose points are in the order along the path; the load factor may rise and fall.
 
-    The rows and events reached; inside a transformation all that there is room for, NaN in floats
-    and -1 in counts where nothing was reached.
+    It has the points and events that were reached. Inside a transformation it has all that there
+    is room for, with NaN in floats and -1 in counts where nothing was reached.
 
     Attributes:
         load_factor, displacement, tension, peak_tension, residual, relative_residual: as of a
-            `Path`, a row a point.
+            `Path`, one entry per point.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
-            BIFURCATION if it was to end there; MATERIAL_FAILURE, MECHANISM, NOT_CONVERGED;
-            OUT_OF_STEPS, or EXCESSIVE_DEFORMATION if the load still rises then but little
-            stiffness is left; or the status of the phases before.
-        iterations: of the correction onto the path, [n].
+            BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM,
+            NOT_CONVERGED; OUT_OF_STEPS, or EXCESSIVE_DEFORMATION if the load still rises then but
+            little stiffness is left; or the status of the phases before.
+        iterations: iterations of the correction onto the path, [n].
         factorizations: None.
         equilibrated: None.
-        n_negative: negative eigenvalues of the tangent stiffness, [n]: 0 is stable. Of a tangent
-            that is not symmetric to rounding (pressure that does not keep its direction where it
-            has no potential, nodal moments) those with negative real part; -1, not counted, if such
-            a one has more than 400 unknowns: then only crossings of an odd number are seen.
-        stiffness: its eigenvalue nearest to zero, [n], N/m (of a unit vector of all freedoms); of
-            an unsymmetric one its smallest singular value with the sign of the real part of that
-            eigenvalue, or of the determinant where eigenvalues are not counted.
-        rise: the tangent's part of load factor, 1 to -1; changes its sign at limit points, [n].
+        n_negative: number of negative eigenvalues of the tangent stiffness, [n]: 0 is stable. If
+            the tangent is not symmetric to rounding (pressure that does not keep its direction
+            where it has no potential, nodal moments), the number of eigenvalues with negative real
+            part; with more than 400 unknowns these are not counted, -1, and only crossings of an
+            odd number are seen.
+        stiffness: eigenvalue of the tangent stiffness nearest to zero, [n], N/m (of a unit vector
+            of all freedoms). If the tangent is not symmetric, its smallest singular value, with the
+            sign of the real part of that eigenvalue, or of the determinant where eigenvalues are
+            not counted.
+        rise: load factor's part of the unit tangent, -1 to 1; changes its sign at limit points,
+            [n].
         events: `Events`.
 
     Example:
@@ -77,6 +80,6 @@ class TracedPath(Path):
         if kind.shape[0] == 0:
             return jnp.nan * jnp.sum(self.load_factor)
         first = self.events.load_factor[jnp.argmax(fails)]
-        # where there is none, NaN by way of the path, whose derivatives are NaN, too, and not zero
+        # without a failure: NaN from the path, whose derivatives are NaN, and not zero
         nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * self.load_factor[0]
         return jnp.where(jnp.any(fails), first, 0.0) + nothing

@@ -1,4 +1,4 @@
-"""What a continuation carries from step to step."""
+"""The state of a continuation: its settings, points, events, and `Run`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Settings:
     through: Bool[ArrayLike, ""]
 
     def rules(self) -> list[Rule]:
-        """What they keep, see `common.rules`; a NaN keeps none, and the path would have no end."""
+        """Rules of the settings, see `common.rules`; a NaN breaks them: the path would not end."""
         text = "must be positive; the path starts at 0"
         below = "must be negative; the path starts at 0"
         steps = [
@@ -35,13 +35,13 @@ class Settings:
 
 @pytree
 class Point:
-    """A point of the path and its state.
+    """A point of the path.
 
     Attributes:
-        x, factor: point of the system and load factor.
+        x, factor: motion of all rows, and load factor.
         direction, rise: unit tangent: unknowns over `Run.weight`, and load factor.
-        memory: of laws, that an increment from here begins with, or None.
-        negative, stiffness, phi, left: see `linear.spectrum`.
+        memory: memory of laws with which a step from here begins, or None.
+        negative, stiffness, phi, left: number, value, right and left vector of `linear.spectrum`.
         pull: derivative of the residual by the load factor, [n_free], N.
         slack: slack elements, all groups one after the other, bool.
     """
@@ -61,13 +61,14 @@ class Point:
 
 @pytree
 class Noted:
-    """Events as they are noted, with the point beyond.
+    """The record of an event.
 
     Attributes:
-        kind, factor, lower, upper, row, changed: as of `Events`.
-        point: beyond it.
-        null: whether phi is a null vector there.
-        crossed: eigenvalues that change their sign.
+        kind, factor, lower, upper, row: as of `Events` (factor: `load_factor`).
+        point: `Point` beyond the event.
+        changed: elements that the event concerns, all groups one after the other.
+        null: whether `phi` of this point is a null vector.
+        crossed: number of eigenvalues that change their sign.
     """
 
     kind: Int[Array, ""]
@@ -83,12 +84,12 @@ class Noted:
 
 @pytree
 class Beyond:
-    """Beyond an event: what guesses its place, and what goes on from there.
+    """Values beyond an event, by which it is located.
 
     Attributes:
         rise, stiffness, negative: as of a `Point`.
-        smooth: whether nothing but rise and inertia changes.
-        branch: whether it is a bifurcation, so far as can be seen.
+        smooth: whether only rise and inertia change at the event.
+        branch: whether the event is a bifurcation, as far as known.
     """
 
     rise: Float[Array, ""]
@@ -103,19 +104,21 @@ class Run:
     """Where the continuation stands.
 
     Attributes:
-        anchor: last point, `Point`.
-        mode: how the next step is tried.
-        ds, nominal: length of this step, and of an ordinary one.
+        anchor: the last point that was accepted, `Point`.
+        mode: kind of the next step, see `attempt`.
+        ds, nominal: length of the next step, and of an ordinary step.
         reference: larger stiffness at the ends of the step in which an event was first seen, N/m.
         weight: displacement that counts as much as a unit of the load factor, m; 0 before it is
             known.
-        hunting, bracket: whether an event is being closed in on, and the step that contains it.
-        beyond: the state at the far end of it, `Beyond`.
-        tol: step in which an event counts as caught; larger after one has slipped away.
-        tries: steps tried so far.
-        rows, n_row: points recorded, and their number.
-        noted, n_event: events recorded.
-        code: status; done: whether the end is reached.
+        hunting: whether an event is being located.
+        bracket: length of the step from the anchor that contains this event.
+        beyond: `Beyond` at the far end of this step.
+        tol: length of a step within which an event counts as located; enlarged after rounding has
+            moved an event out of its bracket.
+        tries: number of steps tried so far.
+        rows, n_row: records of points (`records.row_at`), and their number.
+        noted, n_event: records of events, and their number.
+        code, done: status, and whether the path has ended.
     """
 
     anchor: Point

@@ -1,4 +1,4 @@
-"""How long the steps of a continuation are, and what they are measured by."""
+"""Lengths of the steps of a continuation, and the scale of displacements in them."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ _STRIDE = 0.02  # displacement in a step along a straight soft path, in structur
 
 def scale_of(found: Corrected, system: System) -> Float[Array, ""]:
     """Displacement per unit of the load factor where the path begins, m."""
-    own = jnp.linalg.norm(found.direction) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
-    usable = (own > 0) & jnp.isfinite(own)
-    return jnp.where(usable, own, system.length_scale())
+    scale = jnp.linalg.norm(found.direction) / jnp.where(found.rise == 0, 1.0, jnp.abs(found.rise))
+    usable = (scale > 0) & jnp.isfinite(scale)
+    return jnp.where(usable, scale, system.length_scale())
 
 
 def cosine(a: Point, p: Point) -> Float[Array, ""]:
@@ -27,9 +27,9 @@ def cosine(a: Point, p: Point) -> Float[Array, ""]:
 def stride(
     p: Point, weight: Float[Array, ""], extent: Float[Array, ""], largest: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Step along a soft path: of `largest` in load, or a small part of the structure's size.
+    """Length of a step along a soft path: `largest` in load, or 2 % of the size of the structure.
 
-    Where next to no load is added steps would be of its size for ever, as in plastic collapse.
+    The shorter one; where hardly any load is added, as in plastic collapse, that of displacement.
     """
     shift = jnp.max(jnp.abs(p.direction), initial=0.0) * weight
     by_shift = _STRIDE * extent / jnp.where(shift > 0, shift, 1.0)
@@ -43,7 +43,15 @@ def guess_ahead(
     tries: Int[Array, ""],
     tol: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Length of the next step of a hunt."""
+    """Length of the next step while an event is located, by secants and bisection.
+
+    Args:
+        anchor: `Point` before the event.
+        far_end: `Beyond` after the event.
+        bracket: length of the step between them.
+        tries: number of steps tried so far; every third one is a bisection.
+        tol: length within which the event counts as located.
+    """
     rise, stiffness = far_end.rise, far_end.stiffness
     reverses = (rise > 0) != (anchor.rise > 0)
     by_rise = anchor.rise / jnp.where(reverses, anchor.rise - rise, 1.0)
@@ -51,6 +59,6 @@ def guess_ahead(
     by_stiffness = anchor.stiffness / jnp.where(softening, anchor.stiffness - stiffness, 1.0)
     part = jnp.where(reverses, by_rise, jnp.where(softening, by_stiffness, 0.5))
     part = jnp.where(far_end.smooth & jnp.isfinite(part) & (tries % 3 != 2), part, 0.5)
-    # no nearer to an end than half the tolerance, so that the bracket closes from both sides
+    # at least half the tolerance from both ends, so that the bracket closes from both sides
     length = jnp.clip(part * bracket, 0.5 * tol, jnp.maximum(bracket - 0.5 * tol, 0.5 * tol))
     return jnp.where(bracket <= tol, bracket, length)

@@ -1,4 +1,4 @@
-"""`trace_path`: a phase followed by arc length, through limit points, with what happens on it."""
+"""`trace_path`: a phase followed by arc length, through limit points, with its events."""
 
 from __future__ import annotations
 
@@ -48,41 +48,46 @@ def trace_path(
     tol: Float[ArrayLike, ""] | None = None,
     through: Bool[ArrayLike, ""] = True,
 ) -> TracedPath:
-    """Follow the equilibrium path of the last phase by arc length; solve those before it first.
+    """Follow the equilibrium path of the last phase by arc length; earlier phases are solved first.
 
     The load factor scales what the last phase adds (loads, changes of unstressed length, movements
-    of supports); its number of increments is not used. It starts at 0 and the path ends where it
-    reaches `until` or falls to `down_to`, or at a failure. On the way limit points, bifurcations,
-    slackening and tightening of cables and the failure of material are located along the path to
-    `tol`. Limit points are told from bifurcations by ``phi.F``: the null vector phi of the tangent
-    does work with the load at the one and none at the other.
+    of supports); the number of increments of this phase is not used. The load factor starts at 0;
+    the path ends where it reaches `until` or falls to `down_to`, or at a failure. Limit points,
+    bifurcations, slackening and tightening of cables and material failure are located along the
+    path to `tol`. Limit points and bifurcations differ in ``phi.F``: the load F does work on the
+    null vector phi of the tangent at a limit point, and none at a bifurcation.
 
-    The path is the one that begins at the start: at a bifurcation it goes straight on. Where it
-    bends sharply steps are shortened, but a path that passes close by can be mistaken for it, as by
-    any continuation: look at `TracedPath.rise`, or repeat with smaller steps.
+    The path is the one through the start; at a bifurcation it goes straight on. Where it bends
+    sharply steps are shortened. As in any continuation, a neighbouring path can be mistaken for it:
+    look at `TracedPath.rise`, or repeat with smaller steps.
 
     A state that is unstable from the start counts as a bifurcation at load factor 0. Events that
-    undo each other within one step are not seen: take a smaller `largest` where that may happen.
+    cancel each other within one step are not seen: take a smaller `largest` where that may happen.
 
-    A pure function. Derivatives: of the load factor at smooth limit points, with respect to all
-    parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN, also at
-    corners of laws and in structures whose laws have a memory.
+    A pure function. Derivatives: only of the load factor at smooth limit points, with respect to
+    all parameters, by ``df/dp = -phi.R_p / (phi.R_f)``, first order only. All others are NaN, also
+    at corners of laws and in structures whose laws have a memory.
 
     Args:
         structure: `Structure`.
         phases: list of `Phase`, or one.
-        method: `Newton`: its `tol` is that of every point.
-        start: `Solution` or its `.last` to start from.
-        until, down_to: load factors at which the path ends, ``down_to < 0 < until``.
-        step, largest: steps of the load factor at first, and at most, where the path is straight;
-            arc length counts the load factor and displacement alike as they change at the start.
-            Where little stiffness is left and the path is straight, as in plastic collapse, steps
-            are longer: of `largest` in load, or 2 % of the structure's size in displacement.
-        steps: rows of the path that there is room for.
-        events: events that there is room for.
-        tol: length of path within which events are caught, in units of `step`; 1e-9, or 1e-5 in
-            float32. At a smooth limit point the error of the load factor is of its square.
-        through: go on beyond limit points and bifurcations, or end at the first with its status.
+        method: `Newton` (default); its `tol` holds at every point.
+
+    Options:
+        start: `Solution` or its `.last` to start from; default: the initial structure.
+        until, down_to: load factors at which the path ends, ``down_to < 0 < until``; 1 and -1.
+        step, largest: first and largest step, as changes of the load factor on a straight path;
+            0.02 and 0.1. Arc length gives load factor and displacement the same weight, as they
+            change at the start. Where little stiffness is left and the path is straight, as in
+            plastic collapse, steps are longer: `largest` in load, or 2 % of the structure's size in
+            displacement.
+        steps: number of points of the path that there is room for; 200.
+        events: number of events that there is room for; 32.
+        tol: length of path within which events are located, in units of `step`; default 1e-9, in
+            float32 1e-5. At a smooth limit point the error of the load factor is of the order of
+            its square.
+        through: True (default) to go on beyond limit points and bifurcations, False to end at the
+            first of them with its status.
 
     Returns:
         `TracedPath`; `path.failure_load` is the load factor of the first failure.
@@ -131,7 +136,7 @@ def trace_path(
 
 
 def _settings(structure, until, down_to, step, largest, tol, through):
-    """`Settings`, checked."""
+    """The `Settings` of `trace_path`, checked."""
     dtype = jnp.asarray(structure.nodes).dtype
     if tol is None:
         tol = 1e-9 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
@@ -142,11 +147,11 @@ def _settings(structure, until, down_to, step, largest, tol, through):
 
 @functools.partial(program, static=("room", "bundles"))
 def _trace(thawed, arrays, method, settings, code, room, bundles):
-    """The compiled core: path and events with room to spare, and the numbers of both."""
+    """The compiled core: `TracedPath` with all room for points and events, and their numbers."""
     parameters = fill(thawed, arrays)
     code = status.first_failure(code, verdicts(parameters, method, settings)[1][0])
     nodes, groups, carry, schedule = ready(parameters, bundles)
-    # a bracket cannot be closer than neighbouring numbers allow
+    # rounding limits how short a bracket can be
     closest = 64 * jnp.finfo(settings.tol.dtype).eps
     settings = copy(settings, tol=jnp.maximum(settings.tol * settings.step, closest))
     problem = nodes, groups, carry, schedule.phase(0)
@@ -154,8 +159,8 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
     method, settings = lax.stop_gradient((method, settings))
     run = lax.stop_gradient(march(ramp, method, settings, code, room))
     code = run.code
-    factor, own, negative, stiffness, rise, steps, residual, scale = run.rows
-    moved, found, n_slack, n_loose = own
+    factor, readings, negative, stiffness, rise, steps, residual, scale = run.rows
+    moved, found, n_slack, n_loose = readings
     found = {name: bundles.apart(value, axis=1) for name, value in found.items()}
     reached = jnp.arange(room[0]) < run.n_row
     happened = jnp.arange(room[1]) < run.n_event
@@ -203,7 +208,7 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
         **named(known(found, reached)),
     )
     path = implicit.undifferentiated(path, parameters)
-    located = jax.vmap(lambda *own: _load_factor(*own, ramp, problem, parameters))
+    located = jax.vmap(lambda *event: _load_factor(*event, ramp, problem, parameters))
     counts = np.cumsum([0, *(len(group.links) for group in ramp.groups)])
     parts = [noted.changed[:, a:b] for a, b in itertools.pairwise(counts)]
     events = copy(
@@ -220,7 +225,7 @@ def _moved(ramp, point):
 
 
 def _shape(ramp, point):
-    """Null vector as displacements, the largest of a node 1, [n_node, 3]."""
+    """Null vector of a point as displacements, the largest of a node 1, [n_node, 3]."""
     space = ramp.at(point.factor, point.memory).space
 
     def moved(step):
@@ -235,13 +240,13 @@ def _shape(ramp, point):
 
 
 def _load_factor(kind, factor, point, null, ramp, problem, parameters):
-    """Load factor of an event, with the derivative of a smooth limit point, else with NaN.
+    """Load factor of an event, with its derivative at a smooth limit point, else with NaN.
 
-    At a limit point the left null vector phi of the tangent takes the unknowns out of the
+    At a limit point the left null vector phi of the tangent eliminates the unknowns from the
     derivative of R(u, f, p) = 0: ``phi.R_f df + phi.R_p dp = 0``.
     """
     factor = implicit.undifferentiated(factor, parameters)
-    if ramp.memory is not None:  # memory depends on the whole way
+    if ramp.memory is not None:  # memory depends on all points before
         return factor
     system = Ramp.build(*implicit.first_order(problem)).at(point.factor, point.memory)
     function, numbers, _ = system.chart(system.carried(point.x))
