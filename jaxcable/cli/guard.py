@@ -1,4 +1,4 @@
-"""What goes wrong on the command line: one clear line on stderr and an exit status."""
+"""Errors on the command line: one clear line on stderr and an exit status."""
 
 from __future__ import annotations
 

@@ -132,8 +132,8 @@ def _to_target(analysed, start, bounds, options):
 
     found = design.minimize(loss, start, bounds, steps=options.steps, progress=not options.quiet)
     n = sum(v.size for v in jax.tree.leaves(analysed(start).tension))
-    apart = float(np.sqrt(float(found.loss) / n))
-    return found, f"root mean square distance from {options.target:g} N: {apart:.6g} N"
+    distance = float(np.sqrt(float(found.loss) / n))
+    return found, f"root mean square distance from {options.target:g} N: {distance:.6g} N"
 
 
 def _least(analysed, start, bounds, options):

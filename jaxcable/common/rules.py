@@ -85,13 +85,13 @@ def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) ->
         rules: list of `Rule`.
         among: the entries that are checked, bool; None for all.
     """
-    whole = jnp.ones((), bool)
+    sound = jnp.ones((), bool)
     for rule in rules:
         if rule.values is None:
             continue
         broken = rule.broken(*map(jnp.asarray, _all(rule.values)))
-        whole = whole & ~jnp.any(broken if among is None else broken & among)
-    return whole
+        sound = sound & ~jnp.any(broken if among is None else broken & among)
+    return sound
 
 
 def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:

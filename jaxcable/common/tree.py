@@ -72,7 +72,7 @@ class _Slot:
 
 @typing.dataclass_transform(frozen_default=True, eq_default=False)
 def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str] = ()) -> Any:
-    """Make `cls` a frozen dataclass and a pytree whose other fields than the options are leaves.
+    """Make `cls` a frozen dataclass and a pytree; fields that the options do not name are leaves.
 
     Unlike with `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`:
     constructors may validate values, while transformations may put any leaf in a field.
@@ -210,11 +210,11 @@ def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
 def cast(tree: _T, dtype: Any) -> _T:
     """A tree as arrays, with all floats converted to `dtype`."""
 
-    def one(x):
+    def cast_leaf(x):
         x = jnp.asarray(x)
         return x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x
 
-    return jax.tree.map(one, tree)
+    return jax.tree.map(cast_leaf, tree)
 
 
 def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
@@ -232,11 +232,11 @@ def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
 def stacked(trees: Sequence[_T]) -> _T:
     """Trees of equal structure as one tree with stacked leaves: by NumPy unless traced."""
 
-    def one(*leaves):
+    def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
         return jnp.stack(leaves) if traced else np.stack([np.asarray(x) for x in leaves])
 
-    return jax.tree.map(one, *trees)
+    return jax.tree.map(stack, *trees)
 
 
 def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:

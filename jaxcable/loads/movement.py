@@ -20,7 +20,7 @@ class SupportMovement(Moving):
 
     Args:
         nodes: node numbers, [n].
-        displacements: [3] or [n, 3], m, or None for none; along freedoms held in the phase.
+        displacements: [3] or [n, 3], m, along freedoms held in the phase; None if nodes only turn.
         rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
 
     Raises:

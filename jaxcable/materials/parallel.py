@@ -278,8 +278,8 @@ class Parallel(Law):
         if self.one_sided:
             slack = self._slackened(corners[..., :1].sum(-1), memory)[..., None]
             slack = jnp.broadcast_to(slack, (*corners.shape[:-1], 1))
-            both = jnp.concatenate([corners, slack], -1)
-            corners = jnp.maximum(both, jnp.broadcast_to(slack, both.shape))
+            candidates = jnp.concatenate([corners, slack], -1)
+            corners = jnp.maximum(candidates, jnp.broadcast_to(slack, candidates.shape))
         return self._with_spring(corners, None if memory is None else memory[..., None, :])
 
     def corner_distance(

@@ -170,9 +170,9 @@ class Polygonal(Law):
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
         if memory is None:
-            initial, steps, forward, backward = self._ramps(inside)
+            initial, changes, forward, backward = self._ramps(inside)
             energy = 0.5 * initial * inside**2
-            energy = energy + 0.5 * jnp.sum(steps * (forward**2 - backward**2), axis=-1)
+            energy = energy + 0.5 * jnp.sum(changes * (forward**2 - backward**2), axis=-1)
         else:
             stiffness, end, elastic, kept = self._yielding(inside, memory)
             energy = 0.5 * end * inside**2
@@ -218,12 +218,13 @@ class Polygonal(Law):
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.limits
         stiffness, pull, push = (_on_last_axis(v, memory) for v in self._parts())
-        both = jnp.concatenate([memory + pull, memory - push], -1)
-        both = jnp.where(jnp.isfinite(both), both, high)  # a part that never yields in a direction
+        yielding = jnp.concatenate([memory + pull, memory - push], -1)
+        # a part that never yields in a direction has its corner at the end of the curve
+        yielding = jnp.where(jnp.isfinite(yielding), yielding, high)
         # a material without compression goes slack elastically: no part yields on the way
         slack = jnp.sum(stiffness * memory, axis=-1, keepdims=True) / self.modulus
         ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
-        return jnp.concatenate([both, *ends], -1)
+        return jnp.concatenate([yielding, *ends], -1)
 
     def corner_distance(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
@@ -266,13 +267,13 @@ class Polygonal(Law):
         if memory is not None:
             stiffness, end, _, kept = self._yielding(strain, memory)
             return end * strain + jnp.sum(stiffness * kept, axis=-1)
-        initial, steps, forward, backward = self._ramps(strain)
-        return initial * strain + jnp.sum(steps * (forward - backward), axis=-1)
+        initial, changes, forward, backward = self._ramps(strain)
+        return initial * strain + jnp.sum(changes * (forward - backward), axis=-1)
 
     def _ramps(self, strain):
         """Initial slope; at every corner the change of slope and the strains beyond it.
 
-        The strains beyond corners in tension and those beyond corners in compression are apart.
+        Strains beyond corners in tension and beyond corners in compression are separate arrays.
         """
         slopes, e = self._slopes, strain[..., None]
         corners = _on_last_axis(self.strain[1:-1], e)

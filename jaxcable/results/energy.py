@@ -150,8 +150,8 @@ def energy_balance(
     arguments = task.thawed, task.arrays, records, task.bundles
     phase_terms, end = jax.tree.map(np.asarray, works(*arguments, size=task.n_free))
     for computed, given in zip(end, marks(solution.last.carry), strict=True):
-        apart = np.abs(computed - np.asarray(given)).max()
-        if apart > np.sqrt(np.finfo(computed.dtype).eps) * np.abs(computed).max():
+        difference = np.abs(computed - np.asarray(given)).max()
+        if difference > np.sqrt(np.finfo(computed.dtype).eps) * np.abs(computed).max():
             raise ValueError(
                 "solution: is not that of these phases; of one that was started from another give "
                 "that as start"
@@ -159,4 +159,4 @@ def energy_balance(
     sums = np.array([[*terms.sum(axis=1), level] for terms, level in phase_terms]).T
     n = len(WORKS)
     increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in phase_terms)
-    return EnergyBalance(*sums, increments)  # type: ignore[call-arg]  # `sums` has seven rows
+    return EnergyBalance(*sums, increments)  # type: ignore[call-arg]  # `sums` has seven entries

@@ -84,7 +84,7 @@ def _follow(group, strain, memory):
     if memory is None:
         return jax.vmap(lambda e: of_all("fibre_stress", e, None))(strain)
 
-    def step(memory, e):
+    def increment(memory, e):
         return of_all("settle", e, memory), of_all("fibre_stress", e, memory)
 
-    return jax.lax.scan(step, memory, strain)[1]
+    return jax.lax.scan(increment, memory, strain)[1]

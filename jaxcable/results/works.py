@@ -108,13 +108,13 @@ def _phase(ramp, codes, path):
 def _memories(ramp, factors, motions):
     """Memory at the beginning of a phase and at the end of every increment."""
 
-    def step(memory, point):
-        factor, motion = point
+    def follow(memory, increment):
+        factor, motion = increment
         system = ramp.at(factor, memory)
         memory = system.settle(system.strains(motion))
         return memory, memory
 
-    _, later = lax.scan(step, ramp.memory, (factors[1:], motions[1:]))
+    _, later = lax.scan(follow, ramp.memory, (factors[1:], motions[1:]))
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), ramp.memory, later)
 
 
@@ -250,12 +250,12 @@ def _mixed(ramp, points, k, lengths, at, memory):
     """
     states, along = points.states[k], points.alongs[k]
 
-    def of_increment(numbers):
-        length, place, remembered = numbers
-        state, load = _at(states, length), _at(along, place)
-        state = copy(state, memory=_at(states.memory, remembered))
+    def of_increment(indices):
+        from_length, from_motion, from_memory = indices
+        state, load = _at(states, from_length), _at(along, from_motion)
+        state = copy(state, memory=_at(states.memory, from_memory))
         state = state if load is None else _under(state, load)
-        return _energy(ramp.groups[k], state, ramp.nodes, points.motion[place])
+        return _energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
     return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, at, memory))))
 

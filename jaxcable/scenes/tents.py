@@ -72,8 +72,8 @@ def tent_edge(
     edge = np.column_stack(
         [radius * np.sin(angle), radius * (np.cos(angle) - np.cos(half)), np.full(n + 1, height)]
     )
-    turn = 2 * half / n
-    tension = pressure * radius * np.cos(turn / 2)
+    phi = 2 * half / n
+    tension = pressure * radius * np.cos(phi / 2)
     out = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     tops = edge[[0, n]]
     feet = tops + np.array([0, lean, -height])

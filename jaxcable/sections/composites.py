@@ -30,7 +30,7 @@ def composite(
 
     Torsion constants add up only where all parts are discs and rings about one centre. Otherwise
     the torsion constant depends on how the parts are joined (that of a closed box is hundreds of
-    times the sum of its loose plates) and has to be stated; see `sections.bredt_torsion`.
+    times the sum of its plates) and has to be stated; see `sections.bredt_torsion`.
 
     Args:
         sections: list of `Section`, each at its place (see `Section.shifted`).

@@ -76,7 +76,7 @@ class Fibres:
         z2, y2, yz = modulus @ self.own
         zero = jnp.zeros_like(z2)
         bending = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
-        return total + jnp.stack([jnp.stack(row) for row in bending])
+        return total + jnp.stack([jnp.stack(line) for line in bending])
 
     def initial_memory(self, shape: tuple[int, ...] = ()) -> Memory:
         """Memory of an unused section, per law [*shape, n_fibre, n_memory] or None."""

@@ -97,9 +97,9 @@ def triangles(cells: Int[np.ndarray, "n_cell 4"]) -> Int[np.ndarray, "n_triangle
     """Every quadrilateral split into two triangles, along alternating diagonals."""
     a, b, c, d = cells.T
     alternate = (np.arange(len(cells)) % 2 == 0)[:, None]
-    one = np.where(alternate, np.column_stack([a, b, c, c]), np.column_stack([a, b, d, d]))
-    two = np.where(alternate, np.column_stack([a, c, d, d]), np.column_stack([b, c, d, d]))
-    out = np.stack([one, two], 1).reshape(-1, 4)
+    first = np.where(alternate, np.column_stack([a, b, c, c]), np.column_stack([a, b, d, d]))
+    second = np.where(alternate, np.column_stack([a, c, d, d]), np.column_stack([b, c, d, d]))
+    out = np.stack([first, second], 1).reshape(-1, 4)
     return out[(out[:, 0] != out[:, 1]) & (out[:, 1] != out[:, 2]) & (out[:, 0] != out[:, 2])]
 
 

@@ -53,8 +53,8 @@ def _crossing(outline, other):
     """Indices of the first two edges that cross within their lengths, or None."""
     a, b = outline[:, None], np.roll(outline, -1, axis=0)[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None]
-    apart = _side(a, b, c) * _side(a, b, d) < 0
-    found = np.argwhere(apart & (_side(c, d, a) * _side(c, d, b) < 0))
+    divided = _side(a, b, c) * _side(a, b, d) < 0
+    found = np.argwhere(divided & (_side(c, d, a) * _side(c, d, b) < 0))
     return tuple(int(k) for k in found[0]) if len(found) else None
 
 

@@ -248,7 +248,7 @@ def mesh(
         `Section` without torsion constant; beams warn of its axis as for `polygon`.
 
     Raises:
-        ValueError: wrong shapes, unknown points, a number of laws that is not that of the cells.
+        ValueError: wrong shapes, unknown points, or the numbers of laws and cells differ.
 
     Example:
         Two triangles of different stiffness make a square of 0.1 m:

@@ -54,7 +54,7 @@ def bredt_torsion(
     Source: Bredt (1896); Timoshenko and Goodier, Theory of Elasticity, art. 115.
 
     Example:
-        A box of 200 x 200 x 10 mm welded of four plates; four loose plates have 2.5e-7 m4:
+        A box of 200 x 200 x 10 mm welded of four plates; the separate plates have 2.5e-7 m4:
 
         >>> middle = [[-0.095, -0.095], [0.095, -0.095], [0.095, 0.095], [-0.095, 0.095]]
         >>> J = jc.sections.bredt_torsion(middle, thickness=0.01)  # t a^3
@@ -110,6 +110,6 @@ def are_round(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
     near = []
     for y, z, area, moments, torsion in parts:
         polar = pack.sum(area * ((y - y0) ** 2 + (z - z0) ** 2) + moments[:, 0] + moments[:, 1])
-        # loose tolerance: rounding of fourth powers of lengths and of their differences
+        # wide tolerance: rounding of fourth powers of lengths and of their differences
         near.append(abs(torsion - polar) <= pack.sqrt(pack.finfo(area.dtype).eps) * polar)
     return pack.all(pack.stack(near)) if traced else all(near)

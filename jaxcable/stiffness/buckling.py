@@ -96,8 +96,8 @@ def buckling_factor(
             symmetric (if traced, factors are NaN); catenaries under load without a reference.
 
     Example:
-        A rigid strut of 2 m whose top is held by two cables of 4 m with 8 kN. Across the cables it
-        buckles at ``2 N / l h`` = 8 kN, which is 4 times the load:
+        A rigid strut of 2 m whose top is stayed by two cables of 4 m with 8 kN. It buckles out of
+        their plane at ``2 N / l h`` = 8 kN, which is 4 times the load:
 
         >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [-4.0, 0.0, 2.0], [4.0, 0.0, 2.0]]
         >>> strut = jc.Bars([[0, 1]], axial_stiffness=1e12)

@@ -181,8 +181,8 @@ def _blocks(thawed, arrays, gravity, distribution):
         def of_element(properties, state, *arguments, group=group):
             return element(group, properties).mass_matrix(state, *arguments, distribution)
 
-        at = nodes[group.links], motion_of(group, carry.motion)
-        found.append(jax.vmap(of_element)(group.properties(), state, *at, weights / gravity))
+        ends = nodes[group.links], motion_of(group, carry.motion)
+        found.append(jax.vmap(of_element)(group.properties(), state, *ends, weights / gravity))
     return found
 
 
@@ -198,9 +198,9 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         system = make_system(nodes, groups, carry, None, None)
         tension = each("tension", group, system.states[number], nodes, carry.motion)
         # first frequency of a taut string with the mass of the catenary: exact across a shallow one
-        whole = group.weights(state) / gravity
+        mass = group.weights(state) / gravity
         span_frequency = (
-            jnp.sqrt(tension / jnp.where(whole > 0, whole, jnp.nan) / state.rest_length) / 2
+            jnp.sqrt(tension / jnp.where(mass > 0, mass, jnp.nan) / state.rest_length) / 2
         )
         span_frequency = checks.concrete(span_frequency)
         if span_frequency is None:
