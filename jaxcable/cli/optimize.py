@@ -82,7 +82,7 @@ def run(options: Namespace) -> None:
 
 def _parameters(structure, phase, options):
     """Start of the search, a vector, and the function from such a vector to a pretension."""
-    stated = [inputs.get("pretension") for inputs in phase.inputs(structure)]
+    stated = [statements.get("pretension") for statements in phase.inputs(structure)]
     if any(statement is not None and statement.chosen is not None for statement in stated):
         raise Refused(f"{options.scene}: a pretension of some elements only cannot be optimized")
     sizes = [
