@@ -1,4 +1,4 @@
-"""The command line: one command a file, and `guard`, which turns what goes wrong into one line."""
+"""The command line: one command a file, and `guard`, which reports errors in one line."""
 
 from .parser import main
 

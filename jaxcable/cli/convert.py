@@ -1,4 +1,4 @@
-"""``convert``: a net of another program as a scene."""
+"""``convert``: read a net of another program and write it as a scene."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from .guard import Refused, require_writable
 
 
 def run(options: Namespace) -> None:
-    """Read the net of `options` and write it as a scene."""
+    """Read the net that `options` name and write it as a scene."""
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
     net = inputs.net(options)
     names = ("axial_stiffness", "weight", "pretension", "force_density")
-    given = {name: getattr(options, name) for name in names}
-    given = {name: value for name, value in given.items() if value is not None}
+    properties = {name: getattr(options, name) for name in names}
+    properties = {name: value for name, value in properties.items() if value is not None}
     try:
-        scene = net.scene(inputs.anchors(options.anchors), **given)
+        scene = net.scene(inputs.anchors(options.anchors), **properties)
     except ValueError as error:
         hint = str(error).replace("axial_stiffness=...", "--axial-stiffness")
         raise Refused(f"{options.files[0]}: {hint}") from None

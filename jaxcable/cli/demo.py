@@ -1,4 +1,4 @@
-"""``demo``: the hyperbolic paraboloid net beside the published deflections."""
+"""``demo``: analyse the hyperbolic paraboloid net and compare it with published deflections."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .guard import require_writable
 
 
 def run(options: Namespace) -> None:
-    """Prestress and load the net, print its table, write its picture."""
+    """Prestress and load the net, print a table of deflections, write a picture."""
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
     require_writable(options.plot)
     structure, phases = scenes.hypar_net()
     free = hypar.plan()[2]
-    off = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)
+    offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)
     print("Hyperbolic paraboloid net: 31 links, 26 nodes, 12 of them free, EA 100.72 kN")
     print(
-        f"  start    the plan with every free node moved (by {1e3 * off.min():.0f} to "
-        f"{1e3 * off.max():.0f} mm): see scenes.hypar.disturbance"
+        f"  start    the plan with every free node moved (by {1e3 * offsets.min():.0f} to "
+        f"{1e3 * offsets.max():.0f} mm): see scenes.hypar.disturbance"
     )
     print("  phase 1  200 N held in every link while the net finds its form, 100 increments")
     print("  phase 2  links anchored at the length reached, 15.7 N on 9 nodes, 10 increments")
@@ -53,9 +53,9 @@ def run(options: Namespace) -> None:
     print("  " + "  ".join(f"[{k}] {name}" for k, name in enumerate(names[:4], 1)))
     print("  " + "  ".join(f"[{k}] {name}" for k, name in enumerate(names[4:], 5)))
     print("  node  jaxcable" + "".join(f"{f'[{k}]':>8}" for k in range(1, 8)))
-    for row, node in enumerate(hypar.NODE_NAMES):
-        published = "".join(f"{columns[name][row]:8.2f}" for name in names)
-        print(f"  {node:4d}  {computed[row]:8.3f}{published}")
+    for index, node in enumerate(hypar.NODE_NAMES):
+        published = "".join(f"{columns[name][index]:8.2f}" for name in names)
+        print(f"  {node:4d}  {computed[index]:8.3f}{published}")
     largest = "".join(f"{np.abs(columns[name] - computed).max():8.2f}" for name in names)
     print(f"  largest difference{largest[2:]}")
     print(

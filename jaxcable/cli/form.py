@@ -1,4 +1,4 @@
-"""``form``: find the shape of a net and write it as a scene."""
+"""``form``: find the form of a net and write it as a scene."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .guard import Refused, require_writable
 
 
 def run(options: Namespace) -> None:
-    """Find the form that `options` asks for."""
+    """Find the form that `options` ask for, print its numbers, write it."""
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
     structure, phases = inputs.scene(options)
@@ -56,7 +56,7 @@ def run(options: Namespace) -> None:
 
 
 def _without(phase):
-    """A phase without its absolute prestress, which the form has now; None if nothing is left."""
+    """A phase without its absolute prestress, which the form replaces; None if nothing is left."""
     left = replace(phase, **dict.fromkeys(ABSOLUTE))
     empty = all(
         getattr(left, name) is None for name in ("loads", "supports", "shortening", "temperature")

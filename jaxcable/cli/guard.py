@@ -1,4 +1,4 @@
-"""What goes wrong on the command line: one clear line on stderr and an exit status."""
+"""Errors on the command line: one clear line on stderr and an exit status."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from ..files.reading import written
 OK, FAILED, BAD_INPUT = 0, 1, 2
 
 
-class Refused(Exception):  # noqa: N818 - no error of the program but of what it was given
+class Refused(Exception):  # noqa: N818 - the input is at fault, not the program
     """Input that a command cannot use; the text is the line to print."""
 
 
 def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> int:
     """Run a command; returns the exit status: 0, 1 (analysis failed) or 2 (bad input).
 
-    It runs in a thread of its own: compiled programs do not listen to Ctrl-C, but this waits for
-    it.
+    The command runs in another thread, because compiled programs do not react to Ctrl-C: the main
+    thread waits for Ctrl-C meanwhile.
     """
     outcome = []
 
@@ -49,18 +49,18 @@ def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> i
     except KeyboardInterrupt:
         leave()  # compiled programs cannot be stopped otherwise
     (result,) = outcome
-    return result if isinstance(result, int) else _told(result)
+    return result if isinstance(result, int) else _exit_status(result)
 
 
-def _told(error):
-    """Print what went wrong; returns the exit status. What is no fault of the input is raised."""
+def _exit_status(error):
+    """Print an error in one line and return the exit status; errors of the program are raised."""
     if isinstance(error, AnalysisError):
         say(str(error))
         return FAILED
     if isinstance(error, FileError | Refused):
         say(str(error))
         return BAD_INPUT
-    if isinstance(error, BrokenPipeError):  # the reader of the output has gone, as `head` does
+    if isinstance(error, BrokenPipeError):  # the reader of the output has ended, as `head` does
         sys.stdout = open(os.devnull, "w")
         return OK
     if isinstance(error, OSError) and error.strerror:
@@ -74,7 +74,7 @@ def _told(error):
 
 
 def _warn(message, category, *_, **__):
-    """What is suspicious, as one line and not with a place in this program."""
+    """Print a warning as one line, without its place in this program."""
     ours = issubclass(category, InputWarning | UnstableWarning)
     say(f"warning: {message}" if ours else f"{message}")
 
@@ -85,7 +85,7 @@ def say(line: str) -> None:
 
 
 def require_writable(*paths: str | Path | None) -> None:
-    """Raise OSError where a file could not be written, before long work and not after it."""
+    """Raise OSError if one of the files cannot be written: called before long work begins."""
     for path in paths:
         if path is None:
             continue

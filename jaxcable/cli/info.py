@@ -1,4 +1,4 @@
-"""``info``: what is in a scene or net, without any analysis."""
+"""``info``: print the contents of a scene or net, without any analysis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from . import inputs
 
 
 def run(options: Namespace) -> None:
-    """Print what the file of `options` holds."""
+    """Print the contents of the files that `options` name."""
     name = options.files[0].lower()
     if len(options.files) == 1 and name.endswith(".json"):
         if read_json(options.files[0], int(options.largest * 1e6)).get("format") == FORMAT:
@@ -28,7 +28,8 @@ def run(options: Namespace) -> None:
 
 
 def _scene(structure, phases):
-    prepare(structure, phases, None, None)  # warns of what is suspicious
+    """Print the contents of a scene."""
+    prepare(structure, phases, None, None)  # checks the scene and issues its warnings
     nodes = np.asarray(structure.nodes)
     print(
         f"scene of {inputs.counted(structure.n_node, 'node')}, "
@@ -64,6 +65,7 @@ def _scene(structure, phases):
 
 
 def _phase(number, phase):
+    """Print the contents of a phase."""
     print(f"phase {number}: {inputs.counted(phase.increments, 'increment')}")
     for field in (*ABSOLUTE, *INCREMENTS):
         value = getattr(phase, field)
@@ -77,6 +79,7 @@ def _phase(number, phase):
 
 
 def _net(net):
+    """Print the contents of a net."""
     kinds = {kind: net.kinds.count(kind) for kind in dict.fromkeys(net.kinds)}
     counts = ", ".join(f"{count} {kind}s" for kind, count in kinds.items())
     print(f"net of {len(net.nodes)} nodes, {len(net.links)} links: {counts}")
@@ -97,4 +100,5 @@ def _net(net):
 
 
 def _extent(nodes):
+    """The size of the bounding box of nodes, as text."""
     return " x ".join(inputs.short(float(v)) for v in np.ptp(nodes, axis=0)) + " m"

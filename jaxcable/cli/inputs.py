@@ -1,4 +1,4 @@
-"""Scenes and nets that commands read, and numbers as they are written on a command line."""
+"""Input of commands: scenes, nets, and numbers written on the command line."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from ..model.structure import Structure
 from ..scenes import Scene
 from .guard import Refused
 
-_MOST_BYTES = 8e9  # of the path of an analysis
+_MOST_BYTES = 8e9  # limit on the memory of the results at all increments
 
 
 def scene(options: Namespace) -> Scene:
-    """The scene of a command; one whose path would not fit into memory is refused."""
+    """The scene of a command; refused if the results of its increments need too much memory."""
     found = load_scene(options.scene, int(options.largest * 1e6))
     bytes_needed = sum(phase.increments for phase in found.phases) * (
         24.0 * found.structure.n_node + 8.0 * sum(len(g.links) for g in found.structure.groups)
@@ -36,7 +36,7 @@ def scene(options: Namespace) -> Scene:
 
 
 def net(options: Namespace) -> Net:
-    """The `Net` in the files of a command: OBJ, JSON of compas or jax_fdm, a pair of CSV tables."""
+    """The `Net` in the files of a command: OBJ, JSON of compas or jax_fdm, or two CSV tables."""
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
     if suffixes == [".csv", ".csv"]:
@@ -53,7 +53,7 @@ def net(options: Namespace) -> Net:
 
 
 def values(words: Sequence[str], structure: Structure, name: str) -> float | PyTree[float | None]:
-    """Numbers of a command line: one for all, or ``group=number`` for groups of the structure.
+    """Numbers on a command line: one for all elements, or ``group=number`` for groups.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
@@ -73,26 +73,26 @@ def values(words: Sequence[str], structure: Structure, name: str) -> float | PyT
 
 
 def anchors(words: Sequence[str] | None) -> str | list[int] | None:
-    """Anchors of a command line: "ends", or node numbers and ranges such as 0 3 5-8."""
+    """Anchors on a command line: "ends", or node numbers and ranges such as 0 3 5-8."""
     if not words or words == ["ends"]:
         return words[0] if words else None
-    found = []
+    numbers = []
     for word in words:
         first, _, last = word.partition("-")
         try:
-            found += range(whole(first), whole(last or first) + 1)
+            numbers += range(whole(first), whole(last or first) + 1)
         except ValueError:
             raise Refused(f"anchors: {word!r} is no node number or range such as 5-8") from None
-    return found
+    return numbers
 
 
 def short(value: float) -> str:
-    """A number of metres, newtons or the like as text."""
+    """A number as text, with six digits."""
     return f"{value:.6g}"
 
 
 def spread(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
-    """The range of numbers as text: one number if all are equal."""
+    """The range of the numbers in arrays as text; a single number if all are equal."""
     if not jax.tree.leaves(arrays):
         return "none"
     flat = np.concatenate([np.ravel(np.asarray(a, float)) for a in jax.tree.leaves(arrays)])
@@ -101,5 +101,5 @@ def spread(arrays: PyTree[Float[ArrayLike, " ..."]]) -> str:
 
 
 def counted(number: int, word: str) -> str:
-    """A number and its noun: 1 increment, 2 increments."""
+    """A number with its noun as text: 1 increment, 2 increments."""
     return f"{number} {word}" + ("" if number == 1 else "s")

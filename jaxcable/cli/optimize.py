@@ -1,4 +1,4 @@
-"""``optimize``: the pretension for a purpose, by exact gradients; written as a scene."""
+"""``optimize``: find the pretension for a purpose by exact gradients, and write the scene."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ..scenes import Scene
 from . import inputs, outputs
 from .guard import Refused, require_writable, say
 
-_WIDTH = 0.02  # of the smooth maximum of deflections, as a part of the limit
+_WIDTH = 0.02  # width of the smooth maximum of deflections, relative to their limit
 
 
 def run(options: Namespace) -> None:
     """Optimize the pretension of the first phase that states one.
 
-    A search that does not come to its end leaves its last good design: it is told and written, with
-    exit status 1. Where the analysis fails at the start there is none, and nothing is written.
+    If the search does not converge, its last good design is printed and written, with exit status
+    1. If the analysis fails at the start, there is no design, and nothing is written.
     """
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
@@ -36,8 +36,8 @@ def run(options: Namespace) -> None:
     start, spread_out = _parameters(structure, phases[number], options)
 
     def analysed(parameters):
-        own = replace(phases[number], pretension=spread_out(parameters))
-        return solve(structure, [*phases[:number], own, *phases[number + 1 :]])
+        phase = replace(phases[number], pretension=spread_out(parameters))
+        return solve(structure, [*phases[:number], phase, *phases[number + 1 :]])
 
     low, high = options.bounds
     if not low <= high:
@@ -48,29 +48,29 @@ def run(options: Namespace) -> None:
     start = inside
     try:
         if options.target is not None:
-            found, told = _to_target(analysed, start, (low, high), options)
+            found, description = _to_target(analysed, start, (low, high), options)
         else:
-            found, told = _least(analysed, start, (low, high), options)
+            found, description = _least(analysed, start, (low, high), options)
         solution = analysed(found.params)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
     code = int(found.status)
-    if int(solution.status) != status.OK:  # then there is no design: it fails where it starts
+    if int(solution.status) != status.OK:  # there is no design: the analysis fails at the start
         if options.save is not None:
             say(f"{options.save}: not written: the analysis fails with the pretension of the start")
         status.raise_if_failed(solution)
     moved = np.linalg.norm(np.asarray(solution.last.displacement), axis=1).max()
     lines = [
         f"status {code}: {status.describe(code)}",
-        f"{told}, {int(found.evaluations)} analyses",
+        f"{description}, {int(found.evaluations)} analyses",
         f"pretension {inputs.spread(found.params)} N",
         f"forces at the end {inputs.spread(solution.last.peak_tension)} N",
         f"largest displacement {inputs.short(float(moved))} m",
     ]
     if options.save is not None:
         best = jax.tree.map(np.asarray, spread_out(found.params))
-        own = replace(phases[number], pretension=best)
-        save_scene(options.save, Scene(structure, [*phases[:number], own, *phases[number + 1 :]]))
+        phase = replace(phases[number], pretension=best)
+        save_scene(options.save, Scene(structure, [*phases[:number], phase, *phases[number + 1 :]]))
         ended = "the scene with this pretension"
         if code != status.OK:
             ended += ", the last good one: the search has not come to its end"
@@ -81,16 +81,25 @@ def run(options: Namespace) -> None:
 
 
 def _parameters(structure, phase, options):
-    """Start of the search and the function from its vector to a statement of pretension."""
-    stated = [inputs.get("pretension") for inputs in phase.inputs(structure)]
-    if any(own is not None and own.chosen is not None for own in stated):
+    """Start of the search, a vector, and the function from such a vector to a pretension."""
+    stated = [statements.get("pretension") for statements in phase.inputs(structure)]
+    if any(statement is not None and statement.chosen is not None for statement in stated):
         raise Refused(f"{options.scene}: a pretension of some elements only cannot be optimized")
-    sizes = [0 if own is None else len(group.links) for own, group in _pairs(stated, structure)]
+    sizes = [
+        0 if statement is None else len(group.links)
+        for statement, group in _pairs(stated, structure)
+    ]
     if options.one:
-        start = [np.mean(np.asarray(own.values, float)) for own in stated if own is not None]
+        start = [
+            np.mean(np.asarray(statement.values, float))
+            for statement in stated
+            if statement is not None
+        ]
         ends = np.cumsum([0, *(min(size, 1) for size in sizes)])
     else:
-        start = np.concatenate([np.asarray(own.values, float) for own in stated if own is not None])
+        start = np.concatenate(
+            [np.asarray(statement.values, float) for statement in stated if statement is not None]
+        )
         ends = np.cumsum([0, *sizes])
 
     def spread_out(parameters):
@@ -106,11 +115,16 @@ def _parameters(structure, phase, options):
 
 
 def _pairs(stated, structure):
+    """Pairs of a statement and its group."""
     return zip(stated, structure.groups, strict=True)
 
 
 def _to_target(analysed, start, bounds, options):
-    """Tensions at the end as near to a target as the bounds allow."""
+    """Search for tensions at the end as near to a target as the bounds allow.
+
+    Returns:
+        Outcome of the search, and a description of it in words.
+    """
 
     def loss(parameters):
         solution = analysed(parameters)
@@ -118,12 +132,16 @@ def _to_target(analysed, start, bounds, options):
 
     found = design.minimize(loss, start, bounds, steps=options.steps, progress=not options.quiet)
     n = sum(v.size for v in jax.tree.leaves(analysed(start).tension))
-    apart = float(np.sqrt(float(found.loss) / n))
-    return found, f"root mean square distance from {options.target:g} N: {apart:.6g} N"
+    distance = float(np.sqrt(float(found.loss) / n))
+    return found, f"root mean square distance from {options.target:g} N: {distance:.6g} N"
 
 
 def _least(analysed, start, bounds, options):
-    """The least sum of pretensions that keeps deflections and tensions within their limits."""
+    """Search for the least sum of pretensions that keeps deflections and tensions within limits.
+
+    Returns:
+        Outcome of the search, and a description of it in words.
+    """
     limits = options.deflection, options.lowest
 
     def problem(parameters):

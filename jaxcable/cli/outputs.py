@@ -1,4 +1,4 @@
-"""What commands write: results, scenes, pictures, reports, by the suffix of the file."""
+"""Output of commands: results, scenes, pictures and reports, by the suffix of the file."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ REPORTS = (".txt", ".json", ".csv")
 
 
 def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
-    """Raise `Refused` if a path does not end with one of the known suffixes."""
+    """Raise `Refused`, naming the option, if a path has none of the known suffixes."""
     if path is not None and Path(path).suffix.lower() not in known:
         raise Refused(f"{option} {path}: expected a name that ends with {', '.join(known)}")
 
 
 def picture(figure: Figure, path: str) -> None:
-    """Save a figure; the file is there as a whole or not at all."""
+    """Save a figure; a file that could not be completed is not left behind."""
     with written(path, "wb") as stream:
         figure.savefig(stream, format=Path(path).suffix[1:].lower(), dpi=130)
 
 
 def result(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
-    """Save a result by its suffix; returns the paths."""
+    """Save a result in the format of the path's suffix; returns the paths of the files."""
     path = Path(path)
     if path.suffix == ".vtk":
         return save_vtk(path, structure, solution)

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+    """The parser of the command line, with all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",
         description="Prestressed cable structures: form, two-phase analysis, prestress. SI units.",
@@ -44,79 +44,83 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _command(commands, name, module, help_, example):
-    own = commands.add_parser(
+    """Add a command and return its parser."""
+    command = commands.add_parser(
         name,
         help=help_,
         description=help_[0].upper() + help_[1:] + ".",
         epilog=f"example: jaxcable {name} {example}\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    own.set_defaults(run=module.run)
-    return own
+    command.set_defaults(run=module.run)
+    return command
 
 
-def _reads(own, scene=True):
+def _reads(command, scene=True):
+    """Add the arguments of a command that reads a scene, or else a scene or a net."""
     if scene:
-        own.add_argument("scene", help="scene, JSON (written by save_scene or by hand)")
+        command.add_argument("scene", help="scene, JSON (written by save_scene or by hand)")
     else:
         text = "scene (.json), net of compas or jax_fdm (.json), .obj, or two .csv: nodes and links"
-        own.add_argument("files", nargs="+", metavar="file", help=text)
+        command.add_argument("files", nargs="+", metavar="file", help=text)
         text = "metres per unit of an OBJ file"
-        own.add_argument("--scale", type=_positive, default=1.0, metavar="S", help=text)
+        command.add_argument("--scale", type=_positive, default=1.0, metavar="S", help=text)
     text = "largest file that is read, MB (default 64)"
-    own.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
+    command.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
 
 
 def _demo(commands):
     text = "the hyperbolic paraboloid net beside the published deflections"
-    own = _command(commands, "demo", demo, text, "--plot hypar.png")
-    own.add_argument("--plot", default="hypar_net.png", help="picture to write (png, pdf, svg)")
+    command = _command(commands, "demo", demo, text, "--plot hypar.png")
+    command.add_argument("--plot", default="hypar_net.png", help="picture to write (png, pdf, svg)")
 
 
 def _solve(commands):
     text = "analyse a scene through its phases"
     example = "net.json --plot net.png --save result.json --save net.vtk --report net.txt"
-    own = _command(commands, "solve", solve, text, example)
-    _reads(own)
-    own.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
+    command = _command(commands, "solve", solve, text, example)
+    _reads(command)
+    command.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
     text = "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees); can be repeated"
-    own.add_argument("--save", metavar="FILE", action="append", default=[], help=text)
+    command.add_argument("--save", metavar="FILE", action="append", default=[], help=text)
     text = "report: reactions, forces, cutting list; a .txt, .csv or .json file, or on the screen"
-    own.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
+    command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
     text = "relative residual of the equilibrium (default 1e-10; 1e-5 in float32)"
-    own.add_argument("--tol", type=_positive, help=text)
+    command.add_argument("--tol", type=_positive, help=text)
     text = "increments with this many corrections instead of equilibrium iterations"
-    own.add_argument("--corrections", type=_few, metavar="N", help=text)
+    command.add_argument("--corrections", type=_few, metavar="N", help=text)
     text = "default: by size"
-    own.add_argument("--linear-solver", choices=linear.offered(), help=text)
-    own.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
+    command.add_argument("--linear-solver", choices=linear.offered(), help=text)
+    command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
 
 
 def _form(commands):
     text = "find the form of a net of cables and bars; further phases are kept"
-    own = _command(commands, "form", form, text, "net.json --force-density 50 --save formed.json")
-    _reads(own)
-    which = own.add_mutually_exclusive_group(required=True)
+    command = _command(
+        commands, "form", form, text, "net.json --force-density 50 --save formed.json"
+    )
+    _reads(command)
+    method = command.add_mutually_exclusive_group(required=True)
     text = "force density, N/m: a number, or group=number for each group"
-    which.add_argument("--force-density", nargs="+", metavar="Q", help=text)
+    method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
     text = "tension of all cables in the form, N; likewise"
-    which.add_argument("--tension", nargs="+", metavar="T", help=text)
-    own.add_argument("--save", metavar="FILE", help="scene to write (.json)")
+    method.add_argument("--tension", nargs="+", metavar="T", help=text)
+    command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
 
 
 def _optimize(commands):
     text = "find the pretension for a purpose, with gradients through all phases"
     example = "net.json --deflection 0.03 --lowest 80 --bounds 0 5000 --save tuned.json"
-    own = _command(commands, "optimize", optimize, text, example)
-    _reads(own)
+    command = _command(commands, "optimize", optimize, text, example)
+    _reads(command)
     text = "tension that all elements shall have at the end, N (least squares)"
-    own.add_argument("--target", type=number, metavar="T", help=text)
+    command.add_argument("--target", type=number, metavar="T", help=text)
     text = "least pretension with which no node of the last phase moves more than this, m"
-    own.add_argument("--deflection", type=_positive, metavar="D", help=text)
+    command.add_argument("--deflection", type=_positive, metavar="D", help=text)
     text = "least pretension with which no tension at the end is lower than this, N"
-    own.add_argument("--lowest", type=_positive, metavar="T", help=text)
+    command.add_argument("--lowest", type=_positive, metavar="T", help=text)
     text = "least and greatest pretension, N (default 0 and no limit)"
-    own.add_argument(
+    command.add_argument(
         "--bounds",
         type=number,
         nargs=2,
@@ -124,10 +128,12 @@ def _optimize(commands):
         default=(0.0, float("inf")),
         help=text,
     )
-    own.add_argument("--one", action="store_true", help="one pretension for each group of elements")
-    own.add_argument("--steps", type=_count, default=100, help="steps at most (default 100)")
-    own.add_argument("--save", metavar="FILE", help="scene to write (.json)")
-    own.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
+    command.add_argument(
+        "--one", action="store_true", help="one pretension for each group of elements"
+    )
+    command.add_argument("--steps", type=_count, default=100, help="steps at most (default 100)")
+    command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
+    command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
 
 
 def _info(commands):
@@ -138,10 +144,10 @@ def _info(commands):
 def _convert(commands):
     text = "make a scene of a net: OBJ lines, JSON of compas or jax_fdm, two CSV tables"
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
-    own = _command(commands, "convert", convert, text, example)
-    _reads(own, scene=False)
+    command = _command(commands, "convert", convert, text, example)
+    _reads(command, scene=False)
     text = 'supported nodes: numbers, ranges as 5-8, or "ends" (nodes with one link)'
-    own.add_argument("--anchors", nargs="+", metavar="NODE", help=text)
+    command.add_argument("--anchors", nargs="+", metavar="NODE", help=text)
     for name, unit in (
         ("axial-stiffness", "EA, N"),
         ("weight", "N/m"),
@@ -149,11 +155,12 @@ def _convert(commands):
         ("force-density", "N/m"),
     ):
         text = f"{unit}, where the file gives none"
-        own.add_argument(f"--{name}", type=number, metavar="X", help=text)
-    own.add_argument("--save", metavar="FILE", required=True, help="scene to write (.json)")
+        command.add_argument(f"--{name}", type=number, metavar="X", help=text)
+    command.add_argument("--save", metavar="FILE", required=True, help="scene to write (.json)")
 
 
 def _positive(word):
+    """A positive number."""
     value = number(word)
     if not 0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"{word}: expected a positive number")
@@ -161,6 +168,7 @@ def _positive(word):
 
 
 def _count(word):
+    """A number of steps."""
     value = whole(word)
     if not 0 <= value <= 100_000:
         raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 100000")
@@ -168,6 +176,7 @@ def _count(word):
 
 
 def _few(word):
+    """A number of corrections."""
     value = whole(word)
     if not 0 <= value <= 20:
         raise argparse.ArgumentTypeError(f"{word}: expected a whole number from 0 to 20")

@@ -1,4 +1,4 @@
-"""``solve``: analyse a scene, tell what came out, write results."""
+"""``solve``: analyse a scene, print a summary, write results."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .guard import FAILED, Refused, require_writable, say
 
 
 def run(options: Namespace) -> int | None:
-    """Analyse the scene of `options`; the exit status is 1 if the analysis fails."""
+    """Analyse the scene that `options` name; returns the exit status, 1 if the analysis fails."""
     for path in options.save:
         outputs.check_suffix(path, outputs.RESULTS, "--save")
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
@@ -33,15 +33,15 @@ def run(options: Namespace) -> int | None:
             if path.endswith(".py"):
                 require_exportable(structure)
         solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
-        # whoever wants no report does not wait for its energies
-        told = report(structure, solution, phases, energy=options.report is not None)
+        # energies take time: they are computed for a report only
+        findings = report(structure, solution, phases, energy=options.report is not None)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
-    wrote = _write(options, structure, solution, told)  # whoever reads the output may go away
+    wrote = _write(options, structure, solution, findings)  # before printing: the reader may end
     if options.report == "-":
-        print(told.text())
+        print(findings.text())
     elif not options.quiet:
-        print("\n".join(told.summary))
+        print("\n".join(findings.summary))
     if not options.quiet:
         print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
     if int(solution.status) != status.OK:
@@ -54,9 +54,9 @@ def run(options: Namespace) -> int | None:
     return None
 
 
-def _write(options, structure, solution, told):
-    """Write what the options ask for; returns the paths."""
-    wrote = [] if options.report in (None, "-") else told.save(options.report)
+def _write(options, structure, solution, findings):
+    """Write the files that the options ask for; returns their paths."""
+    wrote = [] if options.report in (None, "-") else findings.save(options.report)
     for path in options.save:
         wrote += outputs.result(path, structure, solution)
     if options.plot is not None:
@@ -69,14 +69,14 @@ def _write(options, structure, solution, told):
 
 
 def _method(options):
-    """The method that the options name."""
+    """The method of analysis that the options ask for."""
     if options.corrections is not None:
         return Incremental(options.corrections, linear_solver=options.linear_solver)
     return Newton(tol=options.tol, linear_solver=options.linear_solver)
 
 
 def highlights(solution: Solution) -> list[str]:
-    """Lines with the largest displacement of the last phase and the range of forces."""
+    """Lines of text with the largest displacement of the last phase and the range of forces."""
     if int(solution.status) != status.OK:
         return []
     moved = np.linalg.norm(np.asarray(solution.phases[-1].displacement), axis=1)

@@ -1,4 +1,4 @@
-"""Argument checks shared by the constructors: types and shapes; of values see `common.rules`."""
+"""Argument checks shared by the constructors: types and shapes; `common.rules` checks values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PACKAGE = str(Path(__file__).parent.parent)
 
 
 class InputWarning(UserWarning):
-    """Input that is legal but most likely not what is meant; the results are computed all the same.
+    """Input that is legal but most likely not intended; the results are computed all the same.
 
     ``warnings.simplefilter("ignore", jc.InputWarning)`` silences it, "error" makes it an exception.
 
@@ -33,12 +33,12 @@ class InputWarning(UserWarning):
 
 
 class UnstableWarning(UserWarning):
-    """An analysis ended in an equilibrium that is unstable; its results are those of that state.
+    """An analysis ended in an unstable equilibrium; its results are those of this state.
 
-    Silenced, or made an exception, as `InputWarning`.
+    It is silenced, or made an exception, in the same way as `InputWarning`.
 
     Example:
-        A strut that is pushed along its axis by more than the spring beside it can hold:
+        A strut that is pushed along its axis by more than the springs at its top can stabilise:
 
         >>> import warnings
         >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [5.0, 0.0, 1.0], [0.0, 5.0, 1.0]]
@@ -55,7 +55,7 @@ class UnstableWarning(UserWarning):
 
 
 def suspect(text: str, kind: type[Warning] = InputWarning) -> None:
-    """Issue a warning that points at the line outside of this package."""
+    """Issue a warning that points at the line of the caller outside of this package."""
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
@@ -109,7 +109,7 @@ def per_element(
 
 
 def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
-    """Return `value` as a NumPy array of booleans if it is one, or a list of nothing else."""
+    """Return `value` as a NumPy array if it is one of booleans or a list of booleans; else None."""
     try:
         array = np.asarray(value)
     except ValueError:
@@ -120,7 +120,7 @@ def mask(value: ArrayLike) -> Bool[np.ndarray, " ..."] | None:
 def integers(
     value: Int[ArrayLike, " ..."], name: str, width: int | None = None, things: str = "node"
 ) -> Int[np.ndarray, " ..."]:
-    """Return `value` as a NumPy array of int32, [n] or [n, width], numbers of `things`."""
+    """Return `value`, numbers of `things`, as a NumPy array of int32, [n] or [n, width]."""
     if isinstance(value, jax.core.Tracer):
         raise ValueError(f"{name}: indices are topology and cannot be traced; pass NumPy integers")
     try:
@@ -150,14 +150,14 @@ def integers(
 
 
 def holds_boolean(value: Any) -> bool:
-    """Whether a list, or one in it, holds a boolean, which NumPy would count as 0 or 1."""
+    """Whether a list, at any depth, contains a boolean, which NumPy would take as 0 or 1."""
     if isinstance(value, list | tuple):
         return any(holds_boolean(v) for v in value)
     return isinstance(value, bool | np.bool_)
 
 
 def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
-    """Raise ValueError naming the first of `numbers`, [n] or [n, n_end], that is no node."""
+    """Raise ValueError naming the first of `numbers`, [n] or [n, n_end], that is not a node."""
     unknown = (numbers >= n_node).reshape(len(numbers), -1 if numbers.size else 0).any(axis=1)
     if unknown.any():
         k = int(unknown.argmax())
@@ -170,7 +170,7 @@ def known(numbers: Int[np.ndarray, " ..."], n_node: int, name: str) -> None:
 
 
 def kind(thing: object, example: str) -> str:
-    """What `thing` is, in words for "expected this, got that"; a class is told to be called."""
+    """The kind of `thing` for an error message; for a class, with the advice to call it."""
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__

@@ -1,4 +1,4 @@
-"""How programs are traced and compiled: those of small analyses in half the time."""
+"""How programs are traced and compiled: programs of small analyses in half the time."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from collections.abc import Iterator
 import jax
 import jax.numpy as jnp
 
-# XLA's older emitters of CPU code take half as long to compile as the present ones (jax 0.10). What
-# they make is as fast for some hundred unknowns, and up to half as slow again for thousands.
+# XLA's older emitters of CPU code compile in half the time of the present ones (jax 0.10). Their
+# programs are as fast for some hundred unknowns, and take up to half as long again for thousands.
 _QUICK = {"xla_cpu_use_fusion_emitters": False}
 _SMALL = 400  # unknowns
 
 
 def program(function, static=()):
-    """`jax.jit` of a function, which gets one more argument, ``size``: the number of unknowns.
+    """`jax.jit` of a function, with one more argument, ``size``: the number of unknowns.
 
-    If they are few it is compiled quickly. Inside of another program that one's compilation counts,
-    and the argument is ignored.
+    A program with few unknowns is compiled quickly. Inside of another program the argument is
+    ignored: the function is compiled as part of that program.
     """
     plain = jax.jit(function, static_argnames=static)
     quick = jax.jit(function, static_argnames=static, compiler_options=_QUICK)
@@ -54,15 +54,15 @@ def without_collection() -> Iterator[None]:
 
 
 def _by_itself(arguments):
-    """Whether a program is compiled by itself and not as part of another one."""
+    """Whether a program is compiled by itself and not as part of another program."""
     if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
         return False
-    return not isinstance(jnp.zeros(()), jax.core.Tracer)  # what is made anew while one is traced
+    return not isinstance(jnp.zeros(()), jax.core.Tracer)  # new arrays are tracers inside of jit
 
 
 @functools.cache
 def _has_quick():
-    """Whether this XLA knows the option, and compiles for CPUs."""
+    """Whether this version of XLA has the option of quick compilation, and compiles for CPUs."""
     if jax.default_backend() != "cpu":
         return False
     try:

@@ -16,11 +16,11 @@ INTERRUPTED = 130
 
 
 AT_EXIT: list[str] = []
-"""Names of files that are being written, and must not be left as halves."""
+"""Names of files that are being written: an interrupted process removes them."""
 
 
 def leave(*_: Any) -> NoReturn:
-    """End the process with one line; nothing that is half done is left."""
+    """End the process with one line; files that are being written are removed."""
     for name in AT_EXIT:
         with contextlib.suppress(OSError):
             os.unlink(name)

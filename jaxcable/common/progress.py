@@ -1,7 +1,6 @@
-"""Word of long work while it is being done: increments of an analysis, steps of an optimization.
+"""Progress of long work: reports of increments of an analysis and of steps of an optimization.
 
-The compiled programs call back only where they are asked to; without a listener there is nothing of
-it in them.
+Compiled programs contain the calls to a listener only if there is a listener.
 """
 
 from __future__ import annotations
@@ -19,27 +18,27 @@ from .types import Array, Float
 
 __all__ = ["Increment", "Printer", "Step"]
 
-_PAUSE = 0.5  # seconds between two lines that are printed, and before the first
+_PAUSE = 0.5  # seconds between two printed lines, and before the first line
 
 
 class Increment(NamedTuple):
     """An increment of `solve` that has just ended.
 
     Attributes:
-        phase, phases: its phase, from 1, and how many there are.
-        number, count: the increment, from 1, and how many its phase has.
+        phase, phases: number of its phase, from 1, and number of phases.
+        number, count: number of the increment, from 1, and number of increments of its phase.
         load_factor: of the phase.
-        iterations: linear solves.
+        iterations: number of linear solves.
         residual: largest unbalanced force, N.
-        relative_residual: the same over the force it is judged by.
+        relative_residual: the residual divided by the force that it is compared with.
         status: code so far.
 
     Example:
-        >>> told = []
+        >>> reports = []
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> solution = jc.solve(structure, phases, progress=told.append)
-        >>> jax.effects_barrier()  # what is told may come a little after the result
-        >>> last = max(told, key=lambda news: (news.phase, news.number))
+        >>> solution = jc.solve(structure, phases, progress=reports.append)
+        >>> jax.effects_barrier()  # reports may arrive a little after the result
+        >>> last = max(reports, key=lambda news: (news.phase, news.number))
         >>> last.phase, last.number, last.count, last.status
         (2, 10, 10, 0)
     """
@@ -71,15 +70,15 @@ class Step(NamedTuple):
     """A step of `minimize` that has just been accepted.
 
     Attributes:
-        number, count: the step, 0 at the start, and how many are allowed.
-        loss, gradient_norm: there, as in `History`.
-        failures: trial points of this step at which the analysis failed.
+        number, count: number of the step, 0 at the start, and number of steps allowed.
+        loss, gradient_norm: after the step, as in `History`.
+        failures: number of trials of this step in which the analysis failed.
 
     Example:
-        >>> told = []
-        >>> found = jc.minimize(lambda x: (x - 2.0) ** 2, jnp.array(0.0), progress=told.append)
+        >>> reports = []
+        >>> found = jc.minimize(lambda x: (x - 2.0) ** 2, jnp.array(0.0), progress=reports.append)
         >>> jax.effects_barrier()
-        >>> min(told).number, min(told).loss
+        >>> min(reports).number, min(reports).loss
         (0, 4.0)
     """
 
@@ -103,13 +102,14 @@ class Step(NamedTuple):
 
 
 def _failed(code: int) -> str:
+    """The text of a failure, to be appended to a line; empty if there is none."""
     return f", {status.describe(code)}" if code != status.OK else ""
 
 
 class Printer:
-    """Prints on stderr (also in notebooks) how long work goes on, a line every half second.
+    """Prints the progress of long work on stderr (also in notebooks), a line every half second.
 
-    Work that ends before prints nothing.
+    Nothing is printed for work that ends before the first half second.
 
     Args:
         pause: seconds between two lines.
@@ -127,7 +127,7 @@ class Printer:
         self.last: float | None = None
 
     def __call__(self, news: Increment | Step) -> None:
-        """Print `news`, an `Increment` or a `Step`, if there was none lately."""
+        """Print `news`, an `Increment` or a `Step`, unless a line was printed within the pause."""
         now = time.monotonic()
         if news.first or self.last is None:
             self.last = now
@@ -137,14 +137,17 @@ class Printer:
 
 
 SHOW = Printer()
-"""What ``progress=True`` stands for: one object, so that it does not compile anew."""
+"""The listener for ``progress=True``: always the same object, so that nothing is recompiled."""
 
 
 def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any], object] | None:
-    """The function to call, or None; `progress` is None, a bool or such a function.
+    """The function to call with reports of progress, or None if there is none to call.
+
+    Args:
+        progress: None or False for no function, True for `SHOW`, or a function.
 
     Raises:
-        ValueError: anything else.
+        ValueError: `progress` is anything else.
     """
     if progress is None or progress is False:
         return None
@@ -163,18 +166,20 @@ def tell(
     known: Mapping[str, Any],
     traced: Mapping[str, Float[Array, ""]],
 ) -> None:
-    """Call `listen` with `kind` (`Increment` or `Step`) from inside of a compiled program.
+    """Call `listen` with an `Increment` or a `Step` from inside of a compiled program.
 
     Args:
-        listen: the function.
-        kind: class of the news.
-        known: dict of fields that are known while compiling.
-        traced: dict of scalars that are computed.
+        listen: the function to call.
+        kind: class of the report, `Increment` or `Step`.
+        known: fields of the report that are known when the program is compiled, a dict.
+        traced: fields that the program computes, a dict of scalars.
     """
     names = tuple(traced)
 
     def call(*values):
-        own = {name: np.asarray(value).item() for name, value in zip(names, values, strict=True)}
-        listen(kind(**known, **own))
+        computed = {
+            name: np.asarray(value).item() for name, value in zip(names, values, strict=True)
+        }
+        listen(kind(**known, **computed))
 
     jax.debug.callback(call, *traced.values())

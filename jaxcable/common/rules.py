@@ -1,9 +1,9 @@
-"""Rules that numbers keep, each stated once: known numbers are refused, traced ones fail.
+"""Rules for numbers, each stated once: known numbers are refused, traced ones fail an analysis.
 
-A constructor cannot look at a number that is being traced. So an object with rules gives them as
-a list, from ``rules()``: the constructor refuses what is known (`refuse`), and the compiled core of
-an analysis, to which all numbers are traced, makes a status of what breaks them (`kept`). Helpers
-that only compute numbers, outside of any analysis, give NaN (`or_nan`).
+A constructor cannot look at a number that is being traced. An object with rules therefore lists
+them in ``rules()``: its constructor refuses known numbers that break a rule (`refuse`), and the
+compiled core of an analysis, in which all numbers are traced, ends in a status if one is broken
+(`kept`). Functions that only compute numbers, outside of any analysis, return NaN (`or_nan`).
 """
 
 from __future__ import annotations
@@ -26,11 +26,13 @@ class Rule(NamedTuple):
 
     Attributes:
         name: of the argument.
-        values: its array, None if there is none, or a tuple with what it is judged by.
-        broken: function of these that is True where the rule is broken, in the shape of the first
-            of them or [] for all of it, of NumPy and traced arrays alike. A NaN is no error but a
-            status of its own, so that comparisons, which are False there, say what is wrong.
-        text: the rule in words; or a function of the index and the values that says all.
+        values: the array of the argument, or None if it is not given; or a tuple of this array and
+            the arrays that it is compared with.
+        broken: function of the values, NumPy or traced arrays, that is True where the rule is
+            broken; in the shape of the first array, or [] for all of it. Comparisons that are False
+            for NaN are right: NaN does not break a rule, the analysis has another status for it.
+        text: the rule in words; or a function of the index and the values that returns the whole
+            message.
     """
 
     name: str
@@ -56,7 +58,7 @@ def not_negative(
 def refuse(rules: Sequence[Rule]) -> None:
     """Raise ValueError for the first rule that known numbers break, naming the argument and index.
 
-    Numbers that are being traced pass, and so does NaN.
+    Traced numbers and NaN pass.
     """
     for rule in rules:
         values: list[Any] = (
@@ -81,19 +83,19 @@ def kept(rules: Sequence[Rule], among: Bool[ArrayLike, " ..."] | None = None) ->
 
     Args:
         rules: list of `Rule`.
-        among: the entries that count, bool; None for all.
+        among: the entries that are checked, bool; None for all.
     """
-    whole = jnp.ones((), bool)
+    sound = jnp.ones((), bool)
     for rule in rules:
         if rule.values is None:
             continue
         broken = rule.broken(*map(jnp.asarray, _all(rule.values)))
-        whole = whole & ~jnp.any(broken if among is None else broken & among)
-    return whole
+        sound = sound & ~jnp.any(broken if among is None else broken & among)
+    return sound
 
 
 def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:
-    """The values of a rule: refused if they are known to break it, NaN where traced ones do."""
+    """The values of a rule: refused if known values break it, NaN where traced values break it."""
     refuse([rule])
     values = _all(rule.values)
     if all(concrete(v) is not None for v in values):
@@ -102,32 +104,32 @@ def or_nan(rule: Rule) -> Float[ArrayLike, " ..."]:
 
 
 def rules_of(tree: PyTree[Any]) -> list[Rule]:
-    """The rules of all objects in a tree of pytree objects, lists, tuples and dicts: a list."""
+    """List of the rules of all objects in a tree of pytree objects, lists, tuples and dicts."""
     if isinstance(tree, Each):
         return [_of_each(tree)]
-    own = tree.rules() if hasattr(tree, "rules") else []
+    rules = tree.rules() if hasattr(tree, "rules") else []
     if dataclasses.is_dataclass(tree):
-        inner: Iterable[Any] = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
+        parts: Iterable[Any] = [getattr(tree, field.name) for field in dataclasses.fields(tree)]
     elif isinstance(tree, list | tuple):
-        inner = tree
+        parts = tree
     elif isinstance(tree, dict):
-        inner = tree.values()
+        parts = tree.values()
     else:
-        inner = []
-    return [*own, *(rule for part in inner for rule in rules_of(part))]
+        parts = []
+    return [*rules, *(rule for part in parts for rule in rules_of(part))]
 
 
 def _of_each(tree):
-    """The rules of every one of `Each` as one."""
+    """A single rule for `Each`, broken for an element if its object breaks any of its rules."""
     leaves, shape = jax.tree.flatten(tree.every)
 
     def broken(*leaves):
-        return jax.vmap(lambda *own: ~kept(rules_of(jax.tree.unflatten(shape, own))))(*leaves)
+        return jax.vmap(lambda *one: ~kept(rules_of(jax.tree.unflatten(shape, one))))(*leaves)
 
     return Rule("every", tuple(leaves), broken, "breaks a rule of its kind")
 
 
 def _all(values):
-    """The arrays of a rule, a tuple: lists of numbers are one array."""
+    """The values of a rule as a tuple of arrays; a list of numbers becomes one array."""
     values = values if isinstance(values, tuple) else (values,)
     return tuple(v if isinstance(v, jax.Array) else np.asarray(v) for v in values)

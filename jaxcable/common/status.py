@@ -121,7 +121,7 @@ def describe(code: Int[ArrayLike, ""]) -> str:
         A string.
 
     Raises:
-        ValueError: not one code, or none of jaxcable's.
+        ValueError: `code` is not a single code, or not a code of jaxcable.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -141,7 +141,7 @@ def describe(code: Int[ArrayLike, ""]) -> str:
 
 
 def first_failure(earlier: Int[ArrayLike, ""], later: Int[ArrayLike, ""]) -> Int[Array, ""]:
-    """Latch: `earlier` if that is a failure, else `later`.
+    """The first failure of two codes: `earlier` if it is a failure, else `later`.
 
     Example:
         >>> int(jc.status.first_failure(jc.status.OK, jc.status.MECHANISM)) == jc.status.MECHANISM
@@ -154,16 +154,17 @@ def raise_if_failed(solution: Any) -> None:
     """Raise `AnalysisError` if the solution, or any case of a batch, has failed.
 
     Args:
-        solution: whatever has a status: `Solution`, results of form finding, `minimize`, `fit`.
+        solution: a result with a status: `Solution`, results of form finding, `minimize`, `fit`.
 
     Raises:
-        AnalysisError: of an analysis it names the phase (counted from 1), the increment, its load
-            factor, the residual in newtons and what to try.
-        ValueError: it has no status, or is being traced: outcomes are known outside of jit only.
+        AnalysisError: the result has failed. For an analysis the message names the phase (from 1),
+            the increment, its load factor, the residual in newtons and what to try.
+        ValueError: `solution` has no status, or is being traced: a status is known outside of jit
+            only.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> jc.raise_if_failed(jc.solve(structure, phases))  # nothing to say
+        >>> jc.raise_if_failed(jc.solve(structure, phases))  # returns None
         >>> failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
         >>> int(failed.status)
         1

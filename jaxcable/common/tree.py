@@ -1,9 +1,9 @@
 """Frozen dataclasses as pytrees, with topology kept apart from numbers.
 
-Numbers (coordinates, stiffness, loads) are leaves; topology (which node, which support) is
-static metadata in an `Indices`, hashed by digest. Before the compiled core is entered `thaw`
-takes the index arrays out of the metadata and hands them over as arguments, so that two nets
-of equal shape share one compilation and no index array becomes a constant of a program.
+Numbers (coordinates, stiffness, loads) are leaves. Topology (numbers of nodes, supports) is static
+metadata in an `Indices`, hashed by digest. Before the compiled core is entered, `thaw` takes the
+index arrays out of the metadata, so that they become arguments: two nets of equal shape then share
+one compilation, and no index array becomes a constant of a program.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _T = TypeVar("_T")
 class Indices:
     """An immutable NumPy array of integers or booleans that can be static pytree metadata.
 
-    Compares and hashes by content, so that equal topologies are equal cache keys.
+    It compares and hashes by content, so that equal topologies are equal cache keys.
     """
 
     __slots__ = ("_digest", "array")
@@ -65,17 +65,21 @@ class Indices:
 
 @dataclasses.dataclass(frozen=True)
 class _Slot:
-    """Stands in a thawed object for the index array of this number."""
+    """Takes the place of the index array of this number in a thawed object."""
 
     number: int
 
 
 @typing.dataclass_transform(frozen_default=True, eq_default=False)
 def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str] = ()) -> Any:
-    """Make `cls` a frozen dataclass and a pytree; `static` and `indices` fields are metadata.
+    """Make `cls` a frozen dataclass and a pytree; fields that the options do not name are leaves.
 
-    Unlike `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`:
+    Unlike with `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`:
     constructors may validate values, while transformations may put any leaf in a field.
+
+    Options:
+        static: names of fields that are metadata.
+        indices: names of fields with `Indices`, which are metadata too.
     """
     if cls is None:
         return lambda c: pytree(c, static=static, indices=indices)
@@ -105,31 +109,31 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
 def copy(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
     new = object.__new__(type(obj))
-    for field in dataclasses.fields(obj):  # type: ignore[arg-type]  # whatever `pytree` has made
+    for field in dataclasses.fields(obj):  # type: ignore[arg-type]  # an object of a `pytree` class
         object.__setattr__(new, field.name, changes.get(field.name, getattr(obj, field.name)))
     return new
 
 
 @pytree
 class Each:
-    """An object of one kind for every element; the leaves have a leading axis, [n_elem].
+    """An object for every element, such as a law or a section; leaves have an axis [n_elem].
 
-    It stands in an element group where its elements share one object otherwise: a law, a section.
+    An element group has it in the place of a single object that all its elements share.
 
     Attributes:
-        every: all of these objects as one.
+        every: all these objects as one object, whose leaves have the leading axis [n_elem].
     """
 
     every: PyTree[Float[Array, "n_elem ..."]]
 
 
 def kind(obj: Any) -> Any:
-    """What has the static members of an object that elements share, or have one each (`Each`)."""
+    """The object from which static members are read: `obj`, or that of all elements (`Each`)."""
     return obj.every if isinstance(obj, Each) else obj
 
 
 def changed(function: Callable[[Any], Any], obj: Any) -> Any:
-    """``function(obj)``; of `Each`, that of every one."""
+    """``function(obj)``; for `Each`, the function of the object of every element."""
     return Each(jax.vmap(function)(obj.every)) if isinstance(obj, Each) else function(obj)
 
 
@@ -137,14 +141,14 @@ def replace(obj: _T, **changes: Any) -> _T:
     """A copy of a structure, group, phase or load with some fields changed; its checks run again.
 
     Args:
-        obj: what is copied.
-        changes: new values by the names of its fields.
+        obj: the object to copy.
+        changes: new values, by the names of its fields.
 
     Returns:
         An object of the same type.
 
     Raises:
-        ValueError: no such field, or those of the constructor.
+        ValueError: there is no such field; those of the constructor.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net()
@@ -162,18 +166,19 @@ def replace(obj: _T, **changes: Any) -> _T:
 
 
 def _holds_indices(obj):
+    """Whether the class of an object has fields with `Indices`."""
     return bool(getattr(type(obj), "_index_fields", ()))
 
 
 def plain(indices: Indices | Int[ArrayLike, " ..."]) -> Int[ArrayLike, " ..."]:
-    """The array of `Indices`, or of what has taken their place (`thaw`)."""
+    """The index array: that of `Indices`, or the one that replaces them in a compiled program."""
     return indices.array if isinstance(indices, Indices) else indices
 
 
 def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
-    """An index array as places in another one: unsigned, so that no program asks for negative ones.
+    """An index array as unsigned integers, so that programs need no code for negative indices.
 
-    Only integers that are none are changed; what is not an integer stays as it is.
+    Arrays with negative entries, and arrays that are not signed integers, are returned unchanged.
     """
     array = np.asarray(array)
     if array.dtype.kind != "i" or (array < 0).any():
@@ -184,7 +189,7 @@ def places(array: Int[ArrayLike, " ..."]) -> Int[np.ndarray, " ..."]:
 def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
     """Split `tree` into (the same tree with slots for its indices, list of index arrays).
 
-    These may be there in the place of `Indices` already, by `fill`.
+    In a tree that `fill` has made, index arrays take the place of `Indices`.
     """
     arrays = []
 
@@ -203,17 +208,17 @@ def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
 
 
 def cast(tree: _T, dtype: Any) -> _T:
-    """A tree of arrays whose floats have this dtype, as exact as the nodes of a structure."""
+    """A tree as arrays, with all floats converted to `dtype`."""
 
-    def one(x):
+    def cast_leaf(x):
         x = jnp.asarray(x)
         return x.astype(dtype) if jnp.issubdtype(x.dtype, jnp.floating) else x
 
-    return jax.tree.map(one, tree)
+    return jax.tree.map(cast_leaf, tree)
 
 
 def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
-    """Undo `thaw`, putting (possibly traced) arrays where the slots are."""
+    """Undo `thaw`: put index arrays, which may be traced, into the slots of a tree."""
 
     def visit(obj):
         if not _holds_indices(obj):
@@ -225,39 +230,39 @@ def fill(tree: _T, arrays: Sequence[Int[ArrayLike, " ..."]]) -> _T:
 
 
 def stacked(trees: Sequence[_T]) -> _T:
-    """One tree of equal ones, their leaves stacked: by NumPy unless they are being traced."""
+    """Trees of equal structure as one tree with stacked leaves: by NumPy unless traced."""
 
-    def one(*leaves):
+    def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
         return jnp.stack(leaves) if traced else np.stack([np.asarray(x) for x in leaves])
 
-    return jax.tree.map(one, *trees)
+    return jax.tree.map(stack, *trees)
 
 
 def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
-    """`new` where the condition holds, else `old`; pytrees."""
+    """The pytree `new` where the condition holds, else `old`."""
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
 
 
 def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:
-    """Arrays one after the other: by NumPy unless they are traced, or on another device."""
+    """Concatenated arrays: by NumPy unless one is traced or on another device."""
     if all(isinstance(x, np.ndarray) or _at_hand(x) for x in arrays):
         return np.concatenate([np.asarray(x) for x in arrays])
     return jnp.concatenate([jnp.asarray(x) for x in arrays])
 
 
 def _at_hand(x):
-    """Whether a `jax.Array` is known, and in the memory of the host."""
+    """Whether `x` is a `jax.Array` that is not traced and is in the memory of the host."""
     if not isinstance(x, jax.Array) or isinstance(x, jax.core.Tracer):
         return False
     return len(x.devices()) == 1 and next(iter(x.devices())).platform == "cpu"
 
 
 def computed(function: Callable[[Any, Any], Any], x: ArrayLike) -> ArrayLike:
-    """``function(numpy, x)`` of a known array on the host, else ``function(jax.numpy, x)``.
+    """``function(numpy, x)`` for a known array on the host, else ``function(jax.numpy, x)``.
 
-    What NumPy finds is put back where `x` was: by jax every small step would be a program to
-    compile.
+    If `x` is a JAX array, so is the result, on the same device. NumPy is preferred because JAX
+    would compile a program for every small operation.
     """
     if not isinstance(x, jax.Array):
         return function(np, np.asarray(x))

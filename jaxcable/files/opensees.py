@@ -44,7 +44,7 @@ def save_opensees(
         Paths of the files written, a list of one.
 
     Raises:
-        ValueError: beams, catenaries, sliding cables; laws with plastic strain; a failed analysis.
+        ValueError: beams, catenaries, sliding cables; laws with memory; a failed analysis.
         OSError: the file cannot be written.
 
     Example:

@@ -1,9 +1,9 @@
 """What acts on a structure in a phase, one kind a file.
 
 Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`along`), on areas
-(`areas`; `meshes` finds the faces of a net). Following loads turn with what they press on
-(`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on acting in later
-phases; `combine` scales and adds load cases.
+(`areas`; `meshes` finds the faces of a net). Following loads turn with the elements or faces that
+they press on (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on
+acting in later phases. `combine` scales load cases and adds them.
 
 `load` is the contract: `Load` and the four ways to act, `OnNodes`, `Moving`, `Dead`, `Following`.
 """
@@ -37,7 +37,7 @@ __all__ = [
 
 
 def _hint(thing):
-    """What to do with what is no load."""
+    """Advice, for an error message, on how to make a load of something that is none."""
     if isinstance(thing, type):
         return f"; call it: {thing.__name__}(...)"
     if isinstance(thing, float | int):
@@ -55,7 +55,7 @@ def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
         A list of loads.
 
     Raises:
-        ValueError: something in it is no load; names its place.
+        ValueError: an item is no load; the message has its index.
 
     Example:
         >>> snow = jc.NodalLoads([1], (0.0, 0.0, -600.0))
@@ -67,7 +67,7 @@ def as_list(loads: Load | Sequence[Load] | None) -> list[Load]:
     items: list[Any] = list(loads) if isinstance(loads, list | tuple) else [loads]
     for k, load in enumerate(items):
         if not isinstance(load, Load):
-            own = isinstance(load, type)
-            kind = f"the class {load.__name__}" if own else type(load).__name__
+            is_class = isinstance(load, type)
+            kind = f"the class {load.__name__}" if is_class else type(load).__name__
             raise ValueError(f"loads[{k}]: {kind} is not a load{_hint(load)}")
     return items

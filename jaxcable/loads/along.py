@@ -1,6 +1,6 @@
 """Dead loads along elements: self-weight and line loads.
 
-They are evaluated from the state of the elements and go on acting in later phases.
+These loads are evaluated from the state of the elements and go on acting in later phases.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ GEOMETRIES = ("input", "begun")
 
 @pytree(static=("on",))
 class SelfWeight(Dead):
-    """Self-weight of the elements that have `weight`, half of each to each of its ends.
+    """Self-weight of the elements that have a `weight`; half of it acts at each end of an element.
 
     The weight is that of the current unstressed length at the temperature before the first phase:
-    heat makes no mass. A jack leaves it as it was when it began to pull, so that anchoring it moves
-    nothing. Beams bend and catenaries hang under it.
+    heat adds no mass. While a jack pulls, the weight stays as it was when the jack began, so that
+    the structure does not move when the jack is anchored. Beams bend and catenaries hang under it.
 
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
-        on: key of the group in the structure's elements (a dict's key, a list's number); None is
+        on: key of the group in the structure's elements (a dict's key, a list's index); None means
             all groups.
-        elements: those of one group that weigh, ``only([4, 5])``; None is all.
+        elements: the elements of that group that weigh, ``only([4, 5])``; None means all.
 
     Raises:
         ValueError: `direction` of the wrong shape; where a phase is analysed, no group with a
             weight, or a group or element that the structure does not have.
 
     Example:
-        Two cables of 60 m and 30 N/m that hang: half of each weight acts at each of its ends.
+        Two hanging cables of 60 m and 30 N/m; half of the weight of each acts at each of its ends:
 
         >>> x = 200.0 * np.arcsinh(0.3) + 0.006  # half of the span (see `Catenaries`), m
         >>> nodes = [[-x, 0.0, 9.0], [0.0, 0.0, 0.0], [x, 0.0, 9.0]]
@@ -59,7 +59,7 @@ class SelfWeight(Dead):
     on: Key = None
     elements: Selection | None = None
     part: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # of elements of a group, 1 or 0, by its number, put in by the analysis
+        None  # by number of group: 1 for loaded elements, else 0; set by the analysis
     )
 
     def __post_init__(self):
@@ -72,14 +72,14 @@ class SelfWeight(Dead):
         object.__setattr__(self, "direction", direction)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if there are no such elements, or none of their groups has a weight."""
+        """Raise ValueError if the structure has no such elements, or they have no weight."""
         groups = [structure.groups[number] for number in selected(self, structure)[0]]
         if all(group.weight is None for group in groups):
             kind = "no element group" if self.on is None else f"on = {self.on!r}: no such group"
             raise ValueError(f"SelfWeight: {kind} has a weight; give weight=... in N/m")
 
     def among(self, structure: Structure) -> SelfWeight:
-        """The load with `on` and `elements` turned into numbers."""
+        """The load with `on` and `elements` as numbers of groups and factors of elements."""
         return settled(self, structure)
 
     def bundled(self, bundles: Bundles) -> SelfWeight:
@@ -98,7 +98,7 @@ class SelfWeight(Dead):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> Float[Array, "n_row n_freedom"]:
-        """Force on every node, as `shape`, N, for the given element states."""
+        """Force on every node, of `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
             weights = group.weights(state) if number in self.on else None
@@ -110,7 +110,7 @@ class SelfWeight(Dead):
     def per_length(
         self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
     ) -> Float[Array, "n_elem 3"] | None:
-        """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
+        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
         if number not in self.on or group.weight is None:
             return None
         share = partly(self, number, group.weights(state)) / state.rest_length
@@ -121,21 +121,23 @@ class SelfWeight(Dead):
 class LineLoads(Measured):
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
-    Half of each element's load goes to each end; beams get the work on their deflection as well
-    (consistent end moments that turn with the element).
+    Half of each element's load goes to each end. On beams the load also works on the deflection
+    between the ends (consistent end moments that turn with the element).
 
     Args:
         forces: force per length, [3], N/m.
-        on: key of the loaded group in the structure's elements (a dict's key, a list's number);
+        on: key of the loaded group in the structure's elements (a dict's key, a list's index);
             None loads all groups.
-        elements: those of one group that are loaded, ``only([4, 5])``; None loads all.
-        per: which length: "unstressed" (that which `SelfWeight` weighs, without heat and with what
-            a jack has taken in), "initial" (the chord), or "projected" (the chord as seen along the
-            force: snow on a sloping cable, wind on a mast). A zero force has no direction to look
-            along, and no sensible derivative by itself: scale a load with `factor`.
+        per: the length that `forces` refer to: "unstressed" (the length that `SelfWeight` weighs,
+            without heat and including the length that a jack has taken in), "initial" (the chord),
+            or "projected" (the chord as seen along the force: snow on a sloping cable, wind on a
+            mast). A zero force has no direction to project along, and no sensible derivative:
+            scale the load with `factor` instead.
         factor: of the forces.
-        geometry: whose chords, "input", those of the structure's nodes, or "begun", those where the
-            phase that adds the load begins: the form after prestress. The load is dead in both.
+        geometry: the geometry of the chords: "input", that of the structure's nodes, or "begun",
+            that at the beginning of the phase that adds the load, the form after prestress. The
+            load is dead in both cases.
+        elements: the elements of that group that are loaded, ``only([4, 5])``; None loads all.
 
     Raises:
         ValueError: `forces` of the wrong shape, an unknown `per` or `geometry`, or "begun" for
@@ -143,7 +145,7 @@ class LineLoads(Measured):
             does not have.
 
     Example:
-        Snow of 100 N per metre of plan on two cables that go 4 m each in plan:
+        Snow of 100 N per metre in plan on two cables that span 4 m each in plan:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -161,10 +163,10 @@ class LineLoads(Measured):
     geometry: str = "input"
     elements: Selection | None = None
     begun: Float[Array, "n_row 3"] | None = (
-        None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
+        None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
     part: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # of elements of a group, 1 or 0, by its number, likewise
+        None  # by number of group: 1 for loaded elements, else 0; set by the analysis
     )
 
     def __post_init__(self):
@@ -179,14 +181,14 @@ class LineLoads(Measured):
         check_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if the structure has no such group or elements, or they no length."""
+        """Raise ValueError if the structure has no such elements, or they have no length."""
         groups = [structure.groups[number] for number in selected(self, structure)[0]]
         without = [type(group).__name__ for group in groups if not group.has_length]
         if without and (self.on is not None or len(without) == len(groups)):
             raise ValueError(f"on = {self.on!r}: a group of {without[0]} has no length to load")
 
     def among(self, structure: Structure) -> LineLoads:
-        """The load with `on` and `elements` turned into numbers."""
+        """The load with `on` and `elements` as numbers of groups and factors of elements."""
         return settled(self, structure, begun=room(self.geometry, structure))
 
     def bundled(self, bundles: Bundles) -> LineLoads:
@@ -205,7 +207,7 @@ class LineLoads(Measured):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> Float[Array, "n_row n_freedom"]:
-        """Force on every node, as `shape`, N, for the given element states."""
+        """Force on every node, of `shape`, N, for the given element states."""
         total = jnp.zeros(shape[0], dtype)
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
             if number in self.on and group.has_length:
@@ -223,21 +225,21 @@ class LineLoads(Measured):
     def per_length(
         self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
     ) -> Float[Array, "n_elem 3"] | None:
-        """Load per unstressed length that shapes a group, [n_elem, 3], N/m, or None."""
+        """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
         slides = group.slides and self.per != "unstressed"
         if number not in self.on or slides or not group.has_length:
             return None
         length = state.loaded
         if self.per != "unstressed":
             ends = self._ends(group, nodes)
-            own = ends[:, : ends.shape[1] - group.n_inner_row]
-            length = jnp.sum(self._pieces(own), axis=-1)
+            outer_ends = ends[:, : ends.shape[1] - group.n_inner_row]
+            length = jnp.sum(self._pieces(outer_ends), axis=-1)
         return jnp.outer(
             partly(self, number, length) / state.rest_length, self.factor * self.forces
         )
 
     def _ends(self, group, nodes):
-        """Ends of a group's elements in the geometry that lengths are taken from."""
+        """Ends of a group's elements in the geometry that lengths are measured in."""
         return self.measured(nodes)[group.links]
 
     def _pieces(self, ends):
@@ -248,12 +250,12 @@ class LineLoads(Measured):
             along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
             pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
         square = jnp.sum(pieces**2, axis=-1)
-        # a piece along the force has no projected length, and no derivative of it
+        # a piece along the force has no projected length: its derivative is set to zero
         return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
 def check_geometry(geometry: str, per: str) -> None:
-    """Raise ValueError for an unknown geometry, and for one that lengths do not depend on."""
+    """Raise ValueError for an unknown geometry, or "begun" with unstressed lengths."""
     if geometry not in GEOMETRIES:
         raise ValueError(f"geometry = {geometry!r}: expected one of {', '.join(GEOMETRIES)}")
     if geometry == "begun" and per == "unstressed":
@@ -264,7 +266,7 @@ def check_geometry(geometry: str, per: str) -> None:
 
 
 def room(geometry: str, structure: Structure) -> Float[Array, "n_row 3"] | None:
-    """Room for the nodes where a phase begins, [n_row, 3], or None where the input counts."""
+    """Zeros [n_row, 3] to be replaced by the nodes when the phase begins; None for "input"."""
     if geometry == "input":
         return None
     rows = structure.rows()[0]
@@ -274,5 +276,5 @@ def room(geometry: str, structure: Structure) -> Float[Array, "n_row 3"] | None:
 def padded(
     forces: Float[Array, "n_row 3"], shape: tuple[int, int]
 ) -> Float[Array, "n_row n_freedom"]:
-    """Forces [n_node, 3] with no moments beside them if `shape` has columns for them."""
+    """Forces [n_node, 3] in the columns of `shape`, with zero moments if it has six."""
     return jnp.pad(forces, ((0, 0), (0, shape[1] - 3)))

@@ -21,20 +21,21 @@ PER = ("projected", "initial")
 
 @pytree(static=("per", "geometry"), indices=("faces",))
 class AreaLoads(Measured):
-    """Dead loads per area, on tributary areas: a third of each triangle to each of its corners.
+    """Dead loads per area; a third of the force on each triangle acts at each of its corners.
 
-    Areas are those before the load acts, so that it is dead; they have derivatives.
+    The load is dead: the areas do not change while it acts. They are differentiable.
 
     Args:
-        faces: node numbers, [n_face, 3] or [n_face, 4], in turn round each face; quadrilaterals
-            are the mean of both ways to split them, a triangle among them repeats a node.
-            `net_faces` finds those of a net.
+        faces: node numbers in order around each face, [n_face, 3] or [n_face, 4]. A quadrilateral
+            is the mean of both ways to split it; a triangle among quadrilaterals repeats a node.
+            `net_faces` finds the faces of a net.
         forces: force per area, [3] or [n_face, 3], N/m2: snow is ``(0, 0, -s)``.
-        per: which area: "projected", as seen along the force (plan area, for snow), or "initial",
-            the surface itself. A zero force has no direction to look along: see `LineLoads`.
+        per: the area that `forces` refer to: "projected", as seen along the force (plan area, for
+            snow), or "initial", the surface itself. A zero force has no direction to project
+            along: see `LineLoads`.
         factor: of the forces.
-        geometry: whose areas, "input", those of the structure's nodes, or "begun", those where the
-            phase that adds the load begins: the form after prestress.
+        geometry: the geometry of the areas: "input", that of the structure's nodes, or "begun",
+            that at the beginning of the phase that adds the load, the form after prestress.
 
     Raises:
         ValueError: wrong shapes, a face of less than three nodes, an unknown `per` or `geometry`;
@@ -57,7 +58,7 @@ class AreaLoads(Measured):
     factor: Float[ArrayLike, ""] = 1.0
     geometry: str = "input"
     begun: Float[Array, "n_row 3"] | None = (
-        None  # nodes where the phase began, [n_row, 3], m, put in by the analysis
+        None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )
 
     def __post_init__(self):
@@ -78,7 +79,7 @@ class AreaLoads(Measured):
         _faces.known(self.faces, structure)
 
     def among(self, structure: Structure) -> AreaLoads:
-        """The load with room for the nodes where its phase begins, if it asks for them."""
+        """The load with an array for the nodes at the beginning of its phase, if it needs them."""
         return copy(self, begun=room(self.geometry, structure))
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> AreaLoads:
@@ -93,19 +94,19 @@ class AreaLoads(Measured):
         shape: tuple[int, int],
         dtype: DTypeLike,
     ) -> Float[Array, "n_row n_freedom"]:
-        """Force on every node, as `shape`, N."""
+        """Force on every node, of `shape`, N."""
         corners = self.measured(nodes)[self.faces]
         per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))
         total = jnp.zeros((shape[0], 3), dtype)
         for numbers, vector in _faces.area_vectors(corners):
             if self.per == "projected":
                 square = jnp.sum(per_area**2, axis=-1)
-                some = jnp.where(square > 0, square, 1.0)
-                area = jnp.abs(jnp.sum(vector * per_area, axis=-1)) / jnp.sqrt(some)
+                safe = jnp.where(square > 0, square, 1.0)
+                area = jnp.abs(jnp.sum(vector * per_area, axis=-1)) / jnp.sqrt(safe)
             else:
                 square = jnp.sum(vector**2, axis=-1)
-                some = jnp.where(square > 0, square, 1.0)
-                area = jnp.where(square > 0, jnp.sqrt(some), 0.0)
+                safe = jnp.where(square > 0, square, 1.0)
+                area = jnp.where(square > 0, jnp.sqrt(safe), 0.0)
             force = (area / 3)[:, None] * per_area
             for k in numbers:
                 total = total.at[self.faces[:, k]].add(force)

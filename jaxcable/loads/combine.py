@@ -17,24 +17,24 @@ def combine(
     cases: Mapping[Any, Load | Sequence[Load]] | Sequence[Load | Sequence[Load]],
     factors: Float[ArrayLike, "... n_case"],
 ) -> list[Load]:
-    """Combine load cases: a batch of the loads of a phase, one for every row of factors.
+    """Combine load cases with factors: the loads of a phase, as a batch of combinations.
 
-    Loads of cable structures cannot be superposed: every combination is an analysis of its own, to
-    be mapped over::
+    Results of cable structures cannot be superposed: every combination needs its own analysis.
+    Map over the batch::
 
         loads = combine({"dead": dead, "snow": snow}, [[1.35, 1.5], [1.0, 0.0]])
         jax.vmap(lambda one: solve(structure, [Phase(loads=one)], start=first).tension)(loads)
 
     Args:
         cases: dict or list of load cases, each a load or a list of loads.
-        factors: [n_combination, n_case], in the order of the cases; or [n_case] for one
+        factors: [n_combination, n_case], in the order of the cases; or [n_case] for a single
             combination, which is returned without a leading axis.
 
     Returns:
         List of loads whose numbers have a leading axis [n_combination].
 
     Raises:
-        ValueError: no case, or another number of factors than of cases.
+        ValueError: no case, or the numbers of factors and cases differ.
 
     Example:
         >>> dead = jc.NodalLoads([1], (0.0, 0.0, -400.0))
@@ -61,12 +61,12 @@ def combine(
             if not isinstance(load, Load):
                 raise ValueError(f"cases[{k}]: {type(load).__name__} is not a load")
 
-    def one(row):
+    def combined(shares):
         return [
-            jax.tree.map(jnp.asarray, load.scaled(row[k]))
+            jax.tree.map(jnp.asarray, load.scaled(shares[k]))
             for k, loads in enumerate(listed)
             for load in loads
         ]
 
     factors = jnp.asarray(factors)
-    return one(factors) if factors.ndim == 1 else jax.vmap(one)(factors)
+    return combined(factors) if factors.ndim == 1 else jax.vmap(combined)(factors)

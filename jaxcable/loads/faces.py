@@ -12,14 +12,14 @@ from ..model.structure import Structure
 
 _SPLITS = {
     3: [((0, 1, 2), 1.0)],
-    # of a quadrilateral the mean of both ways to split it: the area vectors, and the volume under
-    # them, are those of the bilinear surface between its edges
+    # A quadrilateral is the mean of both ways to split it: its area vector, and the volume under
+    # it, are then those of the bilinear surface between its edges.
     4: [((0, 1, 2), 0.5), ((0, 2, 3), 0.5), ((0, 1, 3), 0.5), ((1, 2, 3), 0.5)],
 }
 
 
 def checked(faces: Int[ArrayLike, "n 3or4"]) -> Indices:
-    """Faces [n, 3] or [n, 4] as `Indices`; ValueError if they are not that, or degenerate."""
+    """Faces [n, 3] or [n, 4] as `Indices`; ValueError for other shapes and degenerate faces."""
     if isinstance(faces, Indices):
         return faces
     array = np.asarray(faces)
@@ -41,10 +41,11 @@ def known(faces: Indices, structure: Structure) -> None:
 def area_vectors(
     corners: Float[Array, "*n 3or4 3"],
 ) -> list[tuple[tuple[int, int, int], Float[Array, "*n 3"]]]:
-    """Area vectors of the triangles of faces at `corners` [..., 3 or 4, 3], with their corners.
+    """Area vectors of the triangles of faces with `corners` [..., 3 or 4, 3], m.
 
     Returns:
-        List of (numbers of the corners, area vector [..., 3], m2, counted once).
+        List of (indices of the triangle's corners, area vector [..., 3], m2). The area vectors of a
+        face add up to its own: triangles of a quadrilateral have half of theirs.
     """
     parts = []
     for numbers, share in _SPLITS[corners.shape[-2]]:

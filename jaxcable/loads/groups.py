@@ -1,4 +1,4 @@
-"""Which groups, and which elements of one, a load along elements acts on."""
+"""The groups, and the elements of a group, that a load along elements acts on."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from ..model.structure import Structure
 from .load import Bundles
 
 Key: TypeAlias = Any
-"""Of a group in the structure's elements, a dict's key or a list's number; in an analysis the
-numbers of groups, a tuple. None stands for all."""
+"""Key of a group in the structure's elements: a dict's key or a list's index; None means all
+groups. In an analysis, a tuple of numbers of groups."""
 ByGroup = TypeVar("ByGroup", bound=Any)  # a load with `on`, `elements` and `part`
 
-_ALL = 1.0  # of every element of a group
+_ALL = 1.0  # factor of all elements of a group
 
 
 def chosen(on: Key, structure: Structure) -> tuple[int, ...]:
-    """Numbers of the groups that the key `on` of the structure's elements names; None: all.
+    """Numbers of the groups that the key `on` of the structure's elements names; all if None.
 
     Raises:
         ValueError: there is no such key.
@@ -52,7 +52,9 @@ def check_elements(elements: object) -> None:
 def selected(
     load: ByGroup, structure: Structure
 ) -> tuple[tuple[int, ...], Bool[np.ndarray, " n_elem"] | None]:
-    """Numbers of its groups, and which elements of them, [n_elem] bool, NumPy; None: all.
+    """Numbers of the loaded groups, and a mask of the loaded elements, [n_elem] bool, NumPy.
+
+    The mask is None if all elements are loaded.
 
     Raises:
         ValueError: there is no such group or element, or elements of several groups.
@@ -69,7 +71,7 @@ def selected(
 
 
 def settled(load: ByGroup, structure: Structure, **changes: Any) -> ByGroup:
-    """The load with its groups as numbers and its elements as factors, 1 or 0, by group."""
+    """The load with groups as numbers, and with factors for elements: 1 if loaded, else 0."""
     numbers, mask = selected(load, structure)
     part = None if mask is None else {numbers[0]: mask.astype(float)}
     return copy(load, on=numbers, elements=None, part=part, **changes)
@@ -78,7 +80,7 @@ def settled(load: ByGroup, structure: Structure, **changes: Any) -> ByGroup:
 def partly(
     load: ByGroup, number: int, amounts: Float[ArrayLike, "n_elem ..."]
 ) -> Float[Array, "n_elem ..."]:
-    """Amounts of the elements of a group, [n_elem, ...], where a `settled` load acts, else 0."""
+    """Amounts of the elements of a group, [n_elem, ...], zero where a `settled` load is not."""
     if load.part is None or number not in load.part:
         return amounts
     part = load.part[number].astype(amounts.dtype)
@@ -86,12 +88,12 @@ def partly(
 
 
 def bundled(load: ByGroup, bundles: Bundles) -> ByGroup:
-    """A load that is settled on groups as one on bundles of them, see `bundles`."""
+    """A load `settled` on groups, converted to bundles of groups, see `mechanics.bundles`."""
     if bundles.plain:
         return load
     given = {} if load.part is None else load.part
     spread = bundles.spread(load.on, {number: given.get(number, _ALL) for number in load.on})
-    part = {number: own for number, own in spread.items() if own is not _ALL}
+    part = {number: factors for number, factors in spread.items() if factors is not _ALL}
     return copy(load, on=tuple(spread), part=part or None)
 
 
@@ -101,12 +103,12 @@ def scattered(
     shape: tuple[int, int],
     dtype: DTypeLike,
 ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
-    """Vectors added at their nodes, NumPy unless they are being traced.
+    """Add vectors at their nodes: an array of `shape`, NumPy unless something is traced.
 
     Args:
-        nodes: `Indices` [n], or an array that is being traced.
-        parts: the vector on all of them [3], or on each [n, 3], of the first three columns, and of
-            the last three, or None.
+        nodes: `Indices` [n], or a traced array.
+        parts: vectors for the first three columns of the result and for the last three: one for all
+            nodes [3], or one for each [n, 3], or None.
         shape: of the result, [n_node, 3 or 6].
         dtype: of the result.
     """
@@ -119,8 +121,8 @@ def scattered(
         if part is None:
             continue
         columns = slice(3 * k, 3 * k + 3)
-        own = jnp if traced else np
-        values = own.broadcast_to(own.asarray(part, dtype), (len(nodes), 3))
+        pack = jnp if traced else np
+        values = pack.broadcast_to(pack.asarray(part, dtype), (len(nodes), 3))
         if traced:
             total = total.at[nodes, columns].add(values)
         else:

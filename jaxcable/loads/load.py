@@ -1,4 +1,4 @@
-"""What a load is: a base for all, and one class for each of the ways in which loads act."""
+"""What a load is: a base class, and a class for each of the ways in which loads act."""
 
 from __future__ import annotations
 
@@ -17,38 +17,39 @@ from ..model.structure import Structure
 from ..model.supports import Fixed
 
 OwnState: TypeAlias = Any
-"""`ElementState` of the kind that a group has."""
+"""The `ElementState` of a group's own class."""
 
 
 class Bundles(Protocol):
-    """What a load asks of groups that are evaluated together, see `mechanics.bundles`."""
+    """What loads need to know of groups that are evaluated together, see `mechanics.bundles`."""
 
     @property
     def plain(self) -> bool:
-        """Whether every group is one by itself, in its place."""
+        """Whether every bundle is a single group, in the order of the groups."""
 
     def numbers(self, on: tuple[int, ...]) -> tuple[int, ...]:
-        """Numbers of the bundles that have some of the groups `on`, in ascending order."""
+        """Numbers of the bundles that contain any of the groups `on`, in ascending order."""
 
     def spread(
         self, on: tuple[int, ...], values: dict[int, Float[ArrayLike, " ..."]]
     ) -> Mapping[int, Float[ArrayLike, " ..."]]:
-        """Arrays [n_elem] or scalars by the number of a group, as such by that of a bundle."""
+        """Convert arrays [n_elem] or scalars by number of group to the same by number of bundle."""
 
 
 class Load(abc.ABC):
     """Something that acts on a structure in a phase; a pytree whose leaves are its numbers.
 
-    It derives from one of the four classes below.
+    A load derives from one of the classes below: `OnNodes`, `Moving`, `Dead` or `Measured`,
+    `Following`.
 
     Attributes:
-        worked_out: names of fields that nobody states: the analysis puts them in.
+        worked_out: names of fields that the analysis sets and the user does not give.
     """
 
     worked_out: tuple[str, ...] = ("begun", "part")
 
     def check(self, structure: Structure) -> None:
-        """Raise ValueError if it does not fit a structure."""
+        """Raise ValueError if the load does not fit a structure."""
         return None
 
     @abc.abstractmethod
@@ -56,7 +57,7 @@ class Load(abc.ABC):
         """The load times `factor`."""
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `common.rules`."""
+        """The rules of its numbers, see `common.rules`."""
         return []
 
     def __str__(self) -> str:
@@ -64,7 +65,7 @@ class Load(abc.ABC):
 
 
 class OnNodes(Load):
-    """Dead on nodes: it leaves the load where a freedom becomes fixed."""
+    """A dead load on nodes; where a freedom becomes fixed, its force no longer counts as load."""
 
     @abc.abstractmethod
     def nodal_forces(
@@ -84,11 +85,11 @@ class Moving(Load):
     def steps(
         self, shape: tuple[int, int], dtype: DTypeLike
     ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
-        """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
+        """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
 
 
 class Acting(Load):
-    """What goes on acting in later phases, of elements or of areas."""
+    """A load on elements or areas, which goes on acting in later phases."""
 
     @property
     def asks_begun(self) -> bool:
@@ -96,19 +97,19 @@ class Acting(Load):
         return False
 
     def among(self, structure: Structure) -> Acting:
-        """The load as the analysis of a structure has it: groups by their numbers."""
+        """The load as an analysis of a structure needs it, with groups by their numbers."""
         return self
 
     def bundled(self, bundles: Bundles) -> Acting:
-        """The load `among` groups on bundles of them (`bundles.Bundles`)."""
+        """The load, after `among`, with bundles instead of groups (`mechanics.bundles`)."""
         return self
 
     def touched(self, bundles: Bundles) -> Acting:
-        """As `bundled`, for what only asks which groups it acts on."""
+        """As `bundled`, with only the numbers of the bundles that the load acts on."""
         return self
 
     def without_begun(self) -> Acting:
-        """The load without what an analysis has put into it."""
+        """The load without the nodes that an analysis has put into it."""
         return self
 
 
@@ -129,9 +130,10 @@ class Dead(Acting):
     def per_length(
         self, number: int, group: Element, state: OwnState, nodes: Float[Array, "n_row 3"]
     ) -> Float[Array, "n_elem 3"] | None:
-        """What of it shapes the elements of a group, per unstressed length, [n_elem, 3], N/m.
+        """The load along the elements of a group, which bends them or makes them hang.
 
-        None if nothing does.
+        Returns:
+            Force per unstressed length, [n_elem, 3], N/m; None if the load has no such part.
         """
         return None
 
@@ -140,8 +142,9 @@ class Measured(Dead):
     """A dead load per length or area of a geometry.
 
     Attributes:
-        geometry: "input", that of the structure's nodes, or "begun", where its phase begins.
-        begun: nodes there, [n_row, 3], m, put in by the analysis; else None.
+        geometry: "input", that of the structure's nodes, or "begun", that at the beginning of the
+            phase.
+        begun: nodes at the beginning of the phase, [n_row, 3], m, set by the analysis; else None.
     """
 
     geometry: str = "input"
@@ -149,15 +152,15 @@ class Measured(Dead):
 
     @property
     def asks_begun(self) -> bool:
-        """Whether its geometry is that in which its phase begins."""
+        """Whether it is measured in the geometry at the beginning of its phase."""
         return self.geometry == "begun"
 
     def without_begun(self) -> Measured:
-        """The load without these nodes, which belong to an analysis."""
+        """The load without `begun`, which belongs to an analysis."""
         return self if self.begun is None else copy(self, begun=None)
 
     def measured(self, nodes: Float[Array, "n_row 3"]) -> Float[Array, "n_row 3"]:
-        """Positions to measure in, [n_row, 3], m, of initial ones."""
+        """Positions to measure lengths or areas in, [n_row, 3], m; `nodes` are the initial ones."""
         return nodes if self.begun is None else self.begun
 
 
@@ -166,7 +169,7 @@ class Following(Acting):
 
     @abc.abstractmethod
     def touches(self, groups: Sequence[Element]) -> list[Indices]:
-        """Nodes whose forces depend on each other, a list of `Indices` [n, k]."""
+        """Nodes whose forces depend on each other's positions, a list of `Indices` [n, k]."""
 
     @abc.abstractmethod
     def following_forces(
@@ -186,13 +189,14 @@ class Following(Acting):
         nodes: Float[Array, "n_row 3"],
         moved: Float[Array, "n_row 3"],
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
 
     def pressing(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """What of it bends the elements of a group: per, pressure [n_elem], axes [n_elem, 3].
+        """The pressure that bends the elements of a group.
 
-        None if nothing does.
+        Returns:
+            The length that it is per, pressure [n_elem], axes [n_elem, 3]; None if it bends none.
         """
         return None

@@ -1,4 +1,4 @@
-"""Faces of a net as seen in plan: its meshes, and what lies between free ends at its border."""
+"""Faces of a net as seen in plan: its meshes, and the faces between free ends at its border."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..common.types import ArrayLike, Float, Int
 
 BORDERS = (None, "ends", "links")
 STRAIGHT = 45.0
-"""Degrees by which one cable turns at most from piece to piece; from there on it is a corner."""
+"""Angle, degrees, from which on a turn of the border from link to link is a corner."""
 
 _NOTHING = 1e-12
-"""Area, over the square of the net's size, of faces that are lines."""
+"""Largest area, relative to the square of the net's size, of faces that count as lines."""
 
 
 def net_faces(
@@ -27,42 +27,42 @@ def net_faces(
 ) -> Int[np.ndarray, "n_face 4"]:
     """Faces of a net as seen in plan: its meshes, and those between free ends at its border.
 
-    The meshes of the planar graph that the links draw in the x-y plane, in anticlockwise order:
-    normals point up. Meshes of more than four corners, and those that are not convex, are split
-    into triangles.
+    The meshes are those of the planar graph of the links in the x-y plane. Nodes are in
+    anticlockwise order, so that normals point up. Meshes with more than four corners, and meshes
+    that are not convex, are split into triangles.
 
-    Where links close the border nothing lies outside of them, whether it is convex or not. A net
-    without edge cables has free ends instead: nodes with one link. Its corners are these, and the
-    nodes where the way round it turns by 45 degrees or more as round a convex polygon. Between a
-    free end and the next corner the border is the convex hull of the nodes on that way, mostly a
-    straight line; but if the way is one cable, which nowhere turns by 45 degrees or more, it is an
-    edge cable and the border itself. Between corners that are no free ends the links are the
-    border. (A single free end has no other to go with, and changes nothing.) Parts of a net that no
-    link joins, cables side by side say, have the convex hull of all of them for a border if there
-    are free ends in more than one.
+    Where links close the border, no face lies outside of them, whether the border is convex or not.
+    A net without edge cables has free ends instead: nodes with a single link. Corners of its border
+    are the free ends, and the nodes at which the way around the net turns by 45 degrees or more, in
+    the sense of a convex polygon. Between a free end and the next corner, the border is the convex
+    hull of the nodes on that way, mostly a straight line. But if that way is a single cable, which
+    nowhere turns by 45 degrees or more, it is an edge cable and itself the border. Between corners
+    that are no free ends, the links are the border. A single free end has no partner and changes
+    nothing. If several parts of a net that no link joins, such as cables side by side, have free
+    ends, the border is the convex hull of all these parts.
 
     Args:
         nodes: [n_node, 3], m.
         links: of a two-way net whose links do not cross in plan, [n_elem, 2].
-        largest: corners up to which a mesh is one face, 3 or 4.
+        largest: number of corners up to which a mesh is one face, 3 or 4.
         border: "links" for the meshes of links alone, "ends" for free ends as above; None is
-            "ends", and warns if lines that are no links enclose area.
+            "ends" with a warning if faces lie outside of all links.
 
     Returns:
-        [n_face, 4] node numbers, triangles with their last node repeated; for `AreaLoads` and
+        [n_face, 4] node numbers, with the last node of triangles repeated; for `AreaLoads` and
         `FacePressure`.
 
     Raises:
-        ValueError: wrong links, two nodes at one place in plan, a node without link, links or lines
-            between free ends that cross, a part of the net inside a mesh of another one, an unknown
-            `border`, another `largest`, or no face at all.
+        ValueError: wrong links, two linked nodes at one place in plan, a node without link, links
+            or lines between free ends that cross, a part of the net inside a mesh of another part,
+            an unknown `border`, another `largest`, or no face at all.
 
     Warns:
-        InputWarning: without `border`, area outside of all links.
+        InputWarning: `border` is not given, and there is area outside of all links.
 
     Example:
-        Three by three cells without corner nodes and edge cables: five quadrilaterals, of which
-        four are between free ends, as are four triangles.
+        Three by three cells without corner nodes and edge cables: five quadrilaterals, four of
+        them between free ends, and four triangles, all between free ends.
 
         >>> structure, _ = jc.scenes.flat_net()
         >>> faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
@@ -94,7 +94,7 @@ def net_faces(
     faces = []
     for ring in rings:
         if _area(plan, ring) <= nothing:
-            continue  # the outside
+            continue  # the outside of the net, or a line
         ring = _without_spurs(ring)
         if not _convex(plan[ring]):
             faces += _ears(plan, ring)
@@ -108,7 +108,7 @@ def net_faces(
 
 
 def _rings(plan, edges):
-    """Nodes of the meshes of a planar graph in turn, anticlockwise; of its outside clockwise."""
+    """Rings of nodes of a planar graph: anticlockwise around meshes, clockwise around parts."""
     spokes = [[] for _ in plan]
     for i, j in edges:
         spokes[i].append(j)
@@ -117,13 +117,13 @@ def _rings(plan, edges):
     for i, others in enumerate(spokes):
         if not others:
             raise ValueError(f"nodes[{i}]: no link touches it")
-        way = plan[others] - plan[i]
-        if (way == 0).all(axis=1).any():
+        directions = plan[others] - plan[i]
+        if (directions == 0).all(axis=1).any():
             raise ValueError(f"nodes[{i}]: a linked node has the same place in plan")
-        turn = np.argsort(np.arctan2(way[:, 1], way[:, 0]))
-        round_ = [others[k] for k in turn]
-        for before, after in zip(round_, [*round_[1:], round_[0]], strict=True):
-            following[after, i] = before  # arriving from `after`, go on to the next to the right
+        order = np.argsort(np.arctan2(directions[:, 1], directions[:, 0]))
+        around = [others[k] for k in order]
+        for before, after in zip(around, [*around[1:], around[0]], strict=True):
+            following[after, i] = before  # arriving from `after`, go on to the next on the right
     rings, left = [], set(following)
     for edge in sorted(following):
         ring = []
@@ -137,11 +137,11 @@ def _rings(plan, edges):
 
 
 def _require_plane(plan, edges, rings, nothing):
-    """Raise ValueError if links cross, or a part of the net lies within a mesh of another one."""
+    """Raise ValueError if links cross, or a part of the net lies within a mesh of another part."""
     ends = np.array(sorted(edges)).T
     graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
     count, part = connected_components(graph, directed=False)
-    # in a plane every part has one outside, and Euler's number of meshes
+    # Euler's formula: the number of rings if no links cross, one around each part included
     if len(rings) != len(edges) - len(plan) + 2 * count:
         raise ValueError("links: some cross in plan; put a node where they do")
     meshes = [ring for ring in rings if _area(plan, ring) > nothing]
@@ -157,7 +157,7 @@ def _require_plane(plan, edges, rings, nothing):
 
 
 def _within(places, points):
-    """Which points [n, 2] a ring of places goes round, by crossings of a line to the right."""
+    """Whether points [n, 2] are within a ring of places, by crossings of a ray, [n] bool."""
     (x, y), following = places.T, np.roll(places, -1, axis=0).T
     px, py = points[:, :1], points[:, 1:]
     spans = (y > py) != (following[1] > py)
@@ -173,7 +173,7 @@ def _area(plan, ring):
 
 
 def _without_spurs(ring):
-    """A ring of nodes without the ways into dead ends and back."""
+    """The ring of nodes without the ways into dead ends and back."""
     k = 0
     while k < len(ring) and len(ring) > 3:
         if ring[k - 1] == ring[(k + 1) % len(ring)]:
@@ -185,21 +185,21 @@ def _without_spurs(ring):
 
 
 def _turns(places):
-    """Twice the area of the triangles of successive corners of a ring, [n]; positive to the left.
+    """Twice the area of the triangle of the corners before, at and after each one of a ring, [n].
 
-    The k-th is that of the corners before, at and after k.
+    Positive where the ring turns to the left.
     """
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
 def _convex(places):
-    """Whether a ring that goes anticlockwise turns to the left, or goes on straight, everywhere."""
+    """Whether an anticlockwise ring turns to the left, or goes straight on, at every corner."""
     return bool((_turns(places) >= -1e-9 * np.ptp(places, axis=0).max() ** 2).all())
 
 
 def _ears(plan, ring):
-    """Triangles of a mesh that need not be convex: one corner after the other is cut off."""
+    """Triangles of a mesh that need not be convex, by cutting off one corner after the other."""
     ring, faces = list(ring), []
     while len(ring) > 3:
         turns = _turns(plan[ring])
@@ -219,14 +219,14 @@ def _ears(plan, ring):
 
 
 def _left_of(a, b, places):
-    """Twice the area of triangles (a, b, place) [n], positive where a place is on the left."""
+    """Twice the area of triangles (a, b, place), [n]; positive where a place is left of a to b."""
     return (b[..., 0] - a[..., 0]) * (places[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (
         places[..., 0] - a[..., 0]
     )
 
 
 def _between_ends(plan, edges, outsides):
-    """Lines that close the border between free ends; `outsides` are clockwise ways round parts."""
+    """Lines that close the border between free ends; `outsides` are clockwise rings of parts."""
     count = np.bincount(np.array(sorted(edges)).ravel(), minlength=len(plan))
     open_ = [ring for ring in outsides if (count[ring] == 1).sum() > 1]
     if len(open_) > 1:
@@ -246,17 +246,18 @@ def _between_ends(plan, edges, outsides):
 
 
 def _lines(way):
+    """The pairs of successive nodes on a way, a set of sorted pairs."""
     return {tuple(sorted(pair)) for pair in itertools.pairwise(way)}
 
 
 def _corners(places):
-    """Where a clockwise ring turns to the right by `STRAIGHT` or more, [n] bool."""
+    """Corners of a clockwise ring: turns to the right by `STRAIGHT` or more, [n] bool."""
     a, b = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
     return np.arctan2(_turns(places), np.sum(a * b, axis=1)) <= -np.radians(STRAIGHT) * (1 - 1e-9)
 
 
 def _one_cable(places):
-    """Whether a way through places [n, 2] turns by less than `STRAIGHT` at each."""
+    """Whether a way through places [n, 2] turns by less than `STRAIGHT` at every place."""
     way = np.diff(places, axis=0)
     way = way / np.linalg.norm(way, axis=1, keepdims=True)
     return bool(
@@ -265,7 +266,7 @@ def _one_cable(places):
 
 
 def _round(plan, way):
-    """The convex hull of a way from its first node to its last, on the left of it."""
+    """Nodes of the convex hull of a way, clockwise from its first node to its last."""
     hull = _hull(plan, sorted(set(way)))[:-1]
     if way[0] not in hull or way[-1] not in hull:
         return [way[0], way[-1]]
@@ -275,16 +276,16 @@ def _round(plan, way):
 
 
 def _hull(plan, nodes):
-    """Nodes on the convex hull of some, clockwise from the leftmost and back to it.
+    """Nodes on the convex hull of `nodes`, clockwise, from the leftmost node and back to it.
 
-    Those on its straight sides included (Andrew's monotone chain).
+    Nodes on the straight sides of the hull are included (Andrew's monotone chain).
     """
     line = 1e-9 * np.ptp(plan[nodes], axis=0).max() ** 2
     ordered = sorted(nodes, key=lambda k: tuple(plan[k]))
 
-    def half(row):
+    def half(sequence):
         chain = []
-        for node in row:
+        for node in sequence:
             while len(chain) > 1:
                 a, b = plan[chain[-1]] - plan[chain[-2]], plan[node] - plan[chain[-2]]
                 if a[0] * b[1] - a[1] * b[0] <= line:
@@ -297,17 +298,17 @@ def _hull(plan, nodes):
 
 
 def _require_apart(plan, lines, edges):
-    """Raise ValueError if a line crosses a link or another line."""
+    """Raise ValueError if a line between free ends crosses a link or another such line."""
     links = np.array(sorted(edges | lines))
 
     tiny = 1e-9 * np.ptp(plan, axis=0).max() ** 2
     first, second = plan[links[:, 0]], plan[links[:, 1]]
     for i, j in sorted(lines):
         a, b = plan[i], plan[j]
-        own = np.stack([_left_of(a, b, first), _left_of(a, b, second)])
-        other = np.stack([_left_of(first, second, a), _left_of(first, second, b)])
-        clear = (np.abs(own) > tiny).all(axis=0) & (np.abs(other) > tiny).all(axis=0)
-        crossed = clear & (np.prod(np.sign(own), 0) < 0) & (np.prod(np.sign(other), 0) < 0)
+        sides = np.stack([_left_of(a, b, first), _left_of(a, b, second)])
+        across = np.stack([_left_of(first, second, a), _left_of(first, second, b)])
+        clear = (np.abs(sides) > tiny).all(axis=0) & (np.abs(across) > tiny).all(axis=0)
+        crossed = clear & (np.prod(np.sign(sides), 0) < 0) & (np.prod(np.sign(across), 0) < 0)
         if crossed.any():
             raise ValueError(
                 f"links: the border from free end {i} to {j} would cross "
@@ -316,7 +317,7 @@ def _require_apart(plan, lines, edges):
 
 
 def _warn(plan, lines, closed, rings, nothing):
-    """Say how much area lies outside of all links."""
+    """Warn of area that lies outside of all links, if there is any."""
     before, after = (
         sum(area for ring in found if (area := _area(plan, ring)) > nothing)
         for found in (closed, rings)

@@ -16,19 +16,19 @@ from .load import Moving
 
 @pytree(indices=("nodes",))
 class SupportMovement(Moving):
-    """Displacement of supports, by increments, from where they are.
+    """Displacement of supports, by increments, from their positions at the beginning of the phase.
 
     Args:
         nodes: node numbers, [n].
-        displacements: [3] or [n, 3], m, or None; along freedoms that are held in the phase.
+        displacements: [3] or [n, 3], m, along freedoms held in the phase; None if nodes only turn.
         rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
 
     Raises:
-        ValueError: wrong shapes; where a phase is analysed, an unknown node, one that is free in
-            the direction in which it is to move, or a rotation of one that is not clamped.
+        ValueError: wrong shapes; where a phase is analysed, an unknown node, a displacement along a
+            freedom that is not held, or a rotation of a node that is not clamped.
 
     Example:
-        Both supports come down by 0.5 m, and all the rest with them:
+        Both supports move down by 0.5 m, and the structure moves with them:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -72,38 +72,38 @@ class SupportMovement(Moving):
     def check_supported(self, fixed: Fixed) -> None:
         """Raise ValueError if a moved freedom is not held; `fixed` is a `supports.Fixed`.
 
-        Of a traced movement it is not known which components are zero: a node without any support
-        is refused here, and a free component that moves ends as NONFINITE (see `ramp`).
+        It is not known which components of a traced movement are zero: here only nodes without any
+        support are refused; a free component that moves ends in NONFINITE (see `mechanics.ramp`).
         """
-        own = fixed.array[self.nodes.array]
+        held = fixed.array[self.nodes.array]
         moves = checks.concrete(self.displacements)
         for k, node in enumerate(self.nodes.array):
             if moves is None:
-                loose = ~own[k, :3] & ~own[k, :3].any()
+                free = ~held[k, :3] & ~held[k, :3].any()
             else:
-                move = np.broadcast_to(moves, (len(own), 3))[k]
+                move = np.broadcast_to(moves, (len(held), 3))[k]
                 if fixed.axes is not None:
                     size = np.abs(move).max()
                     move = fixed.axes.array[node] @ move
                     move = np.where(np.abs(move) <= 1e-15 * size, 0.0, move)
-                loose = (move != 0) & ~own[k, :3]
-            if loose.any():
-                where = "xyz"[int(loose.argmax())]
+                free = (move != 0) & ~held[k, :3]
+            if free.any():
+                where = "xyz"[int(free.argmax())]
                 skew = fixed.axes is not None and (fixed.axes.array[node] != np.eye(3)).any()
                 raise ValueError(
                     f"displacements[{k}]: node {node} is free along "
                     f"{'its own ' if skew else ''}{where}; only what is held can be moved"
                 )
-            if self.rotations is not None and not own[k, 3:].all():
+            if self.rotations is not None and not held[k, 3:].all():
                 raise ValueError(f"rotations[{k}]: node {node} is not clamped")
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> SupportMovement:
-        """The movement times `factor` (of rotations: the rotation vectors)."""
+        """The movement with displacements and rotation vectors times `factor`."""
         rotations = None if self.rotations is None else factor * self.rotations
         return copy(self, displacements=factor * self.displacements, rotations=rotations)
 
     def steps(
         self, shape: tuple[int, int], dtype: DTypeLike
     ) -> Float[Array | np.ndarray, "n_node n_freedom"]:
-        """Steps of all nodes, as `shape`: translation, and rotation vector of six columns."""
+        """Steps of all nodes, of `shape`: translations, and rotation vectors with six columns."""
         return scattered(self.nodes, (self.displacements, self.rotations), shape, dtype)

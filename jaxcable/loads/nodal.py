@@ -18,15 +18,15 @@ class NodalLoads(OnNodes):
     """Dead forces on nodes.
 
     Args:
-        nodes: node numbers, [n]; a node may be named more than once, its forces add.
-        forces: one force [3] for each of them, or [n, 3], N.
+        nodes: node numbers, [n]; forces add if a node is named more than once.
+        forces: one force for each of the nodes, [3], or [n, 3], N.
         moments: moments [3] or [n, 3], N m, on nodes that a beam is joined to rigidly. They keep
-            their direction in space; such moments have no potential (unless they turn about a fixed
-            axis) and make the tangent unsymmetric.
+            their direction in space; such moments have no potential (unless the nodes can only turn
+            about one axis) and make the tangent unsymmetric.
 
     Raises:
         ValueError: wrong shapes; where a phase is analysed, a node that the structure does not
-            have, or a moment on one without rotation.
+            have, or a moment on a node without rotation.
 
     Example:
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
@@ -64,9 +64,9 @@ class NodalLoads(OnNodes):
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "load nodes")
         if self.moments is not None:
-            turns = structure.rotating()[self.nodes.array]
-            if not turns.all():
-                k = int((~turns).argmax())
+            rotating = structure.rotating()[self.nodes.array]
+            if not rotating.all():
+                k = int((~rotating).argmax())
                 raise ValueError(
                     f"moments: node {self.nodes[k]} has no rotation: no beam is joined rigidly"
                 )

@@ -1,8 +1,9 @@
-"""Pressure that follows what it presses on: cables, beams, and faces of a net.
+"""Follower pressure: on cables and beams, and on faces of a net.
 
-Their forces depend on where the nodes are, so that their derivative belongs to the tangent; it is
-taken by automatic differentiation. The assembled derivative is symmetric where the loads derive
-from a potential: all nodes at the border are held, the pressure is even and per current size.
+The forces depend on the positions of the nodes, so that their derivative belongs to the tangent; it
+is found by automatic differentiation. The assembled derivative is symmetric where the loads derive
+from a potential: if all nodes at the border are held, and the pressure is uniform and per current
+size.
 """
 
 from __future__ import annotations
@@ -29,30 +30,30 @@ PER = ("current", "unstressed")
 class CablePressure(Following):
     """Follower pressure on cables, bars and beams, across them and across an axis.
 
-    ``axis x d`` of a cable with chord ``d`` is the area vector of a strip of width 1 that the axis
-    spans along the cable: a cable in a plane with the axis as its normal is pressed along its
-    normal, and its equilibrium under pressure alone is a circle. Half of an element's force goes to
-    each end. Beams get its work on their deflection as well, as with `LineLoads`: it bends them
-    between their nodes. The force on a chord is that on any arc between the same ends, and so is
-    its moment, per current length, so that the places of the nodes of a bent beam converge at the
-    fourth order in its pieces. Like all loads of elements it goes on acting, and following, in
-    later phases.
+    For a cable with chord ``d``, ``axis x d`` is the area vector of a strip of width 1 that the
+    axis spans along the cable. A cable in a plane normal to the axis is pressed at right angles to
+    itself, and its equilibrium under pressure alone is a circle. Half of an element's force goes to
+    each end. On beams the pressure also works on the deflection, as with `LineLoads`: it bends them
+    between their nodes. Per current length, the force on a chord equals that on any arc between the
+    same ends, and so does its moment; the positions of the nodes of a bent beam therefore converge
+    at the fourth order in the length of its elements. Like all loads of elements it goes on acting,
+    and following, in later phases.
 
     Args:
-        pressure: force per length, N/m, scalar, or [n_elem] of the one group that `on` names.
+        pressure: force per length, N/m, scalar, or [n_elem] for the one group that `on` names.
             Positive along ``axis x d``.
         axis: direction, [3], of any length.
-        on: key of the loaded group in the structure's elements (a dict's key, a list's number);
-            None loads all groups. They must be groups of cables, bars or beams.
-        per: "current" length (as seen along the axis), or "unstressed": then it keeps its
-            magnitude and only turns, which has no potential.
+        on: key of the loaded group in the structure's elements (a dict's key, a list's index);
+            None loads all groups. Only groups of cables, bars or beams can be loaded.
+        per: "current" length (as seen along the axis), or "unstressed": the force then keeps its
+            magnitude and only turns with the element, which has no potential.
 
     Raises:
         ValueError: wrong shapes, a zero axis, an unknown `per`; where a phase is analysed, a group
             that cannot be pressed.
 
     Example:
-        150 N/m on two chords of 5 m, 4 m in plan: 600 N at the node, which 500 N in each balance:
+        150 N/m on two chords of 5 m, 4 m in plan: 600 N at the node, balanced by 500 N in each:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -68,7 +69,7 @@ class CablePressure(Following):
     on: Key = None
     per: str = "current"
     part: dict[int, Float[Array, " n_elem"]] | None = (
-        None  # of elements of a group, 1 or 0, by its number, put in by the analysis
+        None  # by number of group: factor of the pressure on each element; set by the analysis
     )
 
     def __post_init__(self):
@@ -85,7 +86,7 @@ class CablePressure(Following):
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `common.rules`."""
+        """The rules of its numbers, see `common.rules`."""
         text = "is zero; give the normal of the plane in which the cable bends"
         return [Rule("axis", self.axis, lambda v: (v == 0).all(), text)]
 
@@ -106,7 +107,7 @@ class CablePressure(Following):
                 )
 
     def among(self, structure: Structure) -> CablePressure:
-        """The load with `on` turned into the numbers of its groups."""
+        """The load with `on` as numbers of groups."""
         return copy(self, on=chosen(self.on, structure))
 
     def bundled(self, bundles: Bundles) -> CablePressure:
@@ -119,7 +120,7 @@ class CablePressure(Following):
         return copy(self, on=tuple(part), pressure=jnp.ones_like(self.pressure[0]), part=part)
 
     def touched(self, bundles: Bundles) -> CablePressure:
-        """The load on the numbers of these bundles."""
+        """The load with the numbers of the bundles that it acts on."""
         return copy(self, on=bundles.numbers(self.on))
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> CablePressure:
@@ -127,15 +128,17 @@ class CablePressure(Following):
         return copy(self, pressure=factor * self.pressure)
 
     def touches(self, groups: Sequence[Element]) -> list[Indices]:
-        """Nodes whose forces depend on each other, a list of [n, 2]."""
+        """Nodes whose forces depend on each other's positions, a list of [n, 2]."""
         return [Indices(groups[number].links.array[:, :2]) for number in self.on]
 
     def pressing(
         self, number: int, group: Element
     ) -> tuple[str, Float[Array, " n_elem"], Float[Array, "n_elem 3"]] | None:
-        """What of it bends the elements of a group: per, pressure [n_elem], axes [n_elem, 3].
+        """The pressure that bends the elements of a group.
 
-        None if it does not act on the group, or on one that has no deflection.
+        Returns:
+            `per`, pressure [n_elem], axes [n_elem, 3]; None if the load does not act on the group,
+            or its elements cannot bend.
         """
         if number not in self.on or not group.rotates:
             return None
@@ -145,16 +148,16 @@ class CablePressure(Following):
         return self.per, pressure, jnp.broadcast_to(axis, (count, 3))
 
     def _parts(self, groups, states, moved):
-        """Per group: ends [n, 2, 3] of moved nodes, and their force as a function of them."""
+        """Iterate over groups: moved ends [n, 2, 3], numbers for `_force`, nodes [n, 2]."""
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
             pressure = partly(self, number, pressure)
-            links = group.links[:, :2]  # not the inner numbers of beams
+            links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 
     def _force(self, ends, numbers):
-        """Force at the two ends, [2, 3], N, of one element."""
+        """Force at the two ends of one element, [2, 3], N."""
         pressure, rest_length = numbers
         axis = self.axis.astype(ends.dtype)
         axis = axis / _length(axis)
@@ -181,7 +184,7 @@ class CablePressure(Following):
         nodes: Float[Array, "n_row 3"],
         moved: Float[Array, "n_row 3"],
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Its derivative: list of (blocks [n, 2, 3, 2, 3], nodes [n, 2])."""
+        """Derivative of the forces: list of (blocks [n, 2, 3, 2, 3], nodes [n, 2])."""
         return _derived(self, self._parts(groups, states, moved))
 
 
@@ -189,19 +192,19 @@ class CablePressure(Following):
 class FacePressure(Following):
     """Follower pressure on faces of a net: along their normals, times their current areas.
 
-    A third of the force on each triangle goes to each of its corners. Positive along the normal
-    about which the nodes of a face turn anticlockwise (`net_faces`: upwards).
+    A third of the force on each triangle acts at each of its corners. Positive pressure acts along
+    the normal about which the nodes of a face are in anticlockwise order (`net_faces`: upwards).
 
     Args:
-        faces: node numbers, [n_face, 3] or [n_face, 4], as of `AreaLoads`.
+        faces: node numbers, [n_face, 3] or [n_face, 4], as in `AreaLoads`.
         pressure: N/m2, scalar or [n_face].
 
     Raises:
-        ValueError: wrong shapes, a face of less than three nodes; where a phase is analysed, a node
-            that the structure does not have.
+        ValueError: wrong shapes, a face with fewer than three nodes; where a phase is analysed, a
+            node that the structure does not have.
 
     Example:
-        Snow, and wind that lifts, on a net with a level border that spans 1.12 m2 in plan:
+        Snow, and wind uplift, on a net with a level border that spans 1.12 m2 in plan:
 
         >>> structure, _ = jc.scenes.flat_net()
         >>> faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
@@ -232,15 +235,16 @@ class FacePressure(Following):
         return copy(self, pressure=factor * self.pressure)
 
     def touches(self, groups: Sequence[Element]) -> list[Indices]:
-        """Nodes whose forces depend on each other, a list of [n, 3 or 4]."""
+        """Nodes whose forces depend on each other's positions, a list of [n, 3 or 4]."""
         return [self.faces]
 
     def _parts(self, moved):
+        """Iterate over arrays of faces, here one: moved corners, pressure, nodes."""
         pressure = jnp.broadcast_to(self.pressure, (len(self.faces),)).astype(moved.dtype)
         yield moved[self.faces], pressure, self.faces
 
     def _force(self, corners, pressure):
-        """Force at the corners, [3 or 4, 3], N, of one face."""
+        """Force at the corners of one face, [3 or 4, 3], N."""
         force = jnp.zeros_like(corners)
         for numbers, vector in _faces.area_vectors(corners):
             force = force.at[jnp.array(numbers)].add(pressure * vector / 3)
@@ -263,11 +267,12 @@ class FacePressure(Following):
         nodes: Float[Array, "n_row 3"],
         moved: Float[Array, "n_row 3"],
     ) -> list[tuple[Float[Array, "n k 3 k 3"], Int[Array, "n k"]]]:
-        """Its derivative: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
+        """Derivative of the forces: list of (blocks [n, k, 3, k, 3], nodes [n, k])."""
         return _derived(self, self._parts(moved))
 
 
 def _collected(load, parts, moved):
+    """Forces of all parts of a load, summed at the nodes, [n_node, 3], N."""
     total = jnp.zeros_like(moved)
     for places, numbers, links in parts:
         total = total.at[links].add(jax.vmap(load._force)(places, numbers))
@@ -275,6 +280,7 @@ def _collected(load, parts, moved):
 
 
 def _derived(load, parts):
+    """Derivatives of the forces of all parts of a load, see `Following.following_blocks`."""
     return [
         (jax.vmap(jax.jacfwd(load._force))(places, numbers), links)
         for places, numbers, links in parts

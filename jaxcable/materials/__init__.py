@@ -1,6 +1,6 @@
 """Uniaxial laws, one a file: stress from strain, and from what earlier increments left.
 
-`law` is the contract: `Law`, with what most have in common.
+`law` is the contract: `Law`, with defaults for most of its members.
 """
 
 from .elastic import Elastic

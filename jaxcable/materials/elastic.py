@@ -1,4 +1,4 @@
-"""Linear law, without end."""
+"""Linear law, whose curve has no end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Elastic(Law):
         refuse(self.rules())
 
     def rules(self) -> list[Rule]:
-        """What its number keeps, see `common.rules`."""
+        """The rule of its number, see `common.rules`."""
         return [positive("E", self.E, "Young's modulus must be positive")]
 
     @property

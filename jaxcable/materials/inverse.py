@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from ..common.types import Array, ArrayLike, Float
 from .law import Law
 
-_FAR = 1.0  # strain by which a law without end is followed beyond its last corner
+_FAR = 1.0  # strain beyond the last corner up to which a law without end is sampled
 
 
 def inverse(
@@ -16,7 +16,7 @@ def inverse(
     """Strain at `stress` on the rising branch from zero; NaN above the peak of `law`.
 
     Exact: the curve is evaluated at its corners and inverted linearly between two of them. On a
-    plateau the strain at its beginning.
+    plateau the result is the strain at which the plateau begins.
     """
     stress = jnp.asarray(stress)
     low, high = law.limits
@@ -30,34 +30,39 @@ def inverse(
         ],
         axis=-1,
     )
-    at = jnp.sort(jnp.clip(jnp.concatenate([corners, ends], -1), ends[..., :1], ends[..., 2:]))
-    curve = law.extended().stress_at(at, None if memory is None else memory[..., None, :])
+    strains = jnp.sort(jnp.clip(jnp.concatenate([corners, ends], -1), ends[..., :1], ends[..., 2:]))
+    curve = law.extended().stress_at(strains, None if memory is None else memory[..., None, :])
     target = stress[..., None]
-    pull = target >= 0
-    # The corner at which the target is first reached, going away from zero: to a rounding, so that
-    # a law reaches its own peak; and strictly beyond zero, so that zero is inverted by the branch
-    # that loads, not by the slack one.
+    tension = target >= 0
+    # The corner at which the stress first reaches the target, going away from zero. Reached within
+    # rounding, so that the stress at the peak has a strain; and with a stress strictly beyond zero,
+    # so that zero stress is inverted on the branch that loads and not on the slack branch.
     rounding = (
-        8 * jnp.finfo(curve.dtype).eps * law.modulus * jnp.max(jnp.abs(at), -1, keepdims=True)
+        8 * jnp.finfo(curve.dtype).eps * law.modulus * jnp.max(jnp.abs(strains), -1, keepdims=True)
     )
     reached = jnp.where(
-        pull,
+        tension,
         curve >= jnp.maximum(target - rounding, rounding),
         curve <= jnp.minimum(target + rounding, -rounding),
     )
-    if memory is None:  # may fall again: only the branch that starts from zero counts
-        reached = reached & jnp.where(pull, at >= 0, at <= 0)
-    last = at.shape[-1] - 1
+    if memory is None:  # the curve may fall again: only the branch that starts from zero counts
+        reached = reached & jnp.where(tension, strains >= 0, strains <= 0)
+    last = strains.shape[-1] - 1
     upper = jnp.argmax(reached, axis=-1, keepdims=True)
     lower = last - jnp.argmax(jnp.flip(reached, -1), axis=-1, keepdims=True)
-    outer = jnp.where(pull, upper, lower)
-    inner = jnp.clip(jnp.where(pull, outer - 1, outer + 1), 0, last)
+    outer = jnp.where(tension, upper, lower)
+    inner = jnp.clip(jnp.where(tension, outer - 1, outer + 1), 0, last)
 
     def pick(values, index):
         return jnp.take_along_axis(values, index, axis=-1)[..., 0]
 
-    v0, v1, e0, e1 = pick(curve, inner), pick(curve, outer), pick(at, inner), pick(at, outer)
+    v0, v1, e0, e1 = (
+        pick(curve, inner),
+        pick(curve, outer),
+        pick(strains, inner),
+        pick(strains, outer),
+    )
     flat = v1 == v0
-    # from the inner end, which is zero for small stresses: these keep their digits
+    # measured from the inner end, which is zero for small stresses: small strains keep their digits
     strain = e0 + (stress - v0) * jnp.where(flat, 0.0, e1 - e0) / jnp.where(flat, 1.0, v1 - v0)
     return jnp.where(jnp.any(reached, axis=-1), strain, jnp.nan)

@@ -1,4 +1,4 @@
-"""What a uniaxial law is: stress from strain, and from what earlier increments left."""
+"""What a uniaxial law is: stress from strain, and from the memory of earlier increments."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from ..common.types import Array, ArrayLike, Bool, Float
 class Law(abc.ABC):
     """A uniaxial law: a pytree shared by the elements or fibres of a group.
 
-    Its members take arrays of any shape. ``memory`` is what it remembers of each, such as
-    plastic strains, [..., n_memory], None of a law that remembers nothing.
+    Its methods take arrays of any shape. ``memory`` has the numbers that the law remembers of each
+    fibre, such as plastic strains, [..., n_memory]; it is None for a law without memory.
 
     Attributes:
-        n_memory: how many numbers a fibre remembers; 0 of a reversible law.
+        n_memory: how many numbers the law remembers of a fibre; 0 for a reversible law.
         breaks: whether the curve can end.
-        rising: whether stress is known not to fall with strain: the energy is then convex. Such a
-            law gives `softened`.
-        worked_out: names of fields that nobody states: the constructor puts them in.
+        rising: whether stress is known never to fall as strain grows: the energy is then convex.
+            Such a law implements `softened`.
+        worked_out: names of fields that the constructor computes and the user does not give.
     """
 
     worked_out: tuple[str, ...] = ()
@@ -43,13 +43,13 @@ class Law(abc.ABC):
     def energy_at(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
-        """Stress integrated over strain, written apart from it, J/m3."""
+        """Integral of the stress over strain, J/m3, by a formula that does not use `stress_at`."""
 
     @abc.abstractmethod
     def strain_at(
         self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
-        """The inverse on the rising branch from zero; NaN above it."""
+        """Strain at a stress, Pa, on the branch that rises from zero; NaN above its peak."""
 
     @property
     def capacity(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
@@ -62,14 +62,14 @@ class Law(abc.ABC):
         return -jnp.inf, jnp.inf
 
     def beyond(self, strain: Float[ArrayLike, "*shape"]) -> Bool[Array, "*shape"]:
-        """Whether the curve has ended there."""
+        """Whether `strain` is beyond an end of the curve."""
         low, high = self.limits
         return (strain > high) | (strain < low)
 
     def is_slack(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Bool[Array, "*shape"]:
-        """Whether it carries nothing because it is shorter than it was."""
+        """Whether the law carries no stress because it has become too short."""
         return jnp.zeros(jnp.shape(strain), bool)
 
     def corners(
@@ -87,7 +87,7 @@ class Law(abc.ABC):
     def size_at(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
     ) -> Float[Array, "*shape"]:
-        """Sum of the absolute stresses of its parts, Pa, which rounding is relative to."""
+        """Sum of the absolute stresses of its parts, Pa: rounding errors are relative to it."""
         return jnp.abs(self.stress_at(strain, memory))
 
     def settle(
@@ -96,13 +96,13 @@ class Law(abc.ABC):
         memory: Float[Array, "... n_memory"],
         duration: Float[ArrayLike, ""] = 0.0,
     ) -> Float[Array, "... n_memory"]:
-        """What it remembers after an increment of a duration, s, that ended at `strain`."""
+        """The memory after an increment of a duration, s, that ended at `strain`."""
         return memory
 
     def extended(self) -> Law:
         """The law for an iteration, which goes on elastically beyond its ends.
 
-        So the way to an answer may lead through there; the answer itself may not
+        An iteration may pass through strains beyond the ends; an equilibrium there is refused
         (`status.MATERIAL_FAILURE`).
         """
         return self
@@ -110,16 +110,17 @@ class Law(abc.ABC):
     def tension_only(self) -> Law:
         """The law without its compression branch.
 
-        Itself, where the strain says what is slack: the cable sees to that.
+        The law itself, unless a subclass says otherwise: the cable sets its stress to zero at
+        negative strain.
         """
         return self
 
     def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Law:
-        """The law in series with a spring, strain per stress, 1/Pa."""
+        """The law in series with a spring of `compliance`, strain per stress, 1/Pa."""
         raise NotImplementedError(f"{type(self).__name__} is not known in series with a spring")
 
     def falls(self) -> Float[ArrayLike, " n"] | None:
-        """The stresses [n] of a curve that may fall, or None of one that cannot."""
+        """The stresses [n] of a curve that may fall, or None if the curve cannot fall."""
         return None
 
 

@@ -1,12 +1,13 @@
-"""Several laws side by side at one strain: what axial force sees of a composite section.
+"""Several laws side by side at one strain: the axial law of a composite section.
 
-As a whole they may be in series with one spring, and they may be a cable, which goes slack as a
-whole: where the sum of their stresses would be a compression it carries nothing. Then its laws stay
-as they were when the sum was zero, some of them pulled and some of them pushed, in balance.
+All laws together may be in series with one spring. They may also be the law of a cable, which goes
+slack as a whole: where the sum of their stresses would be a compression, the cable carries nothing.
+The laws of a slack cable stay at the strain at which their sum became zero, some in tension and
+some in compression, in balance.
 
-At given plastic strains every law is linear between known corners, and so is their sum. With the
-stress ``s(m)`` of the laws at their own strain m, a spring of compliance c makes the strain of both
-``e = m + c s(m)``, which rises with m where s does and is inverted exactly, corner by corner.
+At a given memory every law is linear between known corners, and so is their sum. With the
+stress ``s(m)`` of the laws at their own strain m, a spring of compliance c makes the strain of the
+whole ``e = m + c s(m)``. It rises with m where s rises and is inverted exactly, corner by corner.
 """
 
 from __future__ import annotations
@@ -30,10 +31,10 @@ class Parallel(Law):
 
     Attributes:
         laws: tuple of laws.
-        shares: part of the area that each has, [n_law], summing to 1.
-        spring: compliance of a spring in series with all of them together, 1/Pa, or None; set by
-            `softened`, for laws of which none falls.
-        one_sided: whether all of them together are slack in compression; set by `tension_only`.
+        shares: share of each law in the area, [n_law], summing to 1.
+        spring: compliance of a spring in series with all laws together, 1/Pa, or None; set by
+            `softened`, for laws that all rise.
+        one_sided: whether the laws together are slack in compression; set by `tension_only`.
 
     Example:
         Concrete in a steel tube, a quarter of the area, at one strain:
@@ -50,17 +51,17 @@ class Parallel(Law):
     one_sided: bool = False
 
     @property
-    def n_memory(self) -> int:  # type: ignore[override]  # of its laws
-        """Plastic strains of all laws, one after the other."""
+    def n_memory(self) -> int:  # type: ignore[override]  # from its laws
+        """How many numbers all laws remember; their memories follow each other."""
         return sum(law.n_memory for law in self.laws)
 
     @property
-    def breaks(self) -> bool:  # type: ignore[override]  # of its laws
+    def breaks(self) -> bool:  # type: ignore[override]  # from its laws
         """Whether any of the curves can end."""
         return any(law.breaks for law in self.laws)
 
     @property
-    def rising(self) -> bool:  # type: ignore[override]  # of its laws
+    def rising(self) -> bool:  # type: ignore[override]  # from its laws
         """Whether none of the curves falls."""
         return all(law.rising for law in self.laws)
 
@@ -72,15 +73,16 @@ class Parallel(Law):
 
     @property
     def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
-        """Strains at which the first of the curves ends; none in compression that is not carried.
+        """Strains at which the first of the curves ends; -inf for the lower one of a cable.
 
-        In first loading; there every part that yields has yielded, so that it is always so.
+        Computed for first loading. They hold after any other loading too: at these strains every
+        part that can yield has yielded.
         """
         low, high = (self._with_spring(jnp.asarray(v)) for v in self._ends())
         return jnp.full_like(low, -jnp.inf) if self.one_sided else low, high
 
     def _ends(self):
-        """Strains of the laws themselves at which the first of the curves ends."""
+        """Strains of the laws, without the spring, at which the first of the curves ends."""
         low, high = zip(*(law.limits for law in self.laws), strict=True)
         return (
             jnp.max(jnp.stack([jnp.asarray(v) for v in low])),
@@ -92,10 +94,10 @@ class Parallel(Law):
         """Smallest and largest stress within the limits, Pa."""
         low, high = self._ends()
         corners = self._corners(None if self.n_memory == 0 else jnp.zeros(self.n_memory))
-        at = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
-        at = jnp.where(jnp.isfinite(at), at, 0.0)
-        memory = jnp.zeros((len(at), self.n_memory)) if self.n_memory else None
-        stress = self._bare().stress_at(at, memory)
+        strains = jnp.clip(jnp.append(corners, jnp.stack([low, high])), low, high)
+        strains = jnp.where(jnp.isfinite(strains), strains, 0.0)
+        memory = jnp.zeros((len(strains), self.n_memory)) if self.n_memory else None
+        stress = self._bare().stress_at(strains, memory)
         least, most = jnp.min(stress), jnp.max(stress)
         least = jnp.where(jnp.isfinite(low), least, -jnp.inf)
         most = jnp.where(jnp.isfinite(high), most, jnp.inf)
@@ -103,35 +105,38 @@ class Parallel(Law):
 
     def each(
         self, memory: Float[Array, "... n_memory"] | None
-    ) -> Iterator[tuple[Float[ArrayLike, ""], Law, Float[Array, "... own_memory"] | None]]:
-        """Share, law and its own plastic strains, of every law."""
+    ) -> Iterator[tuple[Float[ArrayLike, ""], Law, Float[Array, "... n_memory_of_law"] | None]]:
+        """Iterate over the laws: (share, law, the law's part of the memory or None)."""
         start = 0
         for share, law in zip(self.shares, self.laws, strict=True):
-            own = None
+            remembered = None
             if law.n_memory and memory is not None:
-                own = memory[..., start : start + law.n_memory]
+                remembered = memory[..., start : start + law.n_memory]
                 start += law.n_memory
-            yield share, law, own
+            yield share, law, remembered
 
-    # --- the laws at their own strain, which is less than that of the whole by the spring's
+    # --- the laws at their own strain: that of the whole less that of the spring
 
     def _sum(self, strain, memory):
-        return sum(share * law.stress_at(strain, p) for share, law, p in self.each(memory))
+        return sum(
+            share * law.stress_at(strain, remembered)
+            for share, law, remembered in self.each(memory)
+        )
 
     def _bare(self):
-        """The laws alone, for an iteration: without spring, in compression too."""
+        """The laws for an iteration, without spring, carrying compression too."""
         return copy(self.extended(), spring=None, one_sided=False)
 
     def _with_spring(self, strain, memory=None):
-        """Strain of the whole at a strain of the laws."""
+        """Strain of the whole, spring included, at a strain of the laws."""
         if self.spring is None:
             return strain
-        at = jnp.where(jnp.isfinite(strain), strain, 0.0)
-        extra = self.spring * self._bare().stress_at(at, memory)
-        return jnp.where(jnp.isfinite(strain), at + extra, strain)
+        finite = jnp.where(jnp.isfinite(strain), strain, 0.0)
+        extra = self.spring * self._bare().stress_at(finite, memory)
+        return jnp.where(jnp.isfinite(strain), finite + extra, strain)
 
     def _own_strain(self, strain, memory):
-        """Strain of the laws at a strain of the whole, in compression too: exact."""
+        """Strain of the laws at a strain of the whole, exact, in compression too."""
         if self.spring is None:
             return strain
         if all(isinstance(law, Elastic) for law in self.laws):
@@ -141,40 +146,43 @@ class Parallel(Law):
         corners = jnp.broadcast_to(corners, (*strain.shape, corners.shape[-1]))
         first, last = jnp.min(corners, -1, initial=0.0), jnp.max(corners, -1, initial=0.0)
         more = jnp.stack([first - _FAR, jnp.zeros_like(strain), last + _FAR], axis=-1)
-        at = jnp.sort(jnp.concatenate([corners, more], axis=-1))
+        strains = jnp.sort(jnp.concatenate([corners, more], axis=-1))
         lifted = copy(self, spring=jnp.asarray(self.spring)[..., None])
-        of_all = lifted._with_spring(at, None if memory is None else memory[..., None, :])
-        # the last segment goes on; at a corner the one that loads, at the origin that of tension
+        whole = lifted._with_spring(strains, None if memory is None else memory[..., None, :])
+        # The last segment goes on beyond its end. At a corner the segment of loading counts, at the
+        # origin that of tension.
         target = strain[..., None]
-        below = jnp.where(target >= 0, of_all <= target, of_all < target)
-        start = jnp.clip(jnp.sum(below, -1, keepdims=True) - 1, 0, at.shape[-1] - 2)
+        below = jnp.where(target >= 0, whole <= target, whole < target)
+        start = jnp.clip(jnp.sum(below, -1, keepdims=True) - 1, 0, strains.shape[-1] - 2)
 
         def pick(values, index):
             return jnp.take_along_axis(values, index, axis=-1)[..., 0]
 
-        e0, e1, v0, v1 = (pick(v, k) for v in (at, of_all) for k in (start, start + 1))
+        e0, e1, v0, v1 = (pick(v, k) for v in (strains, whole) for k in (start, start + 1))
         return e0 + (strain - v0) * (e1 - e0) / (v1 - v0)
 
-    def _slack(self, own, memory):
-        """Whether the whole carries nothing at a strain `own` of the laws, as a cable."""
+    def _slack(self, law_strain, memory):
+        """Whether a cable of these laws is slack at `law_strain`, the strain of the laws."""
         if memory is None:
-            return own < 0
-        nothing = [law.is_slack(own, p) for _, law, p in self.each(memory)]
-        nothing = jnp.all(jnp.stack(jnp.broadcast_arrays(*nothing)), axis=0)
-        return (self._bare().stress_at(own, memory) < 0) | nothing
+            return law_strain < 0
+        slack = [law.is_slack(law_strain, remembered) for _, law, remembered in self.each(memory)]
+        slack = jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
+        return (self._bare().stress_at(law_strain, memory) < 0) | slack
 
     def _slackened(self, like, memory):
-        """Strain at which a cable goes slack, in the shape of `like`."""
+        """Strain of the laws at which a cable goes slack, in the shape of `like`."""
         if memory is None:
             return jnp.zeros_like(like)
         return inverse(self._bare(), jnp.zeros_like(like), memory)
 
     def _kept(self, strain, memory):
-        """Strain that the laws keep: in a slack cable that at which it went slack."""
-        own = jnp.asarray(self._own_strain(strain, memory))
+        """Strain of the laws; in a slack cable the strain at which it went slack."""
+        law_strain = jnp.asarray(self._own_strain(strain, memory))
         if not self.one_sided:
-            return own
-        return jnp.where(self._slack(own, memory), self._slackened(own, memory), own)
+            return law_strain
+        return jnp.where(
+            self._slack(law_strain, memory), self._slackened(law_strain, memory), law_strain
+        )
 
     # --- the law
 
@@ -182,39 +190,47 @@ class Parallel(Law):
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
         """Stress over the whole area, Pa."""
-        own = self._own_strain(strain, memory)
-        stress = self._sum(own, memory)
+        law_strain = self._own_strain(strain, memory)
+        stress = self._sum(law_strain, memory)
         if not self.one_sided:
             return stress
-        return jnp.where(own < 0 if memory is None else stress < 0, 0.0, stress)
+        return jnp.where(law_strain < 0 if memory is None else stress < 0, 0.0, stress)
 
     def stresses(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> list[Float[Array, "*shape"]]:
-        """Stress of every law, a list, Pa; their sum by `shares` is `stress_at`."""
-        own = self._kept(strain, memory)
-        return [law.stress_at(own, p) for _, law, p in self.each(memory)]
+        """Stress of every law, a list, Pa; the sum weighted by `shares` is `stress_at`."""
+        law_strain = self._kept(strain, memory)
+        return [law.stress_at(law_strain, remembered) for _, law, remembered in self.each(memory)]
 
     def size_at(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
     ) -> Float[Array, "*shape"]:
-        """Sum of the absolute stresses of all parts, Pa; a slack cable has exactly none."""
-        own = self._own_strain(strain, memory)
-        size = sum(share * law.size_at(own, p) for share, law, p in self.each(memory))
+        """Sum of the absolute stresses of all laws, Pa; exactly zero in a slack cable."""
+        law_strain = self._own_strain(strain, memory)
+        size = sum(
+            share * law.size_at(law_strain, remembered)
+            for share, law, remembered in self.each(memory)
+        )
         if not self.one_sided:
             return size
-        return jnp.where(own < 0 if memory is None else self._sum(own, memory) < 0, 0.0, size)
+        return jnp.where(
+            law_strain < 0 if memory is None else self._sum(law_strain, memory) < 0, 0.0, size
+        )
 
     def energy_at(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
-        """Energy per volume, J/m3, that of the spring among it.
+        """Energy per volume, J/m3, including that of the spring.
 
-        That of a cable is the integral of its stress where none of the curves falls, and in a slack
-        one what laws that have yielded store against each other.
+        In a taut cable it is the integral of its stress, if none of the curves falls. In a slack
+        cable it is the energy that yielded laws store against each other.
         """
-        own = self._kept(strain, memory)
-        energy = sum(share * law.energy_at(own, p) for share, law, p in self.each(memory))
+        law_strain = self._kept(strain, memory)
+        energy = sum(
+            share * law.energy_at(law_strain, remembered)
+            for share, law, remembered in self.each(memory)
+        )
         if self.spring is not None:
             energy = energy + 0.5 * self.spring * self.stress_at(strain, memory) ** 2
         return energy
@@ -222,7 +238,7 @@ class Parallel(Law):
     def strain_at(
         self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
-        """Strain at a stress over the whole area, Pa; NaN for a compression of a cable."""
+        """Strain at a stress over the whole area, Pa; NaN for compression in a cable."""
         stress = jnp.asarray(stress)
         strain = inverse(self._bare(), stress, memory)
         if self.spring is not None:
@@ -235,16 +251,20 @@ class Parallel(Law):
         memory: Float[Array, "... n_memory"],
         duration: Float[ArrayLike, ""] = 0.0,
     ) -> Float[Array, "... n_memory"]:
-        """What its laws remember after an increment; in a slack cable nothing yields any more."""
-        own = self._kept(strain, memory)
+        """The memory after an increment; the laws of a slack cable yield no further."""
+        law_strain = self._kept(strain, memory)
         return jnp.concatenate(
-            [law.settle(own, p, duration) for _, law, p in self.each(memory) if p is not None],
+            [
+                law.settle(law_strain, remembered, duration)
+                for _, law, remembered in self.each(memory)
+                if remembered is not None
+            ],
             axis=-1,
         )
 
     def _corners(self, memory):
-        """Corners of all laws at their own strain, on the last axis."""
-        parts = [law.corners(own) for _, law, own in self.each(memory)]
+        """Corners of all laws, as strains of the laws, on the last axis."""
+        parts = [law.corners(remembered) for _, law, remembered in self.each(memory)]
         shape = max((part.shape[:-1] for part in parts), key=len)
         return jnp.concatenate(
             [jnp.broadcast_to(part, (*shape, part.shape[-1])) for part in parts], axis=-1
@@ -253,13 +273,13 @@ class Parallel(Law):
     def corners(
         self, memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "... n_corner"]:
-        """Corners of all laws, on the last axis; of a cable those from slackness on."""
+        """Corners of all laws, on the last axis; for a cable, those where it is not slack."""
         corners = self._corners(memory)
         if self.one_sided:
             slack = self._slackened(corners[..., :1].sum(-1), memory)[..., None]
             slack = jnp.broadcast_to(slack, (*corners.shape[:-1], 1))
-            both = jnp.concatenate([corners, slack], -1)
-            corners = jnp.maximum(both, jnp.broadcast_to(slack, both.shape))
+            candidates = jnp.concatenate([corners, slack], -1)
+            corners = jnp.maximum(candidates, jnp.broadcast_to(slack, candidates.shape))
         return self._with_spring(corners, None if memory is None else memory[..., None, :])
 
     def corner_distance(
@@ -275,23 +295,23 @@ class Parallel(Law):
     def is_slack(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Bool[Array, "*shape"]:
-        """Whether it carries nothing: of a cable as a whole, else because all laws are slack."""
-        own = self._own_strain(strain, memory)
+        """Whether it carries no stress: a cable as a whole, otherwise if all laws are slack."""
+        law_strain = self._own_strain(strain, memory)
         if self.one_sided:
-            return self._slack(own, memory)
-        each = [law.is_slack(own, p) for _, law, p in self.each(memory)]
-        return jnp.all(jnp.stack(jnp.broadcast_arrays(*each)), axis=0)
+            return self._slack(law_strain, memory)
+        slack = [law.is_slack(law_strain, remembered) for _, law, remembered in self.each(memory)]
+        return jnp.all(jnp.stack(jnp.broadcast_arrays(*slack)), axis=0)
 
     # --- the same, changed
 
     def extended(self) -> Parallel:
-        """The law for an iteration."""
+        """The law for an iteration: all laws go on elastically beyond their ends."""
         return copy(self, laws=tuple(law.extended() for law in self.laws))
 
     def tension_only(self) -> Parallel:
-        """The laws as those of a cable: slack where the sum of all would be a compression."""
+        """The law of a cable: slack where the sum of the stresses would be a compression."""
         return copy(self, one_sided=True)
 
     def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Parallel:
-        """All laws together in series with one spring of `compliance`, 1/Pa; for laws that rise."""
+        """The laws in series with one spring of `compliance`, 1/Pa; needs laws that rise."""
         return copy(self, spring=compliance if self.spring is None else self.spring + compliance)

@@ -1,4 +1,4 @@
-"""What the points of a law keep: rules of strain and stress, for known and for traced numbers."""
+"""Rules for the points of a law: its strains and stresses, known numbers and traced ones."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from ..common.types import ArrayLike, Float
 def rules(
     strain: Float[ArrayLike, " n"], stress: Float[ArrayLike, " n"], unloading: str
 ) -> list[Rule]:
-    """Rules of the points [n] each, see `common.rules`; the first broken one says what is wrong."""
-    both = strain, stress
+    """Rules of strains and stresses, [n] each; the first broken rule names what is wrong."""
+    values = strain, stress
     found = [
         Rule("strain", strain, lambda e: abs(e) == np.inf, "must be finite"),
         Rule("strain", strain, lambda e: e[1:] <= e[:-1], _order),
         Rule("strain", strain, lambda e: (e[0] > 0) | (e[-1] <= 0), _reach),
-        Rule("stress", both, _misses_origin, _at_origin),
-        Rule("stress", both, _not_rising, _slope_at_origin),
-        Rule("stress", both, lambda e, s: s * e < 0, _sign),
+        Rule("stress", values, _misses_origin, _at_origin),
+        Rule("stress", values, _not_rising, _slope_at_origin),
+        Rule("stress", values, lambda e, s: s * e < 0, _sign),
     ]
     if unloading == "elastic":
         found += [
-            Rule("stress", both, _convex, lambda index, *_: _concave([index[0] + 1])),
-            Rule("stress", both, _falling, _concave),
-            Rule("stress", both, _unequal, _pair),
+            Rule("stress", values, _convex, lambda index, *_: _concave([index[0] + 1])),
+            Rule("stress", values, _falling, _concave),
+            Rule("stress", values, _unequal, _pair),
         ]
     return found
 
 
 def suspect(strain: Float[np.ndarray, " n"]) -> None:
-    """Warn of strains, [n], that look like percentages."""
+    """Warn if strains, [n], look like percentages."""
     if np.abs(strain).max() > 1:
         k = int(np.abs(strain).argmax())
         text = f"strain[{k}] = {strain[k]:.6g}: more than 1; it is a ratio, not a percentage"
@@ -42,7 +42,7 @@ def suspect(strain: Float[np.ndarray, " n"]) -> None:
 def with_origin(
     e: Float[np.ndarray, " n"], s: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """The points with the origin among them, NumPy: put in if a segment passes it."""
+    """The points in NumPy, with the origin inserted if it lies within a segment."""
     if np.isnan(e).any() or (e == 0).any():
         return e, s
     k = int(np.searchsorted(e, 0.0))
@@ -60,13 +60,14 @@ def _slopes(e, s):
 
 def _stress_at_origin(e, s):
     """Stress of the curve at zero strain."""
-    here = (e[:-1] <= 0) & (e[1:] > 0)
-    return (here * (s[:-1] - e[:-1] * _slopes(e, s))).sum()
+    segment = (e[:-1] <= 0) & (e[1:] > 0)
+    return (segment * (s[:-1] - e[:-1] * _slopes(e, s))).sum()
 
 
 def _misses_origin(e, s):
-    there = (e == 0).any()  # a point that says so must say zero; between two there is rounding
-    return abs(_stress_at_origin(e, s)) > _same(s.dtype) * abs(s).max() * ~there
+    # a point at zero strain must have exactly zero stress; between two points there is rounding
+    stated = (e == 0).any()
+    return abs(_stress_at_origin(e, s)) > _same(s.dtype) * abs(s).max() * ~stated
 
 
 def _at_origin(_, e, s):
@@ -124,10 +125,10 @@ def _unequal(e, s):
     count = len(slopes)
     number = np.arange(count)
     pull, push = (e[1:] <= 0).sum() + number, (e < 0).sum() - 1 - number
-    apart = abs(slopes[pull % count] - slopes[push % count])
-    # slopes of stated points have rounding in them
-    there = (pull < count) & (push >= 0)
-    return there & (apart > 1e3 * _same(s.dtype) * slopes.max())
+    difference = abs(slopes[pull % count] - slopes[push % count])
+    # slopes computed from stated points have rounding errors
+    paired = (pull < count) & (push >= 0)
+    return paired & (difference > 1e3 * _same(s.dtype) * slopes.max())
 
 
 def _pair(index, e, s):

@@ -5,13 +5,14 @@ Written as slopes that change at corners, so that nothing cancels near the origi
     s(e) = E e + sum_k (E_k - E_{k-1}) <e - e_k>,      <x> = x where x >= 0, else 0,
 
 for the tension corners ``e_k > 0``, and mirrored for the compression corners. The elastic-plastic
-form is the parallel model of Besseling (1958) with Masing's rule: corner k is an elastic-perfectly
-plastic part of stiffness ``d_k = E_{k-1} - E_k`` that yields at ``e_k``,
+form is the parallel model of Besseling (1958) with Masing's rule: corner k stands for an elastic-
+perfectly plastic part of stiffness ``d_k = E_{k-1} - E_k`` that yields at ``e_k``,
 
-    s(e) = E_end e + sum_k d_k [e - p_k],     [x] = x kept between its two yield strains,
+    s(e) = E_end e + sum_k d_k [e - p_k],     [x] = x limited to the range of its two yield strains,
 
-with plastic strains ``p_k``. It is the polygon in first loading, unloads with the initial slope,
-and yields backwards after twice the strain. At given ``p_k`` its energy is convex.
+with plastic strains ``p_k``, which are the memory of the law. The model follows the polygon in
+first loading, unloads with the initial slope, and yields in the opposite direction after twice the
+strain. At given ``p_k`` its energy is convex.
 """
 
 from __future__ import annotations
@@ -30,11 +31,12 @@ from .law import Law
 
 @pytree(static=("unloading", "one_sided", "endless", "rising", "n_memory"))
 class Polygonal(Law):
-    """Piecewise linear law through given points; beyond its ends the material has failed: zero.
+    """Piecewise linear law through given points; beyond its ends it has failed, with zero stress.
 
-    The points pass through the origin and go up in strain. Points of negative strain are the
-    compression branch; without them (first point at the origin) the material carries tension only
-    and is slack, not failed, in compression. Stress may rise (hardening) or fall (softening).
+    The curve passes through the origin, and the strain increases from point to point. Points of
+    negative strain are the compression branch; without them (first point at the origin) the
+    material carries tension only and is slack, not failed, in compression. Stress may rise
+    (hardening) or fall (softening).
 
     Args:
         strain, stress: the points, [n] each, n >= 2; stress in Pa.
@@ -42,19 +44,19 @@ class Polygonal(Law):
             with plastic strains that stay. Elastic unloading needs a concave curve (slopes fall
             away from the origin, not below zero); if it has two branches, their slopes must be the
             same, their corners may differ.
-        one_sided: whether compression is left out; set by `tension_only`.
+        one_sided: whether the compression branch is left out; set by `tension_only`.
         endless: whether the law goes on elastically beyond its ends; set by `extended`.
-        rising, n_memory: worked out from the points where these are not traced.
+        rising, n_memory: as in `Law`; computed from the points where these are not traced.
 
     Raises:
         ValueError: wrong shapes, strain not increasing, a curve that misses the origin, a slope at
             the origin that is not positive, elastic unloading of a curve without a parallel model.
-            Values are checked while they are concrete.
+            Traced values are checked in the analysis instead (INVALID_INPUT).
 
     Source: of the elastic-plastic form Besseling (1958), with Masing's rule.
 
     Example:
-        200 GPa to a strain of 0.001, then a tenth of it, tension only:
+        200 GPa up to a strain of 0.001, then 20 GPa, tension only:
 
         >>> law = jc.Polygonal([0.0, 0.001, 0.011], [0.0, 200e6, 400e6])
         >>> print(jnp.round(law.stress_at(jnp.array([0.0005, 0.006, 0.02])) / 1e6, 3))  # MPa
@@ -70,8 +72,8 @@ class Polygonal(Law):
     unloading: str = "reversible"
     one_sided: bool = False
     endless: bool = False
-    rising: bool = None  # type: ignore[assignment]  # put in by the constructor
-    n_memory: int = None  # type: ignore[assignment]  # likewise
+    rising: bool = None  # type: ignore[assignment]  # set by the constructor
+    n_memory: int = None  # type: ignore[assignment]  # set by the constructor
 
     breaks = True
 
@@ -107,7 +109,7 @@ class Polygonal(Law):
             put(self, "n_memory", int(n_corner))
 
     def rules(self) -> list[Rule]:
-        """What its points keep, see `common.rules`."""
+        """The rules of its points, see `common.rules`."""
         return points.rules(self.strain, self.stress, self.unloading)
 
     # --- the numbers of the curve
@@ -132,7 +134,7 @@ class Polygonal(Law):
 
     @property
     def limits(self) -> tuple[Float[ArrayLike, ""], Float[ArrayLike, ""]]:
-        """Strains at which the curve ends; minus infinity on the side of a slack material."""
+        """Strains at which the curve ends; -inf on the compression side of a slack material."""
         return jnp.where(self._two_sided, self.strain[0], -jnp.inf), self.strain[-1]
 
     # --- the law
@@ -155,7 +157,7 @@ class Polygonal(Law):
     def size_at(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None
     ) -> Float[Array, "*shape"]:
-        """Sum of the absolute stresses of the parallel parts, Pa: what rounding is relative to."""
+        """Sum of the absolute stresses of the parallel parts, Pa: rounding is relative to it."""
         if memory is None:
             return jnp.abs(self._curve(strain, None))
         stiffness, end, _, kept = self._yielding(strain, memory)
@@ -164,13 +166,13 @@ class Polygonal(Law):
     def energy_at(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
-        """Energy per volume, J/m3: under the curve, or of the parts at given plastic strains."""
+        """Energy per volume, J/m3: under the curve, or of the parallel parts at a given memory."""
         strain = jnp.asarray(strain)
         inside, over = self._split(strain)
         if memory is None:
-            initial, steps, forward, backward = self._ramps(inside)
+            initial, changes, forward, backward = self._ramps(inside)
             energy = 0.5 * initial * inside**2
-            energy = energy + 0.5 * jnp.sum(steps * (forward**2 - backward**2), axis=-1)
+            energy = energy + 0.5 * jnp.sum(changes * (forward**2 - backward**2), axis=-1)
         else:
             stiffness, end, elastic, kept = self._yielding(inside, memory)
             energy = 0.5 * end * inside**2
@@ -194,7 +196,7 @@ class Polygonal(Law):
         memory: Float[Array, "... n_memory"],
         duration: Float[ArrayLike, ""] = 0.0,
     ) -> Float[Array, "... n_memory"]:
-        """Plastic strains after an increment that ended at `strain`, however long it took."""
+        """Plastic strains after an increment that ended at `strain`, whatever its duration."""
         inside, _ = self._split(jnp.asarray(strain))
         _, _, elastic, kept = self._yielding(inside, memory)
         moved = jnp.isfinite(kept) & (kept != elastic)
@@ -203,7 +205,7 @@ class Polygonal(Law):
     def is_slack(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Bool[Array, "*shape"]:
-        """Whether a material without compression branch has been left by its stress."""
+        """Whether a material without compression branch would be in compression at `strain`."""
         if memory is None:
             return ~self._two_sided & (strain < 0)
         return ~self._two_sided & (self._curve(strain, memory) < 0)
@@ -211,17 +213,18 @@ class Polygonal(Law):
     def corners(
         self, memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "... n_corner"]:
-        """Strains at which the slope jumps, ends of the curve among them, on the last axis."""
+        """Strains at which the slope jumps, including the ends of the curve, on the last axis."""
         if memory is None:
             return jnp.where(self._two_sided, self.strain, jnp.maximum(self.strain, 0.0))
         low, high = self.limits
-        stiffness, pull, push = (_row(v, memory) for v in self._parts())
-        both = jnp.concatenate([memory + pull, memory - push], -1)
-        both = jnp.where(jnp.isfinite(both), both, high)  # never yields that way
-        # no part yields while a material without compression goes slack
+        stiffness, pull, push = (_on_last_axis(v, memory) for v in self._parts())
+        yielding = jnp.concatenate([memory + pull, memory - push], -1)
+        # a part that never yields in a direction has its corner at the end of the curve
+        yielding = jnp.where(jnp.isfinite(yielding), yielding, high)
+        # a material without compression goes slack elastically: no part yields on the way
         slack = jnp.sum(stiffness * memory, axis=-1, keepdims=True) / self.modulus
         ends = [jnp.where(self._two_sided, low, slack), jnp.full_like(slack, high)]
-        return jnp.concatenate([both, *ends], -1)
+        return jnp.concatenate([yielding, *ends], -1)
 
     def corner_distance(
         self, strain: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
@@ -230,7 +233,7 @@ class Polygonal(Law):
         strain = jnp.asarray(strain)
         corners = self.corners(memory)
         if memory is None:
-            corners = _row(corners, strain[..., None])
+            corners = _on_last_axis(corners, strain[..., None])
         return jnp.min(jnp.abs(strain[..., None] - corners), axis=-1)
 
     # --- the same material, changed
@@ -244,70 +247,75 @@ class Polygonal(Law):
         return copy(self, one_sided=True)
 
     def falls(self) -> Float[ArrayLike, " n"] | None:
-        """Its stresses, unless they are known to rise."""
+        """The stresses of the points, or None if they are known to rise."""
         return None if self.rising else self.stress
 
     def softened(self, compliance: Float[ArrayLike, "*shape"]) -> Polygonal:
-        """The law in series with a spring of `compliance`, 1/Pa; for a law that rises."""
+        """The law in series with a spring of `compliance`, 1/Pa; needs a law that rises."""
         return copy(self, strain=self.strain + compliance * self.stress)
 
     # --- its parts
 
     def _split(self, strain):
-        """Strain kept within the ends, and what goes beyond them."""
+        """The strain limited to the ends of the curve, and the part of it beyond them."""
         low, high = self.limits
         inside = jnp.where(strain > high, high, jnp.where(strain < low, low, strain))
         return inside, jnp.where(self.beyond(strain), strain - inside, 0.0)
 
     def _curve(self, strain, memory):
-        """Stress on the curve or of the parallel parts, without ends."""
+        """Stress on the curve or of the parallel parts, without a check of the ends."""
         if memory is not None:
             stiffness, end, _, kept = self._yielding(strain, memory)
             return end * strain + jnp.sum(stiffness * kept, axis=-1)
-        initial, steps, forward, backward = self._ramps(strain)
-        return initial * strain + jnp.sum(steps * (forward - backward), axis=-1)
+        initial, changes, forward, backward = self._ramps(strain)
+        return initial * strain + jnp.sum(changes * (forward - backward), axis=-1)
 
     def _ramps(self, strain):
-        """Initial slope, and at every corner its change and how far the strain is beyond it."""
+        """Initial slope; at every corner the change of slope and the strains beyond it.
+
+        Strains beyond corners in tension and beyond corners in compression are separate arrays.
+        """
         slopes, e = self._slopes, strain[..., None]
-        corners = _row(self.strain[1:-1], e)
+        corners = _on_last_axis(self.strain[1:-1], e)
         forward = jnp.where((corners > 0) & (e >= corners), e - corners, 0.0)
         backward = jnp.where((corners < 0) & (e <= corners) & self._two_sided, e - corners, 0.0)
         behind = jnp.where(self._two_sided, slopes[jnp.sum(self.strain[1:-1] < 0)], 0.0)
         initial = jnp.where(strain >= 0, self.modulus, behind)
-        return initial, _row(jnp.diff(slopes), e), forward, backward
+        return initial, _on_last_axis(jnp.diff(slopes), e), forward, backward
 
     def _parts(self):
         """Stiffness, tension and compression yield strain of the parallel parts, [n_memory] each.
 
-        Counted away from the origin; on a side with fewer corners the last ones never yield.
+        Parts are numbered from the origin outwards; on a side with fewer corners the last parts
+        never yield.
         """
         corners, changes = self.strain[1:-1], jnp.diff(self._slopes)
         n, rank = len(corners), jnp.arange(self.n_memory)
         pulled = jnp.sum(corners <= 0) + rank
         pushed = jnp.sum(corners < 0) - 1 - rank
-        pushed = jnp.where(pushed < 0, n, pushed)  # not there: filled
+        pushed = jnp.where(pushed < 0, n, pushed)  # no such corner: `take` fills
 
         def take(values, index, fill):
             return jnp.take(values, index, mode="fill", fill_value=fill)
 
-        # away from the origin slopes fall: with the strain in tension, against it in compression
+        # Away from the origin slopes fall: the changes are negative in tension, positive in
+        # compression.
         stiffness = jnp.where(pulled < n, -take(changes, pulled, 0.0), take(changes, pushed, 0.0))
         push = jnp.where(self._two_sided, -take(corners, pushed, -jnp.inf), jnp.inf)
         return stiffness, take(corners, pulled, jnp.inf), push
 
     def _yielding(self, strain, memory):
-        """Stiffness of the parts, last slope, elastic strain of parts before and after yield."""
-        stiffness, pull, push = (_row(v, memory) for v in self._parts())
+        """Stiffness of the parts, last slope, strains of the parts before and after yielding."""
+        stiffness, pull, push = (_on_last_axis(v, memory) for v in self._parts())
         elastic = strain[..., None] - memory
-        # at a corner the plastic side: that of loading
+        # at a corner the plastic branch counts, that of loading
         kept = jnp.where(elastic >= pull, pull, jnp.where(elastic <= -push, -push, elastic))
-        # of the side with more corners; on the other the last parts never yield
+        # the last slope of the side with more corners; on the other side the last parts never yield
         corners, slopes = self.strain[1:-1], self._slopes
         last = jnp.where(jnp.sum(corners > 0) >= jnp.sum(corners < 0), slopes[-1], slopes[0])
         return stiffness, last, elastic, kept
 
 
-def _row(values, like):
-    """`values` [n] on the last axis of something like `like`."""
+def _on_last_axis(values, like):
+    """`values` [n], reshaped so that they broadcast along the last axis of `like`."""
     return values.reshape((1,) * (like.ndim - 1) + (-1,))

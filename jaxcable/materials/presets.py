@@ -23,15 +23,17 @@ def steel(
     Args:
         yield_stress: f_y, Pa; 235e6 is S235 up to 40 mm (EN 1993-1-1, table 3.1).
         E: Young's modulus, Pa (EN 1993-1-1, 3.2.6).
-        hardening: slope after yield, relative to E; E/100 (EN 1993-1-5, C.6 c).
-        ultimate_strain: strain at which the fibre counts as failed; 5 % (EN 1993-1-5, C.8).
-        unloading: as in `Polygonal`.
+        hardening: slope after yield, relative to E; default 1/100 (EN 1993-1-5, C.6 c).
+
+    Options:
+        ultimate_strain: strain at which the fibre counts as failed; default 5 % (EN 1993-1-5, C.8).
+        unloading: "elastic" (default) or "reversible", see `Polygonal`.
 
     Returns:
         `Polygonal`.
 
     Raises:
-        ValueError: a number that is not positive, or those of `Polygonal`.
+        ValueError: a number is not positive; those of `Polygonal`.
 
     Example:
         >>> law = jc.materials.steel(355e6)
@@ -60,13 +62,15 @@ def strand(
         strength: f_pk, Pa.
         E: Young's modulus, Pa.
         ultimate_strain: strain at the strength.
-        unloading: as in `Polygonal`.
+
+    Options:
+        unloading: "elastic" (default) or "reversible", see `Polygonal`.
 
     Returns:
         `Polygonal`.
 
     Raises:
-        ValueError: a number that is not positive, or those of `Polygonal`.
+        ValueError: a number is not positive; those of `Polygonal`.
 
     Source: EN 1992-1-1, 3.3.6 (6) for E, (7) with the recommended values: 0.9, and 0.02 for 0.9 of
     the ultimate strain.
@@ -88,19 +92,21 @@ def tension_only(
     *,
     unloading: str = "reversible",
 ) -> Polygonal:
-    """Linear to the strength, then failed; slack in compression.
+    """Linear up to the strength, then failed; slack in compression.
 
     Args:
         E: Young's modulus, Pa.
-        strength: Pa; infinite means: up to a strain of 1.
-        ultimate_strain: if given, the strength is held up to this strain.
-        unloading: as in `Polygonal`.
+        strength: Pa; the line ends at the strength or at a strain of 1, whichever comes first.
+        ultimate_strain: if given, the stress stays at the strength up to this strain.
+
+    Options:
+        unloading: "reversible" (default) or "elastic", see `Polygonal`.
 
     Returns:
         `Polygonal`.
 
     Raises:
-        ValueError: a number that is not positive, or those of `Polygonal`.
+        ValueError: a number is not positive; those of `Polygonal`.
 
     Example:
         >>> law = jc.materials.tension_only(E=165e9, strength=1500e6)

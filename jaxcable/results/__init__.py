@@ -1,4 +1,4 @@
-"""What analyses return, and what can be made of it: section forces, stresses, balance of energy."""
+"""Results of analyses, and quantities derived from them: section forces, stresses, energies."""
 
 from ..analysis.solution import Path, PhaseResult, PhaseResults, Solution, State
 from .energy import EnergyBalance, energy_balance

@@ -1,15 +1,16 @@
-"""Energy balance of an analysis: work of what acts, against what is stored and dissipated.
+"""Energy balance of an analysis: work against stored and dissipated energy.
 
-Everything that the phases do to a structure does work on it,
+Loads, supports, prestress and temperature do work on a structure:
 
     work of dead and following loads, of moved and released supports, of prestress and temperature
         = change of stored energy + dissipated energy + imbalance.
 
 The left side comes from forces and displacements at the ends of the increments, by the trapezoidal
-rule; the energies are those of the elements, written apart from their forces. In equilibrium all
-along, the imbalance is the error of that rule, of second order in the increment. One that does not
-fall so says that forces, loads and energies do not belong together, or that a state jumped: that a
-phase began out of balance, or the structure snapped between two increments.
+rule. The energies are those of the elements, by formulas that do not use their forces. If the
+structure is in equilibrium all along, the imbalance is the error of the trapezoidal rule, of second
+order in the increment. An imbalance that does not fall in this way shows that forces, loads and
+energies do not fit together, or that the state has jumped: a phase began out of balance, or the
+structure snapped between two increments.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ from ..model.topology import require_same
 from .works import marks, works
 
 WORKS = ("dead", "following", "supports", "prestress")
-"""Names of what does work."""
+"""Names of the fields with work."""
 
-_ROUNDING = 1e-9  # of the stored energy: a phase that does less has done nothing
+_ROUNDING = 1e-9  # of the stored energy: work below this counts as rounding
 
 
 @pytree
@@ -42,22 +43,22 @@ class EnergyBalance:
     """Work and energy in each phase of an analysis, J; `energy_balance` makes it.
 
     Attributes:
-        dead: work of dead loads, on nodes and on what they deflect within elements, or slides with
-            ropes, [n_phase].
-        following: work of loads that follow, [n_phase].
+        dead: work of dead loads, on the displacements of nodes, on deflections within elements, and
+            on the sliding of ropes, [n_phase].
+        following: work of following loads, [n_phase].
         supports: work of supports that are moved, and of reactions that are ramped out where
             freedoms are released, [n_phase].
-        prestress: work of jacks and turnbuckles, of heat, and of whatever else changes unstressed
-            lengths, on what is between the ends of the elements, [n_phase].
-        stored: change of the stored energy, [n_phase]. The potential of weight is none of it: what
-            a load does is work.
-        dissipated: by laws with a memory, [n_phase].
-        level: stored energy at the end of each phase, or where it stopped, [n_phase].
+        prestress: work of jacks and turnbuckles, of heat, and of all other changes of unstressed
+            lengths, on the elements, [n_phase].
+        stored: change of the stored energy of the elements, [n_phase]. It does not include the
+            potential of weight, which counts as work.
+        dissipated: energy dissipated by laws with memory, [n_phase].
+        level: stored energy at the end of each phase, or where the phase failed, [n_phase].
         increments: the imbalance of every increment, a tuple of [n_inc].
 
     Example:
-        600 N hung on a cable of 5 m and 100 kN, whose force is linear in the displacement, so that
-        one step of the trapezoidal rule is right:
+        600 N on a cable of 5 m and EA = 100 kN, whose force is linear in the displacement, so that
+        the trapezoidal rule is exact with a single increment:
 
         >>> cable = jc.Cables([[0, 1]], axial_stiffness=1e5)
         >>> held = np.array([[True, True, True], [True, True, False]])
@@ -80,7 +81,7 @@ class EnergyBalance:
 
     @property
     def work(self) -> Float[np.ndarray, " n_phase"]:
-        """Work of all that acts, [n_phase], J."""
+        """Total work, [n_phase], J."""
         return sum(getattr(self, name) for name in WORKS)
 
     @property
@@ -90,9 +91,9 @@ class EnergyBalance:
 
     @property
     def relative(self) -> Float[np.ndarray, " n_phase"]:
-        """The imbalance over the largest of all terms of its phase, [n_phase], without sign.
+        """Absolute imbalance, divided by the largest of all terms of the phase, [n_phase].
 
-        Over 1e-9 of the stored energy in a phase that does less: then all of it is rounding.
+        It is divided by at least 1e-9 of the stored energy: smaller terms are rounding.
         """
         terms = [*(getattr(self, name) for name in WORKS), self.stored, self.dissipated]
         largest = np.max(np.abs([*terms, _ROUNDING * self.level]), axis=0)
@@ -107,24 +108,24 @@ def energy_balance(
 ) -> EnergyBalance:
     """Work of loads, supports and prestress against stored and dissipated energy.
 
-    It reads the increments of the solution and solves nothing. Where a phase failed, its increments
-    up to there count, and later phases have none.
+    The balance is computed from the increments of the solution, without another analysis. If a
+    phase failed, it has the increments before the failure, and later phases have zero terms.
 
     Args:
         structure: `Structure` that was analysed.
-        phases: its phases, as given to `solve`.
+        phases: phases of the analysis, as given to `solve`.
         solution: the `Solution`.
-        start: what the analysis was started from, as given to `solve`.
+        start: solution or state that the analysis was started from, as given to `solve`.
 
     Returns:
-        `EnergyBalance`, NumPy, outside of all transformations.
+        `EnergyBalance`, NumPy; not for use in transformations.
 
     Raises:
         ValueError: `solution` is a batch or being traced, has another number of phases, or does not
-            end where these phases do (was it started from another one?); those of `solve`.
+            end where these phases end (as if `start` were missing); those of `solve`.
 
     Example:
-        Two hundred newtons of pretension in all cables of a net, and 15 N on its four nodes:
+        200 N of pretension in all cables of a net, then 15 N on each of its four free nodes:
 
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> balance = jc.energy_balance(structure, phases, jc.solve(structure, phases))
@@ -136,7 +137,7 @@ def energy_balance(
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)  # the analysis has said so
+        warnings.simplefilter("ignore", InputWarning)  # the analysis has issued them already
         task = prepare(structure, phases, None, start)
     counts = task.thawed[3].increments
     if len(counts) != len(solution.phases):
@@ -145,17 +146,17 @@ def energy_balance(
     for k, (count, path) in enumerate(zip(counts, paths, strict=True)):
         if count != len(path.status):
             raise ValueError(f"phases[{k}]: {count} increments, in the solution {len(path.status)}")
-    points = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
-    core = task.thawed, task.arrays, points, task.bundles
-    rows, end = jax.tree.map(np.asarray, works(*core, size=task.n_free))
-    for own, their in zip(end, marks(solution.last.carry), strict=True):
-        apart = np.abs(own - np.asarray(their)).max()
-        if apart > np.sqrt(np.finfo(own.dtype).eps) * np.abs(own).max():
+    records = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
+    arguments = task.thawed, task.arrays, records, task.bundles
+    phase_terms, end = jax.tree.map(np.asarray, works(*arguments, size=task.n_free))
+    for computed, given in zip(end, marks(solution.last.carry), strict=True):
+        difference = np.abs(computed - np.asarray(given)).max()
+        if difference > np.sqrt(np.finfo(computed.dtype).eps) * np.abs(computed).max():
             raise ValueError(
                 "solution: is not that of these phases; of one that was started from another give "
                 "that as start"
             )
-    sums = np.array([[*terms.sum(axis=1), level] for terms, level in rows]).T
+    sums = np.array([[*terms.sum(axis=1), level] for terms, level in phase_terms]).T
     n = len(WORKS)
-    increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in rows)
-    return EnergyBalance(*sums, increments)  # type: ignore[call-arg]  # sums are seven
+    increments = tuple(terms[:n].sum(axis=0) - terms[n:].sum(axis=0) for terms, _ in phase_terms)
+    return EnergyBalance(*sums, increments)  # type: ignore[call-arg]  # `sums` has seven entries

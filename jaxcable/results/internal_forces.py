@@ -21,9 +21,9 @@ def section_forces(
 ) -> PyTree[Float[Array, "n_elem n 6"]]:
     """Section forces ``N, Vy, Vz, T, My, Mz`` of beams at any place along them.
 
-    From equilibrium of the piece of the element before the place, in its deflected shape: with the
-    loads along the element that act, whatever the laws of its fibres. They are what the part beyond
-    the place does to the part before it, along the axes of the section there::
+    They follow from equilibrium of the piece of the element before the place, in its deflected
+    shape and under the loads along the element, whatever the laws of its fibres. They act from the
+    part beyond the place on the part before it, along the axes of the section there::
 
              z                         N   along x, the axis: tension is positive
              |                         Vy, Vz  along y and z
@@ -40,19 +40,19 @@ def section_forces(
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is meant) or `State`.
-        places: parts of the unstressed length from the first node, [n], from 0 to 1; or n, for as
-            many places evenly from end to end.
+        state: `Solution` (its last converged state is used) or `State`.
+        places: distances from the first node, [n], as fractions of the unstressed length from 0 to
+            1; or an integer n for n places evenly from end to end.
 
     Returns:
-        In the shape of `elements`, each [n_elem, n, 6], N and N m; None for other groups than
-        beams.
+        Pytree like the structure's `elements`, each [n_elem, n, 6], N and N m; None for groups that
+        are no beams.
 
     Raises:
         ValueError: not a state, places outside of 0 to 1, or no beams in the structure.
 
     Example:
-        A beam of 6 m on two supports under 1 kN/m, in one element:
+        A beam of 6 m on two supports under 1 kN/m, a single element:
 
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
         >>> beam = jc.Beams([[0, 1]], section=section)
@@ -80,16 +80,17 @@ def section_forces(
 
 @jax.jit
 def _forces(thawed, arrays, freedoms, places):
+    """Section forces [n_elem, n_place, 6] of each group of beams; None for other groups."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     places = places.astype(nodes.dtype)
 
     def along(group, state):
-        def one(properties, state, ends, motion):
+        def of_element(properties, state, ends, motion):
             return element(group, properties).section_forces(state, ends, motion, places)
 
         ends, motion = nodes[group.links], carry.motion[group.links]
-        return jax.vmap(one)(group.properties(), state, ends, motion)
+        return jax.vmap(of_element)(group.properties(), state, ends, motion)
 
     pairs = zip(groups, system.states, strict=True)
     return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]

@@ -1,4 +1,4 @@
-"""Stresses of the fibres along the path of a phase, from the strains that it recorded."""
+"""Stresses of the fibres along the path of a phase, from the recorded strains."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ def fibre_stress(
 
     Args:
         structure: the `Structure` that was analysed.
-        phase: one of its `solution.phases`.
+        phase: results of a phase, one of ``solution.phases``.
 
     Returns:
-        In the shape of `elements`, Pa, NaN from a failure on: for bars and cables with a section
-        [n_inc, n_elem, n_fibre], with one law [n_inc, n_elem]; for beams
+        Pytree like the structure's `elements`, Pa, NaN from a failure on: for bars and cables with
+        a section [n_inc, n_elem, n_fibre], with one law [n_inc, n_elem]; for beams
         [n_inc, n_elem, n_point, n_fibre], the fibres in the order of the section's `y` and `z`;
-        None for a group with a mere stiffness.
+        None for a group that has an axial stiffness instead of a section or law.
 
     Raises:
-        ValueError: `phase` is none of the results of a phase.
+        ValueError: `phase` is not the results of a phase.
 
-    Differentiable if the analysis was told to `differentiate_path`, else its derivative is NaN. A
-    law that remembers is followed from the memory that the phase began with.
+    Differentiable if the analysis was run with `differentiate_path`, else its derivative is NaN.
+    Laws with memory are followed through the increments, from the memory at the beginning of the
+    phase.
 
     Example:
         500 N in cables of 1 cm2:
@@ -51,14 +52,14 @@ def fibre_stress(
     for group, strain, tension, memory in zip(structure.groups, *records, strict=True):
         if strain is not None:
             stresses.append(_follow(group, strain, memory))
-        else:  # a linear law keeps no record: it needs none
+        else:  # no strains are recorded for a linear law: its stress follows from the tension
             area = group.area
             stresses.append(None if area is None else tension / area[None, :])
     return structure.arrange(stresses)
 
 
 def _leaves(structure, tree):
-    """A result in the shape of `elements` as a list with an item per group."""
+    """A pytree like `elements` as a list with an item for each group."""
     if tree is None:
         return [None] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
@@ -72,18 +73,18 @@ def _leaves(structure, tree):
 
 
 def _follow(group, strain, memory):
-    """Stress [n_inc, n_elem, ...] of a group from its strains and its memory at first."""
+    """Stress [n_inc, n_elem, ...] of a group from its strains and its initial memory."""
 
     def of_all(method, strain, memory):
-        def one(properties, strain, memory):
+        def of_element(properties, strain, memory):
             return getattr(element(group, properties), method)(strain, memory)
 
-        return jax.vmap(one)(group.properties(), strain, memory)
+        return jax.vmap(of_element)(group.properties(), strain, memory)
 
     if memory is None:
         return jax.vmap(lambda e: of_all("fibre_stress", e, None))(strain)
 
-    def step(memory, e):
+    def increment(memory, e):
         return of_all("settle", e, memory), of_all("fibre_stress", e, memory)
 
-    return jax.lax.scan(step, memory, strain)[1]
+    return jax.lax.scan(increment, memory, strain)[1]

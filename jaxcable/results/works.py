@@ -1,7 +1,7 @@
-"""What each increment of an analysis does: work of all that acts, stored and dissipated energy.
+"""Work, stored energy and dissipated energy in each increment of an analysis.
 
-From forces and displacements at both ends of an increment, by the trapezoidal rule; energies are
-those of the elements.
+Work is computed from forces and displacements at both ends of an increment, by the trapezoidal
+rule; energies are those of the elements.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from ..mechanics.elementwise import each
 from ..mechanics.ramp import Carry, Ramp, knowing
 from ..spaces import space_of
 
-_FIRST = 1e-6  # part of the first increment's load that stands for none: it has a direction
+_FIRST = 1e-6  # of the first increment's load: stands for no load, and has a direction
 
 _Along: TypeAlias = (
     "tuple[Float[Array, 'n_elem 3'] | None, dict[str, list[Float[Array, ' n_elem']]] | None]"
 )
-"""Loads along the elements of a group: dead ones, and pressures by the length that they are per."""
+"""Loads along the elements of a group: dead loads, and pressures by the length they are per."""
 
 
 @functools.partial(program, static=("bundles",))
@@ -38,39 +38,40 @@ def works(thawed, arrays, paths, bundles):
 
     Args:
         thawed, arrays: structure and phases, as `preparation.prepare` gives them.
-        paths: by phase its codes, [n_inc], and displacements, or motions in a structure with beams.
+        paths: for each phase the codes of its increments, [n_inc], and their displacements, or
+            their motions in a structure with beams.
         bundles: as `preparation.prepare` gives them.
 
     Returns:
-        rows: by phase the terms of its increments, [6, n_inc], J: work of dead loads, of following
-            ones, of supports, of prestress, change of stored energy, dissipated energy; and the
-            stored energy at its end.
-        end: `marks` of the end.
+        phase_terms: for each phase the terms of its increments, [6, n_inc], J: work of dead loads,
+            of following loads, of supports, of prestress, change of stored energy, dissipated
+            energy; and the stored energy at the end of the phase.
+        end: `marks` of the end of the analysis.
     """
     nodes, groups, carry, schedule = ready(fill(thawed, arrays), bundles)
 
-    def seen(carry):
+    def marks_of(carry):
         return marks(copy(carry, states=bundles.apart(carry.states)))
 
-    rows, end, loads = [], seen(carry), carry.loads
+    phase_terms, end, loads = [], marks_of(carry), carry.loads
     for k, (codes, path) in enumerate(paths):
         before = knowing(copy(carry, loads=loads), k)
         ramp = Ramp.build(nodes, groups, before, schedule.phase(k))
         terms, level, carry = _phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
-        end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), seen(carry), end)
-        rows.append((terms, level))
-    return rows, end
+        end = jax.tree.map(lambda a, b, ok=reached: jnp.where(ok, a, b), marks_of(carry), end)
+        phase_terms.append((terms, level))
+    return phase_terms, end
 
 
 def marks(carry: Carry) -> list[Array]:
-    """What tells one end of an analysis from another."""
+    """Arrays that identify the end of an analysis: motion, nodal load, unstressed lengths."""
     lengths = [state.rest_length for state in carry.states]
     return jax.tree.leaves((carry.motion, carry.nodal_load, lengths))
 
 
 def _phase(ramp, codes, path):
-    """Terms of the increments of a phase, [6, n_inc], its level, and the `Carry` that it leaves."""
+    """Terms of the increments of a phase, [6, n_inc], stored energy at its end, and its `Carry`."""
     begin, n_inc, space = ramp.begin.motion, len(codes), space_of(ramp.groups)
     good, n_good = codes == status.OK, jnp.sum(codes == status.OK)
     path = path if space.kept(path) is not None else begin[None] + path
@@ -78,7 +79,7 @@ def _phase(ramp, codes, path):
     motions = jnp.concatenate([begin[None], path])
     factors = jnp.arange(n_inc + 1, dtype=begin.dtype) / n_inc
     memories = None if ramp.memory is None else _memories(ramp, factors, motions)
-    points = lax.map(lambda own: _point(ramp, n_inc, *own), (factors, motions, memories))
+    points = lax.map(lambda point: _point(ramp, n_inc, *point), (factors, motions, memories))
     old, new = (jax.tree.map(lambda x, s=s: x[s], points) for s in (np.s_[:-1], np.s_[1:]))
     moved = jax.vmap(space.between)(old.motion, new.motion)
 
@@ -105,36 +106,38 @@ def _phase(ramp, codes, path):
 
 
 def _memories(ramp, factors, motions):
-    """Memory at all points of a phase."""
+    """Memory at the beginning of a phase and at the end of every increment."""
 
-    def step(memory, point):
-        factor, motion = point
+    def follow(memory, increment):
+        factor, motion = increment
         system = ramp.at(factor, memory)
         memory = system.settle(system.strains(motion))
         return memory, memory
 
-    _, later = lax.scan(step, ramp.memory, (factors[1:], motions[1:]))
+    _, later = lax.scan(follow, ramp.memory, (factors[1:], motions[1:]))
     return jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), ramp.memory, later)
 
 
 @pytree
 class _Point:
-    """Forces and energies at a point of a phase.
+    """Forces and energies at one load factor of a phase.
 
-    The energy E of an element has the potential of the loads q along it in it, as far as these act
-    beyond its ends (`elements`). Its own is ``U = E - q dE/dq``, and
-    ``dU = dE/dm dm + dE/ds ds - q d(dE/dq)``: the work of its ends, of what changes its unstressed
-    length s, and of these loads. A load q is that on the whole element, which no change of s
-    changes; a pressure is one.
+    The energy E of an element includes the potential of the loads q along it, as far as they work
+    on deflections between its ends (`elements`). Its stored energy is ``U = E - q dE/dq``, and
+    ``dU = dE/dm dm + dE/ds ds - q d(dE/dq)`` is the sum of the work at its ends, the work of
+    changes of its unstressed length s, and the work of the loads q. Here q is the load on the whole
+    element, which does not depend on s; a pressure is a q as it is.
 
     Attributes:
         motion: of all rows.
         load: dead loads on every row, without reactions that are ramped out, N and N m.
-        following: loads that follow, or None. supports: forces of supports that move, and of those
-            that are ramped out, or None.
-        states: of the elements, with jacks anchored here: a jack reels unstressed length in.
-        alongs: loads along the elements of each group, (dead or None, pressures or None), or None.
-        slopes: dE/dq, as these.
+        following: following loads, or None.
+        supports: forces of supports that move, and reactions that are ramped out, or None.
+        states: of the elements, with jacks anchored at this load factor: a jack takes unstressed
+            length in.
+        alongs: loads q along the elements of each group, (dead or None, pressures or None), or
+            None.
+        slopes: dE/dq, in the same form as `alongs`.
         energies: E of each group, J.
     """
 
@@ -149,7 +152,7 @@ class _Point:
 
     @property
     def level(self):
-        """Stored energy U of all elements, at every point, J."""
+        """Stored energy U of all elements, J; of stacked points, for each of them."""
         total = sum(self.energies)
         for along, slopes in zip(self.alongs, self.slopes, strict=True):
             if along is not None:
@@ -168,50 +171,51 @@ def _point(ramp, n_inc, factor, motion, memory):
         supports = system.reactions(motion) + (0.0 if supports is None else supports)
     if system.followers is not None:
         following = system.space.padded(system.following(system.nodes + motion[:, :3]))
-    # what has no load at first has the shape of its first small part
+    # the shape of an element without load is that under a small part of its first load
     first = ramp.at(jnp.where(factor > 0, factor, _FIRST / n_inc), memory).states
-    own = [[], [], [], []]
-    for group, state, soon in zip(system.groups, system.states, first, strict=True):
+    lists = [[], [], [], []]
+    for group, state, first_state in zip(system.groups, system.states, first, strict=True):
         if state.jack_force is not None:
             state = each("lock", group, state, system.nodes, motion)
         along, slopes = _along(state), None
         if along is None:
             energy = _energy(group, state, system.nodes, motion)
         else:
-            along = jax.tree.map(lambda a, b: jnp.where(_none(a), b, a), along, _along(soon))
+            along = jax.tree.map(lambda a, b: jnp.where(_none(a), b, a), along, _along(first_state))
             energy, slopes = jax.value_and_grad(
                 lambda q, group=group, state=state: _energy(
                     group, _under(state, q), system.nodes, motion
                 )
             )(along)
-            # an element without load need not have a shape
+            # an element that is never loaded may have no shape, and then no finite slope
             slopes = jax.tree.map(lambda q, s: jnp.where(_none(q), 0.0, s), along, slopes)
             state = _under(state, along)
-        for items, item in zip(own, (state, along, slopes, energy), strict=True):
+        for items, item in zip(lists, (state, along, slopes, energy), strict=True):
             items.append(item)
-    return _Point(motion, load, following, supports, *own)
+    return _Point(motion, load, following, supports, *lists)
 
 
 def _energy(group, state, nodes, motion):
-    """E of a group, J."""
+    """Energy E of a group, J, see `_Point`."""
     return jnp.sum(each("energy", group, state, nodes, motion))
 
 
 def _works_within(old, new):
-    """Work of dead loads, and of pressures, on what they deflect within elements, 2 x [n_inc]."""
+    """Work of dead loads and of pressures on deflections within elements, [n_inc] each."""
     works = [0.0, 0.0]
     for before, after, *slopes in zip(old.alongs, new.alongs, old.slopes, new.slopes, strict=True):
         if after is not None:
             change = jax.tree.map(lambda a, b: b - a, *slopes)
             mean = jax.tree.map(lambda a, b: 0.5 * (a + b), before, after)
-            works = [w - own for w, own in zip(works, _products(mean, change), strict=True)]
+            works = [w - part for w, part in zip(works, _products(mean, change), strict=True)]
     return works
 
 
 def _exchanged(ramp, points):
-    """Work of what changes unstressed lengths, and what laws with memory dissipate, 2 x [n_inc].
+    """Work of changes of unstressed lengths, and energy dissipated by laws, [n_inc] each.
 
-    The force is the derivative of E at the memory before the increment.
+    The force that works on a change of length is the derivative of E at the memory before the
+    increment.
     """
     n = len(points.motion) - 1
     old, new = np.arange(n), np.arange(1, n + 1)
@@ -220,74 +224,86 @@ def _exchanged(ramp, points):
         changes = ramp.end_states[k] is not None or ramp.jacks[k] is not None
         if not (changes or group.remembers):
             continue
-        # energies with unstressed lengths, at motions, and with the memory of these points
-        pairs = [(new, old, old), (old, new, old)] if changes else []
-        pairs += [(new, new, old)] if group.remembers else []
-        mixed = _mixed(ramp, points, k, *(np.concatenate(own) for own in zip(*pairs, strict=True)))
-        own = points.energies[k]
-        last = mixed[-n:] if group.remembers else own[1:]
+        # energies with unstressed lengths, motions and memory from before or after an increment
+        sources = [(new, old, old), (old, new, old)] if changes else []
+        sources += [(new, new, old)] if group.remembers else []
+        indices = (np.concatenate(source) for source in zip(*sources, strict=True))
+        mixed = _mixed(ramp, points, k, *indices)
+        energies = points.energies[k]
+        last = mixed[-n:] if group.remembers else energies[1:]
         if changes:
-            prestress = prestress + 0.5 * (mixed[:n] - own[:-1] + last - mixed[n : 2 * n])
+            prestress = prestress + 0.5 * (mixed[:n] - energies[:-1] + last - mixed[n : 2 * n])
         if group.remembers:
-            dissipated = dissipated + last - own[1:]
+            dissipated = dissipated + last - energies[1:]
     return prestress, dissipated
 
 
 def _mixed(ramp, points, k, lengths, at, memory):
-    """E of a group at points `at`, with unstressed lengths and memory of others, J."""
+    """E of a group with the unstressed lengths, motions and memory of given points, J.
+
+    Args:
+        ramp: the phase.
+        points: stacked `_Point`.
+        k: number of the group.
+        lengths, at, memory: indices of the points from which to take unstressed lengths, motions
+            and loads, and memory, [n] each.
+    """
     states, along = points.states[k], points.alongs[k]
 
-    def one(numbers):
-        length, place, strains = numbers
-        state, load = _at(states, length), _at(along, place)
-        state = copy(state, memory=_at(states.memory, strains))
+    def of_increment(indices):
+        from_length, from_motion, from_memory = indices
+        state, load = _at(states, from_length), _at(along, from_motion)
+        state = copy(state, memory=_at(states.memory, from_memory))
         state = state if load is None else _under(state, load)
-        return _energy(ramp.groups[k], state, ramp.nodes, points.motion[place])
+        return _energy(ramp.groups[k], state, ramp.nodes, points.motion[from_motion])
 
-    return lax.map(one, tuple(map(jnp.asarray, (lengths, at, memory))))
+    return lax.map(of_increment, tuple(map(jnp.asarray, (lengths, at, memory))))
 
 
 def _at(tree, k):
-    """One of the points that all arrays of a tree have."""
+    """Entry k of all arrays of a tree."""
     return jax.tree.map(lambda x: x[k], tree)
 
 
 def _along(state):
-    """Loads along the elements of a group, (dead or None, pressures or None); None without any."""
+    """Loads along the elements of a group, (dead or None, pressures or None); None if none act."""
     line, pressed = state.line_load, state.pressed
     if line is None and pressed is None:
         return None
     if line is not None:
         line = line * state.rest_length[:, None]
     if pressed is not None:
-        pressed = {per: [pressure for pressure, _ in own] for per, own in pressed.items()}
+        pressed = {
+            per: [pressure for pressure, _ in pressures] for per, pressures in pressed.items()
+        }
     return line, pressed
 
 
 def _under(state, along):
-    """The state with other loads along the elements."""
+    """The state with the loads `along` the elements."""
     line, pressed = along
     if line is not None:
         line = line / state.rest_length[:, None]
     if pressed is not None:
         pressed = {
-            per: [(new, axis) for new, (_, axis) in zip(own, state.pressed[per], strict=True)]
-            for per, own in pressed.items()
+            per: [(new, axis) for new, (_, axis) in zip(pressures, state.pressed[per], strict=True)]
+            for per, pressures in pressed.items()
         }
     return copy(state, line_load=line, pressed=pressed)
 
 
 def _none(load):
-    """Whether an element has no load, in a shape that broadcasts against it."""
+    """Whether an element has no load, in a shape that broadcasts against `load`."""
     return load == 0 if load.ndim == 1 else jnp.all(load == 0, axis=-1, keepdims=True)
 
 
 def _products(loads, slopes):
-    """Sums of the products at every point, of the two kinds of load apart, [2][n_point]."""
+    """Sums of load times slope at every point, a list for the two kinds of load, [n_point] each."""
 
     def product(load, slope):
         return jnp.sum(load * slope, axis=tuple(range(1, load.ndim)))
 
     return [
-        sum(jax.tree.leaves(jax.tree.map(product, *own))) for own in zip(loads, slopes, strict=True)
+        sum(jax.tree.leaves(jax.tree.map(product, *pair)))
+        for pair in zip(loads, slopes, strict=True)
     ]

@@ -13,7 +13,7 @@ from ..model.supports import Supports
 from .nets import Scene
 
 LENGTH = 15.0  # m, unstressed
-SPAN = 14.90  # m, identified, see `accuracy_cable`
+SPAN = 14.90  # m, identified from published displacements, see `accuracy_cable`
 
 
 def accuracy_cable(
@@ -24,20 +24,23 @@ def accuracy_cable(
 ) -> Scene:
     """Cable between two level supports, four equal loads at its fifth points.
 
-    A 500 mm2, E 105 kN/mm2, unstressed length 15 m. The span stood in a figure; of all level spans
-    only 14.90 m reproduces the published vertical displacements. It starts from the inextensible
-    polygon of the loads (its elements unstressed), in the x-z plane, held out of plane.
+    A 500 mm2, E 105 kN/mm2, unstressed length 15 m. The published span is in a figure that the text
+    does not quote; of all level spans only 14.90 m reproduces the published vertical displacements.
+    The analysis starts from the inextensible polygon of the loads, with unstressed elements, in the
+    x-z plane. All nodes are held out of plane.
 
     Args:
-        n_elements: 5, or 10 (each halved, the loads on every second node).
+        n_elements: 5, or 10 (each element halved, with loads on every second node).
         loads: force on each loaded node that phase 1 and phase 2 add, N.
-        increments: of the two phases.
+
+    Options:
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene`.
 
     Raises:
-        ValueError: another number of elements.
+        ValueError: `n_elements` is neither 5 nor 10.
 
     Source: Mihanovic, Trogrlic, Zivaljic (2011), section 4 (Millar and Barghian's cable).
 
@@ -78,7 +81,7 @@ def inextensible_polygon(
 ) -> Float[np.ndarray, "n_links+1 3"]:
     """Corners [n_links + 1, 3] of `n_links` equal links under equal loads at the inner corners.
 
-    All links carry the same horizontal force H; link k stands at ``tan = V_k / H`` with
+    All links carry the same horizontal force H. The slope of link k is ``V_k / H`` with
     ``V_k = P ((n - 1)/2 - k)``; the ratio P/H follows from the span.
     """
     shear = (n_links - 1) / 2 - np.arange(n_links)

@@ -1,4 +1,4 @@
-"""Single cables: the isolated cable of the literature, a cable hung by a stated sag."""
+"""Single cables: the isolated cable of the literature, and a cable with a stated sag."""
 
 from __future__ import annotations
 
@@ -24,14 +24,17 @@ def isolated_cable(
 ) -> Scene:
     """Cable between supports 1000 ft apart with a point load at 400 ft; EA/N up to 800.
 
-    Area 0.85 in2, 19 000 ksi, 3.16 lb/ft, unstressed lengths 412.8837 ft and 613.0422 ft on both
-    sides of the load. Phase 1 is self-weight; phase 2 puts 8 kip on, which moves the point by
-    18.456746888 ft down and 2.819439381 ft along (computed with exact catenaries).
+    Area 0.85 in2, E 19 000 ksi, weight 3.16 lb/ft, unstressed lengths 412.8837 ft and 613.0422 ft
+    on the two sides of the load. Phase 1 adds self-weight; phase 2 adds 8 kip, which moves the
+    loaded node by 18.456746888 ft down and 2.819439381 ft along the span (computed with exact
+    catenaries).
 
     Args:
-        n: straight elements a span, or 0 for one catenary a span.
+        n: number of straight elements on each side of the load, or 0 for one catenary a side.
         load: downward, N.
-        increments: of the two phases.
+
+    Options:
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene`; the loaded node is number n, or 1 of the catenaries.
@@ -56,8 +59,8 @@ def isolated_cable(
     if n == 0:
         nodes, group = corners, Catenaries([[0, 1], [1, 2]], rest_length=lengths, **shared)
     else:
-        place = np.arange(2 * n + 1) / n
-        nodes = np.column_stack([np.interp(place, [0, 1, 2], x) for x in corners.T])
+        parameter = np.arange(2 * n + 1) / n
+        nodes = np.column_stack([np.interp(parameter, [0, 1, 2], x) for x in corners.T])
         group = Cables(_chain(2 * n), rest_length=np.repeat(lengths / n, n), **shared)
     structure = Structure(nodes, group, pinned([0, len(nodes) - 1]))
     return Scene(
@@ -80,27 +83,27 @@ def suspended_cable(
     ice: float = 20.0,
     increments: tuple[int, int] = (1, 2),
 ) -> Scene:
-    """Cable between two points at different heights that hangs by a stated sag, then iced.
+    """Cable between two points at different heights with a stated sag, then loaded by ice.
 
-    Phase 1 is self-weight with the unstressed length that gives the sag; phase 2 adds ice as a line
-    load per unstressed length.
+    Phase 1 adds self-weight, with the unstressed length that gives the sag; phase 2 adds ice as a
+    line load per unstressed length. The scene is not taken from a publication.
 
     Args:
-        span, rise: of the second support from the first, m.
-        sag: of the middle of the cable below the middle of its chord under self-weight, m.
-        n: straight elements (a chain, in equilibrium as it starts), or 0 for one catenary.
+        span, rise: horizontal and vertical distance of the second support from the first, m.
+
+    Options:
+        sag: depth of the middle of the cable below its chord under self-weight, m.
+        n: number of straight elements, a chain that starts in equilibrium, or 0 for one catenary.
         axial_stiffness: EA, N.
         weight, ice: N/m.
-        increments: of the two phases.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene`.
 
-    A scene of our own.
-
     Example:
         >>> structure, phases = jc.scenes.suspended_cable(span=120.0, rise=0.0, sag=9.0, n=20)
-        >>> print(f"{structure.nodes[10, 2]:.6f} m")  # the middle, as it starts: in equilibrium
+        >>> print(f"{structure.nodes[10, 2]:.6f} m")  # the middle of the chain as it starts
         -9.000000 m
     """
     ends = np.array([[0.0, 0.0, 0.0], [span, 0.0, rise]])
@@ -119,4 +122,5 @@ def suspended_cable(
 
 
 def _chain(n):
+    """Links of a chain of n elements, [n, 2]."""
     return np.column_stack([np.arange(n), np.arange(1, n + 1)])

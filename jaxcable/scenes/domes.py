@@ -1,4 +1,4 @@
-"""Cable domes of Geiger's and Levy's kind: struts that stand on hoops, in a net of cables."""
+"""Cable domes of Geiger's and Levy's kind: vertical struts in a net of cables, with hoops."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class DomeParts(NamedTuple):
     """Geometry and topology of a dome before it has stiffness.
 
     Attributes:
-        nodes: hub top and bottom, then ring by ring from the inside the tops and the bottoms of its
-            struts, last the anchors, [n_node, 3], m.
+        nodes: top and bottom of the hub; then, for each ring from the inside, the tops of its
+            struts and their bottoms; finally the anchors, [n_node, 3], m.
         links: by kind, "ridges", "diagonals", "hoops", "struts", each [n_elem, 2].
-        groups: number of the group of equal tension, likewise, each [n_elem].
-        tops: the hub's top and the top nodes of the rings, [1 + n_ring sectors].
-        areas: roof area in plan that hangs on each of them, m2.
+        groups: by kind, the number of the group of equal tension of every element, each [n_elem].
+        tops: numbers of the hub's top and of the top nodes of the rings, [1 + n_ring sectors].
+        areas: roof area in plan carried by each of these nodes, m2.
     """
 
     nodes: Float[np.ndarray, "n_node 3"]
@@ -51,42 +51,44 @@ def geiger_dome(
     """Cable dome after Geiger: radial ridge and diagonal cables, hoops, struts, in vertical planes.
 
     The top nodes lie on a sphere through the anchors. From the foot of every strut a diagonal runs
-    to the top of the next one outside, or to an anchor; feet of a ring are joined by a hoop. In the
-    middle stands one strut, the hub. With two rings or more there is one state of self-stress, and
-    there are ``6 + 2 sectors (rings - 1)`` mechanisms, turns and twists of rings, which it
-    stiffens; with one ring there are ``sectors - 2`` states, of which one is equal in all sectors,
-    and ``sectors + 3`` mechanisms.
+    to the top of the next strut outside, or to an anchor; the feet of a ring are joined by a hoop.
+    The strut in the middle is the hub. With two rings or more there is one state of self-stress. It
+    stiffens ``6 + 2 sectors (rings - 1)`` mechanisms, in which rings turn and twist. With one ring
+    there are ``sectors - 2`` states, one of them equal in all sectors, and ``sectors + 3``
+    mechanisms.
 
-    Phase 1 prestresses: the given geometry is in equilibrium (`feasible_prestress`). Phase 2 is a
-    roof load on the plan area around every top node. It takes tension from the ridges, which hold
-    the struts upright: with the numbers given here the rings twist from about 410 N/m2 on. The
-    perfect dome does not: beyond, look at its lowest eigenvalue (`stiffness.modes`), or give it
-    errors of length.
+    Phase 1 adds a prestress with which the given geometry is in equilibrium (`feasible_prestress`).
+    Phase 2 adds a roof load on the plan area around every top node. The load reduces the tension of
+    the ridges, which keep the struts upright: with the default numbers the rings twist from about
+    410 N/m2 on. The analysis of the perfect dome does not show this twist: beyond this load examine
+    the lowest eigenvalue (`stiffness.modes`), or analyse a dome with errors of length.
 
     Args:
         span: diameter of the circle of anchors, m.
-        rise: of the hub's top over the anchors, m.
+        rise: height of the hub's top over the anchors, m.
+
+    Options:
         sectors: number of anchors and of struts in a ring, at least 3.
-        rings: of struts, evenly between hub and anchors.
-        struts: length of all, or of the hub and each ring from the inside, [rings + 1], m; a foot
-            must stay below the top of the next ring.
+        rings: number of rings of struts, evenly between hub and anchors.
+        struts: length of all struts, or of the hub and of each ring from the inside, [rings + 1],
+            m; the foot of a strut must be below the top of the next ring.
         pretension: of the outermost hoop, N.
         load: per plan area, downward, N/m2.
-        cable_stiffness: EA of ridges and diagonals, scalar or dict by kind with "hoops", N.
+        cable_stiffness: EA of all cables, N, or a dict with "ridges", "diagonals" and "hoops".
         strut_stiffness: EA, N.
-        increments: of the two phases.
-
-    Raises:
-        ValueError: numbers that give no dome, or no prestress with all cables taut.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene` with the groups "ridges", "diagonals", "hoops", "struts".
 
-    A scene of our own, of the kind of Geiger, Stefaniuk and Chen (1986); the prestress follows Yuan
-    and Dong (2003).
+    Raises:
+        ValueError: numbers that give no dome, or no prestress with all cables taut.
+
+    Source: the kind of dome is that of Geiger, Stefaniuk and Chen (1986), the prestress follows
+    Yuan and Dong (2003); the numbers are not taken from a publication.
 
     Example:
-        ``6 + 2 sectors (rings - 1)`` mechanisms, which the one state of self-stress stiffens:
+        ``6 + 2 sectors (rings - 1)`` mechanisms, stiffened by a single state of self-stress:
 
         >>> structure, phases = jc.scenes.geiger_dome(sectors=6)
         >>> found = jc.forms.self_stress(structure)
@@ -112,12 +114,14 @@ def levy_dome(
 ) -> Scene:
     """Cable dome after Levy: as `geiger_dome`, but triangulated.
 
-    Every ring is turned by half a sector against its neighbours; two ridges and two diagonals run
-    from every strut to the two struts, or anchors, outside. In proportions like these there is no
-    mechanism, and there are ``2 sectors - 5`` states of self-stress, one of which has the full
-    symmetry and is taken.
+    Every ring is turned by half a sector relative to its neighbours. Two ridges and two diagonals
+    run from every strut to the two nearest struts, or anchors, outside. In proportions like the
+    default ones there are no mechanisms and ``2 sectors - 5`` states of self-stress; the phases use
+    the state that has the full symmetry.
 
-    Args, errors and phases as `geiger_dome`. A scene of our own, of the kind of Levy (1994).
+    Arguments, options, errors and phases are those of `geiger_dome`.
+
+    Source: the kind of dome is that of Levy (1994); the numbers are not taken from a publication.
 
     Example:
         ``2 sectors - 5`` states of self-stress and no mechanism:
@@ -133,9 +137,9 @@ def levy_dome(
 
 def _dome(span, rise, sectors, rings, struts, staggered):
     """`DomeParts` of either kind."""
-    for name, value, least in (("sectors", sectors, 3), ("rings", rings, 1)):
-        if isinstance(value, bool) or int(value) != value or value < least:
-            raise ValueError(f"{name} = {value!r}: expected a whole number of at least {least}")
+    for name, value, minimum in (("sectors", sectors, 3), ("rings", rings, 1)):
+        if isinstance(value, bool) or int(value) != value or value < minimum:
+            raise ValueError(f"{name} = {value!r}: expected a whole number of at least {minimum}")
     for name, value in (("span", span), ("rise", rise)):
         if not value > 0:
             raise ValueError(f"{name} = {value}: must be positive")
@@ -170,16 +174,16 @@ def _dome(span, rise, sectors, rings, struts, staggered):
         return np.full(n, foot) if ring == 0 else 2 + (2 * (ring - 1) + foot) * n + np.arange(n)
 
     def outward(foot):
-        """Links from every ring's tops or feet to the tops of the next one."""
-        rows = []
+        """Links from every ring's tops or feet to the tops of the next ring, a list by ring."""
+        links_by_ring = []
         for ring in range(rings + 1):
             inside, outside = at(ring, foot), at(ring + 1, 0)
             pairs = [np.column_stack([inside, outside])]
-            if staggered and ring > 0:  # turned by half a sector, forth or back
+            if staggered and ring > 0:  # turned by half a sector, forward or back
                 other = np.roll(outside, 1 if ring % 2 == 0 else -1)
                 pairs.append(np.column_stack([inside, other]))
-            rows.append(np.concatenate(pairs))
-        return rows
+            links_by_ring.append(np.concatenate(pairs))
+        return links_by_ring
 
     kinds = {
         "ridges": outward(0),
@@ -189,14 +193,16 @@ def _dome(span, rise, sectors, rings, struts, staggered):
         + [np.column_stack([at(r, 0), at(r, 1)]) for r in range(1, rings + 1)],
     }
     groups, count = {}, 0
-    for kind, rows in kinds.items():
-        groups[kind] = np.repeat(count + np.arange(len(rows)), [len(row) for row in rows])
-        count += len(rows)
+    for kind, links_by_ring in kinds.items():
+        groups[kind] = np.repeat(
+            count + np.arange(len(links_by_ring)), [len(links) for links in links_by_ring]
+        )
+        count += len(links_by_ring)
     border = np.concatenate([[0.0], 0.5 * (radius[1:-1] + radius[:-2]), [radius[-2:].mean()]])
     share = np.pi * np.diff(border**2)
     return DomeParts(
         nodes,
-        {kind: np.concatenate(rows) for kind, rows in kinds.items()},
+        {kind: np.concatenate(links_by_ring) for kind, links_by_ring in kinds.items()},
         groups,
         np.concatenate([[0], *(at(r, 0) for r in range(1, rings + 1))]),
         np.concatenate([share[:1], np.repeat(share[1:] / n, n)]),
@@ -204,7 +210,7 @@ def _dome(span, rise, sectors, rings, struts, staggered):
 
 
 def _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments):
-    """Stiffness, prestress and load on the parts of a dome."""
+    """The scene of a dome: its parts with stiffness, prestress and load."""
     if not pretension > 0:
         raise ValueError(f"pretension = {pretension}: must be positive")
     cables = ("ridges", "diagonals", "hoops")

@@ -1,8 +1,8 @@
 """The hyperbolic paraboloid net of the paper, and the published deflections.
 
-The geometry stood in a figure; the text does not give it. The plan here (0.4 m spacing, last link
-of each row 0.795 m, of each column 1.084 m) was identified from the published deflections, so
-agreement with them is an identification and not a validation. Heights cannot be identified from
+The published geometry is in a figure that the text does not quote. The plan here (0.4 m spacing,
+last link of each cable 0.795 m along x and 1.084 m along y) was identified from the published
+deflections, so that agreement with them is no validation. Heights cannot be identified from
 vertical deflections; the plan is flat.
 """
 
@@ -19,9 +19,10 @@ from ..model.supports import pinned
 from .nets import Scene, grid
 
 NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)
-"""Names of the free nodes in the paper, row by row."""
+"""Names of the free nodes in the paper, along x first."""
 
 UNLOADED = (17, 21, 22)
+"""Names of the free nodes without load."""
 
 PUBLISHED = {
     "Experiment, Lewis [5]": (
@@ -55,9 +56,9 @@ def plan() -> tuple[Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.n
 
 
 def disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """How the default scene disturbs the plan: up to 30 mm in plan and 40 mm in height, [n, 3], m.
+    """Offsets of free nodes in the default scene, [n, 3], m: up to 30 mm in plan, 40 mm in height.
 
-    ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)`` at column i and row j.
+    ``0.03 sin(2 i + 3 j), 0.03 cos(3 i + j), 0.04 sin(i + 2 j + 1)`` at the grid place (i, j).
     """
     i, j = places.T
     return np.column_stack(
@@ -72,13 +73,13 @@ def disturbance(places: Int[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
 def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -> Scene:
     """Hyperbolic paraboloid net, 31 links, 26 nodes, 12 of them free.
 
-    EA 100.72 kN. Phase 1 holds 200 N in every link (`jacking`) and so finds the form, whatever it
-    starts from; phase 2 puts 15.7 N on every free node but 17, 21 and 22.
+    EA 100.72 kN. Phase 1 keeps 200 N in every link (`jacking`) and so finds the form from any
+    start; phase 2 adds 15.7 N to every free node but 17, 21 and 22.
 
     Args:
-        disturbed: start phase 1 from the plan plus `disturbance`; otherwise from the plan, which is
-            in equilibrium already.
-        increments: of the two phases; the paper's are 100 and 10.
+        disturbed: whether phase 1 starts from the plan plus `disturbance`, or from the plan, which
+            is in equilibrium already.
+        increments: number of increments of the two phases; those of the paper are 100 and 10.
 
     Returns:
         `Scene`.

@@ -1,4 +1,4 @@
-"""Structures of cables and beams: a guyed mast, an arch that a net of cables stiffens."""
+"""Structures of cables and beams: a guyed mast, and an arch stiffened by a net of cables."""
 
 from __future__ import annotations
 
@@ -31,27 +31,28 @@ def guyed_mast(
     """Guyed mast: a steel tube clamped at its foot, three guys at every level.
 
     Tube 406.4 x 8.8 mm of S355 steel fibres with elastic unloading; guys of 24 mm spiral strand, EA
-    from 353 mm2 at 165 kN/mm2. Phase 1 puts the weight on and tensions the guys, phase 2 adds wind
-    as nodal loads on the mast, growing linearly from half at the foot to the full value at the top.
+    from 353 mm2 at 165 kN/mm2. Phase 1 adds the weight and tensions the guys. Phase 2 adds wind as
+    nodal loads on the mast, which grow linearly from half at the foot to the full value at the top.
+    The scene is not taken from a publication; the section is a catalogue tube (EN 10210-2).
 
     Args:
         height: of the mast, m.
-        levels: levels of guys, evenly up to the top.
-        per_level: beam elements between two levels.
-        reach: distance of the anchors from the foot, relative to the height of their level, but at
-            least 0.3 of the whole height.
+        levels: number of levels of guys, evenly up to the top.
+
+    Options:
+        per_level: number of beam elements between two levels.
+        reach: distance of the anchors from the foot, relative to the height of their level; the
+            distance is at least 0.3 of the height of the mast.
         pretension: of every guy in the initial geometry, N.
         wind: force per length at the top, along x, N/m.
         law: uniaxial law of the tube; default steel of 355 MPa.
-        increments: of the two phases.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene` with the groups "mast" and "guys".
 
     Raises:
-        ValueError: no level of guys, or no element between two.
-
-    A scene of our own; the section is a catalogue tube (EN 10210-2).
+        ValueError: no level of guys, or no element between two levels.
 
     Example:
         >>> structure, phases = jc.scenes.guyed_mast(levels=3, per_level=4)
@@ -113,26 +114,26 @@ def strung_arch(
 ) -> Scene:
     """Parabolic arch stiffened by a prestressed net of cables under it.
 
-    The feet of the arch (tube 168.3 x 8 mm, linear) are clamped. From every second node between the
-    quarter points and the crown cables of 100 mm2 (165 kN/mm2) run to both feet, crossing each
-    other: they hold the arch against swaying. Phase 1 tensions them under self-weight, phase 2
-    loads the nodes of one half, or all of them.
+    The feet of the arch (tube 168.3 x 8 mm, linear) are clamped. Cables of 100 mm2 (165 kN/mm2) run
+    from every second node between the quarter points to both feet, crossing each other: they
+    stiffen the arch against swaying. Phase 1 tensions them under self-weight, phase 2 loads the
+    nodes of the left half, or of both. The scene is not taken from a publication.
 
     Args:
         span, rise: of the arch, m.
-        n: beam elements, a multiple of 4.
+
+    Options:
+        n: number of beam elements, a multiple of 4.
         pretension: of every cable in the initial geometry, N.
         load: downward force on every loaded node, N.
-        one_sided: load the left half only.
-        increments: of the two phases.
+        one_sided: whether only the left half is loaded.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene` with the groups "arch" and "net".
 
     Raises:
         ValueError: `n` is no multiple of 4.
-
-    A scene of our own.
 
     Example:
         >>> structure, phases = jc.scenes.strung_arch(span=20.0, rise=4.0, n=16)

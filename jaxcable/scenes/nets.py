@@ -1,4 +1,4 @@
-"""Orthogonal nets: the flat net of the paper and parametric saddles."""
+"""Orthogonal nets: the flat net of the paper, and parametric saddles."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ def grid(
     """Topology of an orthogonal net without corners, `n_x` by `n_y` free nodes.
 
     Returns:
-        places: column and row of every node, [n_node, 2], row by row.
-        links: row cables first, then column cables, [n_elem, 2].
-        free: numbers of the free nodes, [n_x n_y], row by row.
+        places: grid coordinates (i, j) of every node, [n_node, 2]; i grows first.
+        links: cables along x first, then cables along y, [n_elem, 2].
+        free: numbers of the free nodes, [n_x n_y]; i grows first.
     """
     corners = {(0, 0), (n_x + 1, 0), (0, n_y + 1), (n_x + 1, n_y + 1)}
     places = [(i, j) for j in range(n_y + 2) for i in range(n_x + 2) if (i, j) not in corners]
     number = {place: k for k, place in enumerate(places)}
-    rows = [(number[i, j], number[i + 1, j]) for j in range(1, n_y + 1) for i in range(n_x + 1)]
-    columns = [(number[i, j], number[i, j + 1]) for i in range(1, n_x + 1) for j in range(n_y + 1)]
+    along_x = [(number[i, j], number[i + 1, j]) for j in range(1, n_y + 1) for i in range(n_x + 1)]
+    along_y = [(number[i, j], number[i, j + 1]) for i in range(1, n_x + 1) for j in range(n_y + 1)]
     free = [number[i, j] for j in range(1, n_y + 1) for i in range(1, n_x + 1)]
-    return np.array(places), np.array(rows + columns), np.array(free)
+    return np.array(places), np.array(along_x + along_y), np.array(free)
 
 
 def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scene:
     """Flat net of 3 x 3 cells, 12 links, four free nodes.
 
-    Cell 0.4 m, EA 97.97 kN, pretension 200 N in phase 1; phase 2 loads every free node.
+    Cells of 0.4 m, EA 97.97 kN, pretension 200 N in phase 1; phase 2 loads every free node.
 
     Args:
-        load: downward force on each free node, N; the paper's ultimate load is 150 N.
-        increments: of the two phases.
+        load: downward force on each free node, N; the ultimate load of the paper is 150 N.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene`.
@@ -95,24 +95,27 @@ def saddle(
     load: float = 500.0,
     increments: tuple[int, int] = (1, 1),
 ) -> Scene:
-    """Saddle net with straight edges in plan, anchored all round.
+    """Saddle net with straight edges in plan, anchored at all edges.
 
     The initial surface is ``z = rise (L_x (2x/L_x - 1)^2 - L_y (2y/L_y - 1)^2)``.
 
     Args:
-        n_x, n_y: free nodes along x and y; spans are ``L = spacing (n + 1)``.
-        spacing: m.
-        rise: height of the edge over its middle, as a part of the span.
+        n_x, n_y: number of free nodes along x and y; spans are ``L = spacing (n + 1)``.
+        spacing: of the cables, m.
+        rise: rise, or fall, from the middle of the net to the middle of an edge, relative to the
+            span between the two edges.
+
+    Options:
         axial_stiffness: EA, N.
         pretension: of every cable in phase 1, N.
         load: downward force on every free node in phase 2, N.
-        increments: of the two phases.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene`.
 
     Raises:
-        ValueError: no free node along a side.
+        ValueError: no free node along x or along y.
 
     Example:
         >>> structure, _ = jc.scenes.saddle(3, 3, spacing=1.0, rise=0.1)

@@ -1,4 +1,4 @@
-"""The large saddle net of the paper: its topology and section, a geometry of our own."""
+"""The large saddle net of the paper: its topology and section, with an assumed geometry."""
 
 from __future__ import annotations
 
@@ -30,20 +30,23 @@ def saddle_net(
     """Saddle net of 201 links and 132 nodes, 15 x 6 free ones, of discs meshed in fibres.
 
     E 210 kN/mm2, circular section of 50 mm meshed by 10 x 10 quadrilaterals. Phase 1 pulls all
-    cables with 30 kN, phase 2 anchors them there and puts 90 kN on every free node: in 500 and 435
-    increments.
+    cables with 30 kN; phase 2 anchors them and adds 90 kN to every free node. The phases have 500
+    and 435 increments.
 
-    The spacing and the heights stood in a figure and are not in the text. Here the plan is regular
-    and the heights are those of `saddle`: the published field of displacements cannot be expected.
+    The published spacing and heights are in a figure that the text does not quote. Here the plan is
+    regular and the heights are those of `saddle`: the results cannot reproduce the published
+    displacements.
 
     Args:
         law: uniaxial law of the fibres; default linear.
         spacing: of the cables, m.
-        rise: height of the edges over the middle, as a part of the span.
+
+    Options:
+        rise: as in `saddle`.
         pretension: in the initial geometry, N.
         load: downward force on every free node, N.
-        increments: of the two phases.
-        shape: cells of the section.
+        increments: number of increments of the two phases.
+        shape: number of cells of the section, a pair, see `Section.disc`.
 
     Returns:
         `Scene`.

@@ -27,17 +27,19 @@ def von_mises_truss(
 ) -> Scene:
     """Two bars that meet in a shallow apex under a vertical load, in the x-z plane.
 
-    Equilibrium at the height z of the apex over its feet: ``P = 2 EA (l0 - l)/l0 z/l``; limit point
-    at ``l = (b^2 l0)^(1/3)``. With a `hanger` of stiffness k the load acts at its end, which moves
-    by ``P/k`` more: a soft one makes the path snap back. If the apex may sway, steep trusses
-    bifurcate first, where ``l^3 - l0 l^2 + l0 b^2 = 0``.
+    Equilibrium with the apex at height z over the feet: ``P = 2 EA (l0 - l)/l0 z/l``; limit point
+    at ``l = (b^2 l0)^(1/3)``. With a `hanger` of stiffness k the load acts at the hanger's end,
+    which moves by ``P/k`` more: with a soft hanger the path snaps back. If the apex may sway, steep
+    trusses bifurcate first, where ``l^3 - l0 l^2 + l0 b^2 = 0``.
 
     Args:
         rise, half_span: m.
+
+    Options:
         axial_stiffness: EA of the bars, N.
         load: downward force, N.
         hanger: stiffness of a bar of length 1 m from the apex to the load, N/m; None for no bar.
-        sway: let the apex move in x; it is held out of plane in any case.
+        sway: whether the apex may move in x; it is held out of plane in any case.
 
     Returns:
         `Scene`; the apex is node 1. With a hanger the groups are "bars" and "hanger", the load is
@@ -65,12 +67,12 @@ def von_mises_truss(
 
 
 def toggle_frame(n: int = 8, load: float = 80.0) -> Scene:
-    """Two beams, clamped at their feet and joined rigidly at the apex, pushed down there.
+    """Two beams, clamped at their feet and joined rigidly at the apex, under a load on the apex.
 
     Half-span 12.943, rise 0.386, section 0.753 by 0.243, E 1.03e7: inches and pounds.
 
     Args:
-        n: elements of each beam.
+        n: number of elements of each beam.
         load: downward force on the apex.
 
     Returns:
@@ -96,13 +98,14 @@ def toggle_frame(n: int = 8, load: float = 80.0) -> Scene:
 
 
 def lee_frame(n: int = 5, load: float = 30.0) -> Scene:
-    """Column and beam joined rigidly, both hinged at their far ends, loaded a fifth along the beam.
+    """Column and beam joined rigidly, hinged at their far ends, with a load on the beam.
 
-    Lengths 120, A 6, I 2, E 720 (consistent units). The path has two limit points and snaps back in
-    between; the first is published at a load of 18.552.
+    The load acts at a fifth of the beam from the column. Lengths 120, A 6, I 2, E 720 (consistent
+    units). The path has two limit points and snaps back in between; the first limit point is
+    published at a load of 18.552.
 
     Args:
-        n: elements for each fifth of the beam, and as many as 5 n for the column.
+        n: number of elements of each fifth of the beam; the column has 5 n elements.
         load: downward force.
 
     Returns:
@@ -128,14 +131,20 @@ def lee_frame(n: int = 5, load: float = 30.0) -> Scene:
 
 
 def solid(area: float, inertia: float, modulus: float) -> Section:
-    """Section with exactly this area and these second moments: four fibres, one a quadrant."""
+    """Section of four fibres, one in each quadrant, with the exact area and second moments."""
     arm = np.sqrt(inertia / area)
     y, z = arm * np.array([-1.0, 1.0, 1.0, -1.0]), arm * np.array([-1.0, -1.0, 1.0, 1.0])
     return Section(y, z, np.full(4, area / 4), [Elastic(modulus)])
 
 
 def in_plane(n_node: int, pinned: Sequence[int] = (), clamped: Sequence[int] = ()) -> Supports:
-    """Supports that keep all nodes in the x-z plane, turning about y only."""
+    """Supports that keep all nodes in the x-z plane, with rotations about y only.
+
+    Args:
+        n_node: number of nodes.
+        pinned: numbers of nodes whose displacement is held.
+        clamped: numbers of nodes whose displacement and rotation are held.
+    """
     held = np.zeros((n_node, 6), bool)
     held[:, [1, 3, 5]] = True
     held[list(pinned), :3] = True

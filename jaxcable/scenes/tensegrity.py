@@ -1,4 +1,4 @@
-"""The simplest tensegrity: three struts that do not touch, held apart by nine cables."""
+"""The simplest tensegrity: three struts that do not touch each other, joined by nine cables."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..model.supports import Supports
 from .nets import Scene
 
 TWIST = np.pi / 6
-"""Turn of the upper triangle against the lower one, from end to end of a vertical cable, rad."""
+"""Angle by which the upper triangle is turned relative to the lower one, rad."""
 
 
 def simplex(
@@ -26,44 +26,49 @@ def simplex(
     strut_stiffness: float = 20e6,
     increments: tuple[int, int] = (1, 4),
 ) -> Scene:
-    """Simplex (triplex, three-strut prism): two equal triangles, one above the other and turned.
+    """Simplex (triplex, three-strut prism): two equal triangles, the upper one turned by `twist`.
 
-    A vertical cable joins lower node k to upper node k, ahead by the twist, a strut lower node k to
-    upper node k + 1, ahead by the twist and 120 degrees. The plane components at a lower node, with
-    force densities q_t of the triangles, q_v of the verticals and -q_v of the struts, are
+    Vertical cables join lower node k to upper node k, which is ahead by the twist. Struts join
+    lower node k to upper node k + 1, which is ahead by the twist plus 120 degrees. Equilibrium of a
+    lower node in plan, with force densities q_t of the triangles, q_v of the verticals and -q_v of
+    the struts, is
 
         across   sin(twist) - sin(twist + 120) = 0      ->  twist = 30 degrees
         inward   3 q_t = q_v (cos(twist) - cos(twist + 120)) = sqrt(3) q_v,
 
     so that triangle : vertical : strut = 1/sqrt(3) : 1 : -1 for any radius and height. There is one
-    infinitesimal mechanism, a screw of one triangle against the other, stiffened by the prestress.
+    infinitesimal mechanism, a screw motion of one triangle relative to the other, stiffened by the
+    prestress.
 
-    Lower nodes are 0 to 2, upper ones 3 to 5. The supports hold six freedoms of the lower triangle,
-    statically determinate: prestress does not load them. Phase 1 prestresses, phase 2 puts a load
-    on the upper nodes.
+    Lower nodes are 0 to 2, upper nodes 3 to 5. The supports hold six freedoms of the lower
+    triangle; they are statically determinate, so that prestress causes no reactions. Phase 1 adds
+    prestress, phase 2 loads the upper nodes.
 
     Args:
         radius: of the circles of both triangles, m.
         height: m.
-        twist: rad; any other than 30 degrees has no self-stress, and phase 1 leads elsewhere.
+
+    Options:
+        twist: rad; only 30 degrees (default) has a state of self-stress, with another twist phase 1
+            moves the nodes.
         pretension: of a vertical cable, N.
         load: downward force on every upper node, N.
         cable_stiffness, strut_stiffness: EA, N.
-        increments: of the two phases.
-
-    Raises:
-        ValueError: a radius, height or pretension that is not positive.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene` with the groups "triangles", "verticals", "struts".
 
-    A scene of our own; form and force densities are classic (Connelly and Terrell 1995; Tibert and
-    Pellegrino 2003).
+    Raises:
+        ValueError: a radius, height or pretension that is not positive.
+
+    Source: form and force densities are classic (Connelly and Terrell 1995; Tibert and Pellegrino
+    2003); the numbers are not taken from a publication.
 
     Example:
         >>> structure, phases = jc.scenes.simplex()
         >>> found = jc.forms.self_stress(structure)
-        >>> density = {kind: own[0, 0] for kind, own in found.force_densities.items()}
+        >>> density = {kind: state[0, 0] for kind, state in found.force_densities.items()}
         >>> print({kind: round(float(q / density["verticals"]), 6) for kind, q in density.items()})
         {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """

@@ -1,4 +1,4 @@
-"""The edge of a tent: a cable between two guyed pylons, pulled by the membrane."""
+"""The edge of a tent: a cable between two guyed pylons, loaded by the membrane."""
 
 from __future__ import annotations
 
@@ -27,39 +27,41 @@ def tent_edge(
     pylon_stiffness: float = 400e6,
     increments: tuple[int, int] = (1, 4),
 ) -> Scene:
-    """Edge cable of a tent between the tops of two pylons, each held by two guys.
+    """Edge cable of a tent between the tops of two pylons, each with two guys.
 
-    The membrane (not part of it) lies behind the edge, towards +y, and pulls it: a pressure in its
-    plane, across the cable and always at right angles to it, under which the edge is a circular
-    arc. The pylons are struts on hinges that lean out, towards -y, and the guys run from their tops
-    to the ground outside. Phase 1 tensions all of it; the given geometry is in equilibrium then:
-    with chords c of the arc that turn by phi, and half of the pressure on each at its ends, the
-    edge has ``T = p c / (2 tan(phi/2))``, and a pylon and its guys balance its end in one point.
-    Phase 2 is gusts: more pressure and, along the edge, uplift per initial length.
+    The membrane is not part of the structure. It lies behind the edge, towards +y, and acts on the
+    edge as a follower pressure in its plane, always at right angles to the cable; under it the edge
+    is a circular arc. The pylons are struts on hinges that lean outwards, towards -y; the guys run
+    from their tops to the ground outside. With the pretension of phase 1 the given geometry is in
+    equilibrium: with chords c of the arc that differ in direction by phi, and half of the pressure
+    on each chord at its ends, the edge has ``T = p c / (2 tan(phi/2))``, and each pylon and its two
+    guys balance the force at the end of the edge. Phase 2 adds gusts: more pressure and, along the
+    edge, uplift per initial length. The scene is not taken from a publication.
 
     Args:
-        span, sag: of the edge between the tops and in the level plane at `height`, m.
-        n: elements of the edge.
+        span, sag: of the edge between the tops, in the level plane at `height`, m.
+
+    Options:
+        n: number of elements of the edge.
         height: of the tops, m.
-        lean: of a pylon's top over its foot, towards -y, m.
-        reach: of the guys' anchors from the feet, outwards and towards -y, m.
-        pressure: of the membrane on the edge, N/m; half of it is added in phase 2.
+        lean: offset of a pylon's top from its foot, towards -y, m.
+        reach: scale of the distances of the guys' anchors from the feet, outwards and towards -y,
+            m.
+        pressure: of the membrane on the edge, N/m; phase 2 adds half of it.
         uplift: in phase 2, N/m.
         edge_stiffness, guy_stiffness, pylon_stiffness: EA, N.
-        increments: of the two phases.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene` with the groups "edge", "guys", "pylons"; nodes 0 and n are the tops.
 
     Raises:
-        ValueError: less than two elements, or proportions in which guys would push or pylons pull.
-
-    A scene of our own.
+        ValueError: fewer than two elements; proportions with compressed guys or pylons in tension.
 
     Example:
         >>> structure, phases = jc.scenes.tent_edge(span=20.0, sag=2.0, n=16, pressure=3e3)
-        >>> radius = (20.0**2 / 4 + 2.0**2) / (2 * 2.0)  # of the arc, m
-        >>> print(f"{phases[0].pretension['edge'] / (3e3 * radius):.4f}")  # near T = p r
+        >>> radius = (20.0**2 / 4 + 2.0**2) / (2 * 2.0)  # radius of the arc, m
+        >>> print(f"{phases[0].pretension['edge'] / (3e3 * radius):.4f}")  # close to T = p r
         0.9997
     """
     if n < 2:
@@ -70,8 +72,8 @@ def tent_edge(
     edge = np.column_stack(
         [radius * np.sin(angle), radius * (np.cos(angle) - np.cos(half)), np.full(n + 1, height)]
     )
-    turn = 2 * half / n
-    tension = pressure * radius * np.cos(turn / 2)
+    phi = 2 * half / n
+    tension = pressure * radius * np.cos(phi / 2)
     out = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     tops = edge[[0, n]]
     feet = tops + np.array([0, lean, -height])
@@ -91,7 +93,7 @@ def tent_edge(
         "guys": Cables(guys, axial_stiffness=guy_stiffness),
         "pylons": Bars(pylons, axial_stiffness=pylon_stiffness),
     }
-    held, strut = np.empty(4), np.empty(2)
+    guy_tension, pylon_force = np.empty(4), np.empty(2)
     for k, (top, inner) in enumerate(((0, 1), (n, n - 1))):
         ends = [n + 3 + 2 * k, n + 4 + 2 * k, n + 1 + k]
         ways = nodes[ends] - nodes[top]
@@ -99,8 +101,8 @@ def tent_edge(
         last = nodes[inner] - nodes[top]
         across = np.cross([0, 0, 1.0], np.sign(last[0]) * last)
         pull = tension * last / np.linalg.norm(last) + pressure / 2 * across
-        held[2 * k], held[2 * k + 1], strut[k] = np.linalg.solve(ways.T, -pull)
-    if held.min() <= 0 or strut.max() >= 0:
+        guy_tension[2 * k], guy_tension[2 * k + 1], pylon_force[k] = np.linalg.solve(ways.T, -pull)
+    if guy_tension.min() <= 0 or pylon_force.max() >= 0:
         raise ValueError("lean, reach: guys would push or pylons pull; let the anchors reach out")
     structure = Structure(nodes, elements, pinned(np.arange(n + 1, n + 7)))
 
@@ -111,7 +113,7 @@ def tent_edge(
         structure,
         [
             Phase(
-                pretension={"edge": tension, "guys": held, "pylons": strut},
+                pretension={"edge": tension, "guys": guy_tension, "pylons": pylon_force},
                 loads=membrane(pressure),
                 increments=increments[0],
             ),

@@ -1,4 +1,4 @@
-"""Plane cable trusses: a bearing and a stabilising cable, prestressed against each other."""
+"""Plane cable trusses: a bearing and a stabilising cable that prestress each other."""
 
 from __future__ import annotations
 
@@ -31,48 +31,51 @@ def cable_truss(
 ) -> Scene:
     """Cable truss of two parabolas in the plane y = 0, tied by verticals.
 
-    A parabola ``z = 4 f x^2 / L^2`` whose tension has the horizontal part H pulls every node with
+    A cable along a parabola ``z = 4 f x^2 / L^2``, with the horizontal component H of its tension,
+    exerts a vertical force on every node,
 
         H (z_{i-1} - 2 z_i + z_{i+1}) / d = 8 H f d / L^2,     d = L / panels,
 
-    the same at all of them: a vertical between the two parabolas carries that, and the truss is in
-    equilibrium if ``H f`` is equal in both. Force densities are ``H / d`` in the parabolas. There
-    is this one state of self-stress and, from three panels on, ``panels - 2`` mechanisms, which it
-    stiffens.
+    which is the same at all nodes. The verticals between the two parabolas carry these forces, and
+    the truss is in equilibrium if ``H f`` is the same for both parabolas. Force densities are
+    ``H / d`` in the parabolas. This is the only state of self-stress. It stiffens ``panels - 2``
+    mechanisms.
 
-    - "biconcave": the bearing cable hangs above, the stabilising one is arched below, nearest to
-      each other in the middle; verticals are cables ("ties").
-    - "biconvex": a lens, the bearing cable below, with its verticals in compression ("ties" are
+    - "biconcave": the bearing cable hangs above, the stabilising cable is arched below, and they
+      are nearest in the middle; the verticals are cables ("ties").
+    - "biconvex": a lens with the bearing cable below and verticals in compression ("ties" are
       bars).
 
-    Nodes 0 to `panels` are those of the bearing cable, then come those of the stabilising one. The
-    ends are anchored, all nodes held across the plane. Phase 1 prestresses, phase 2 loads the inner
-    nodes of the upper cable.
+    Nodes 0 to `panels` are those of the bearing cable, followed by those of the stabilising cable.
+    The ends are anchored, and all nodes are held out of plane. Phase 1 adds prestress, phase 2
+    loads the inner nodes of the upper cable.
 
     Args:
         form: "biconcave" or "biconvex".
         span: m.
-        sags: f of the bearing and of the stabilising cable, m.
-        gap: between them, where they are nearest: in the middle, or at the anchors (0 there lets
-            them meet in a biconvex truss), m.
-        panels: at least 3.
-        pretension: horizontal part of the tension of the bearing cable, N.
-        load: on the plan, downward, N/m.
-        loaded: "full", or "half" for the nodes left of the middle alone (and half of that in it).
-        cable_stiffness, tie_stiffness: EA, N.
-        increments: of the two phases.
 
-    Raises:
-        ValueError: unknown `form` or `loaded`, or a size that gives no truss.
+    Options:
+        sags: f of the bearing and of the stabilising cable, m.
+        gap: vertical distance of the two cables where they are nearest, m: in the middle of a
+            biconcave truss, at the anchors of a biconvex truss (where it may be 0).
+        panels: number of panels, at least 3.
+        pretension: horizontal component of the tension of the bearing cable, N.
+        load: per length in plan, downward, N/m.
+        loaded: "full", or "half" for the nodes left of the middle, with half a load in the middle.
+        cable_stiffness, tie_stiffness: EA, N.
+        increments: number of increments of the two phases.
 
     Returns:
         `Scene` with the groups "bearing", "stabilising", "ties".
 
-    A scene of our own; form and closed form as in books on cable roofs (Schleyer 1969; Buchholdt
-    1999).
+    Raises:
+        ValueError: unknown `form` or `loaded`, or a size that gives no truss.
+
+    Source: form and equilibrium as in books on cable roofs (Schleyer 1969; Buchholdt 1999); the
+    numbers are not taken from a publication.
 
     Example:
-        One state of self-stress and ``panels - 2`` mechanisms:
+        A single state of self-stress and ``panels - 2`` mechanisms:
 
         >>> structure, phases = jc.scenes.cable_truss(panels=10)
         >>> found = jc.forms.self_stress(structure)
@@ -94,13 +97,14 @@ def cable_truss(
         raise ValueError(f"pretension = {pretension}: must be positive")
 
     along = np.linspace(-1.0, 1.0, panels + 1)
-    shape = along**2 if concave else along**2 - 1  # of the bearing cable, 0 where they are nearest
+    # shape of the bearing cable, zero where the cables are nearest
+    shape = along**2 if concave else along**2 - 1
     side = 1.0 if concave else -1.0  # of the bearing cable: above or below
-    rows = [
+    parabolas = [
         np.column_stack([0.5 * span * along, np.zeros(panels + 1), z])
         for z in (side * gap / 2 + sags[0] * shape, -side * gap / 2 - sags[1] * shape)
     ]
-    nodes = np.concatenate(rows)
+    nodes = np.concatenate(parabolas)
     cable = np.column_stack([np.arange(panels), np.arange(1, panels + 1)])
     inner = np.arange(1, panels)
     ties = np.column_stack([inner, inner + panels + 1])

@@ -1,4 +1,4 @@
-"""Arrays of sections that are NumPy as long as nothing in them is traced."""
+"""Arrays of sections: NumPy arrays as long as none of their numbers is traced."""
 
 from __future__ import annotations
 

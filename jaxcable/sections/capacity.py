@@ -1,4 +1,4 @@
-"""What a section can carry: the interaction surface of axial force and two moments."""
+"""Capacity of a section: the interaction surface of axial force and two moments."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ def interaction(
     Float[Array, "n_axial n_angle"],
     Float[Array, "n_axial n_angle"],
 ]:
-    """Points of the interaction surface N-My-Mz at which the first fibre reaches its curve's end.
+    """Interaction surface N-My-Mz, at which the first fibre reaches the end of its curve.
 
     Strains are scaled up along directions that cover all ratios of elongation to curvature and all
-    axes of bending, until the first fibre reaches the end of its curve. For laws that rise it is
-    the surface beyond which no equilibrium exists.
+    axes of bending, until the first fibre reaches the end of its curve. For laws that rise no
+    equilibrium exists beyond this surface.
 
     Args:
         section: `Section`; a law without compression branch does not bound compression.
-        n_angle: directions of bending, evenly round.
-        n_axial: ratios of elongation to curvature, from pure compression to pure tension.
+        n_angle: number of directions of bending, evenly over the full circle.
+        n_axial: number of ratios of elongation to curvature, from pure compression to pure tension.
 
     Returns:
         ``N, My, Mz``, [n_axial, n_angle] each; infinite where no fibre ever fails.
@@ -40,23 +40,23 @@ def interaction(
         raise ValueError(
             "interaction: no fibre of this section ever fails; its capacity is endless"
         )
-    turn = jnp.pi * (jnp.arange(n_axial) / (n_axial - 1) - 0.5)  # -90 to 90 degrees
+    slant = jnp.pi * (jnp.arange(n_axial) / (n_axial - 1) - 0.5)  # -90 to 90 degrees
     angle = 2 * jnp.pi * jnp.arange(n_angle) / n_angle
     size = jnp.maximum(jnp.max(jnp.abs(section.y)), jnp.max(jnp.abs(section.z)))
 
-    def point(turn, angle):
-        bend = jnp.cos(turn) / size
-        direction = jnp.stack([jnp.sin(turn), bend * jnp.cos(angle), bend * jnp.sin(angle)])
+    def point(slant, angle):
+        bend = jnp.cos(slant) / size
+        direction = jnp.stack([jnp.sin(slant), bend * jnp.cos(angle), bend * jnp.sin(angle)])
         rate = section.fibre_strain(*direction)
         factors = []
-        for law, e, _ in section._each(rate, None):
+        for law, fibre_rate, _ in section._each(rate, None):
             low, high = law.limits
-            moving = jnp.where(e == 0, 1.0, e)
-            factor = jnp.where(e > 0, high / moving, low / moving)
-            factors.append(jnp.where(e == 0, jnp.inf, factor))
+            moving = jnp.where(fibre_rate == 0, 1.0, fibre_rate)
+            factor = jnp.where(fibre_rate > 0, high / moving, low / moving)
+            factors.append(jnp.where(fibre_rate == 0, jnp.inf, factor))
         factor = jnp.min(jnp.concatenate(factors))
         ends = jnp.isfinite(factor)
         forces = section.extended().forces(*(jnp.where(ends, factor, 0.0) * direction))
         return tuple(jnp.where(ends, force, jnp.inf) for force in forces)
 
-    return jax.vmap(lambda t: jax.vmap(lambda a: point(t, a))(angle))(turn)
+    return jax.vmap(lambda t: jax.vmap(lambda a: point(t, a))(angle))(slant)

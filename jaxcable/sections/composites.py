@@ -25,22 +25,22 @@ def composite(
 ) -> Made:
     """Several sections side by side as one; overlapping parts are not subtracted.
 
-    A concrete-filled tube is a disc and a ring; a strand with a soft core a disc and a ring too.
+    A concrete-filled tube is made of a disc and a ring, and so is a strand with a soft core.
     The axis is at the origin of the parts (`Section.centred` moves it).
 
-    Torsion constants add up only where parts are discs and rings about one centre. Of other parts
-    it depends on how they are joined (a closed box has hundreds of times what its loose plates have
-    together), so it is not known unless it is stated; see `sections.bredt_torsion`.
+    Torsion constants add up only where all parts are discs and rings about one centre. Otherwise
+    the torsion constant depends on how the parts are joined (that of a closed box is hundreds of
+    times the sum of its plates) and has to be stated; see `sections.bredt_torsion`.
 
     Args:
-        sections: list of `Section`, each where it is (see `Section.shifted`).
-        torsion: torsion constant of the whole, m4; scalar if there is one law, else [n_law], what
-            goes with each law, in the order in which the laws first come.
+        sections: list of `Section`, each at its place (see `Section.shifted`).
+        torsion: torsion constant of the whole, m4; a scalar if there is one law, else [n_law], the
+            share of each law, in the order in which the laws first appear in `sections`.
 
     Returns:
-        `Section`, its fibres in the order of the laws. Without a stated torsion constant it has
-        the sum for discs and rings about one centre (and that of a single part), else none; for
-        parts whose numbers are traced NaN where they are not such.
+        `Section`, its fibres sorted by law. If `torsion` is not stated, the torsion constant is
+        the sum of the parts for discs and rings about one centre, that of the part for a single
+        part, and None otherwise. For traced parts that are no such discs and rings it is NaN.
 
     Raises:
         ValueError: no section; a torsion constant of the wrong shape, or not positive.
@@ -59,7 +59,7 @@ def composite(
         5.552 MN m2
     """
     sections = list(sections)
-    parts = []  # of one law each: section, its law, slice of its fibres, its torsion constant
+    parts = []  # one for each law of each section: section, law, slice of fibres, torsion constant
     for section in sections:
         for k, (law, part) in enumerate(zip(section.laws, section._parts(), strict=True)):
             constant = None if section.torsion is None else section.torsion[k]
@@ -100,6 +100,7 @@ def composite(
 
 
 def _stated(torsion, n_law):
+    """A stated torsion constant, checked, [n_law]."""
     torsion = checks.floats(torsion, "torsion")
     if torsion.shape != (n_law,) and not (n_law == 1 and torsion.shape == ()):
         raise ValueError(

@@ -1,8 +1,8 @@
-"""What the fibres of a section do at given strains: stresses, forces, energy, what they remember.
+"""The fibres of a section at given strains: stresses, forces, energy and memory.
 
 Plane sections: ``e = e0 + ky z - kz y`` with the section's axes y and z, hence
 ``N = sum s A``, ``My = sum s A z``, ``Mz = -sum s A y``. Fibre sums converge at second order in the
-size of the fibres; where all laws are linear, sums are integrals and exact.
+size of the fibres; where all laws are linear, the sums are exact integrals.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from ..materials import Elastic
 from ..materials.law import Law
 
 Memory: TypeAlias = "tuple[Float[Array, '... n_fibre n_memory'] | None, ...]"
-"""What fibres remember, one for each law of a section; None of a law that remembers nothing."""
+"""Memory of the fibres, an array for each law of a section; None for a law without memory."""
 
 
 class Fibres:
-    """The law of a section, from its fibres; `section.Section` is one, and says what these are."""
+    """The law of a section from its fibres; `section.Section` derives from it, with the fields."""
 
     y: Float[ArrayLike, " n_fibre"]
     z: Float[ArrayLike, " n_fibre"]
@@ -43,7 +43,7 @@ class Fibres:
 
     @property
     def is_elastic(self) -> bool:
-        """Whether all its laws are linear; then three numbers a strain are all there is."""
+        """Whether all its laws are linear; a 3 x 3 stiffness then describes the section."""
         return all(isinstance(law, Elastic) for law in self.laws)
 
     @property
@@ -53,14 +53,14 @@ class Fibres:
 
     @property
     def remembers(self) -> bool:
-        """Whether a fibre remembers anything."""
+        """Whether a law of the section has a memory."""
         return any(law.n_memory for law in self.laws)
 
     def stiffness(self) -> Float[Array, "3 3"]:
         """Initial stiffness, N, N m and N m2: forces per (e0, ky, kz), [3, 3].
 
-        Exact if all laws are linear; else that of the fibres, of second order in their size (ten
-        layers have 1 % less than a rectangle), because forces are theirs.
+        Exact if all laws are linear. Otherwise the sum over the fibres as points, as in `forces`,
+        with an error of second order in their size (1 % below a rectangle for ten layers).
 
         Example:
             >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(10, 10))
@@ -75,11 +75,11 @@ class Fibres:
             return total
         z2, y2, yz = modulus @ self.own
         zero = jnp.zeros_like(z2)
-        rows = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
-        return total + jnp.stack([jnp.stack(row) for row in rows])
+        bending = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
+        return total + jnp.stack([jnp.stack(line) for line in bending])
 
     def initial_memory(self, shape: tuple[int, ...] = ()) -> Memory:
-        """What an unused section remembers, per law [*shape, n_fibre, n_memory] or None."""
+        """Memory of an unused section, per law [*shape, n_fibre, n_memory] or None."""
         dtype = jnp.asarray(self.area).dtype
         return tuple(
             jnp.zeros((*shape, count, law.n_memory), dtype) if law.n_memory else None
@@ -108,8 +108,7 @@ class Fibres:
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: plastic strains of the fibres, as from `initial_memory`; needed where laws
-                remember some.
+            memory: of the fibres, as from `initial_memory`; needed where a law has a memory.
 
         Returns:
             [..., n_fibre], Pa; zero beyond the end of a curve.
@@ -124,7 +123,9 @@ class Fibres:
 
     def _stress(self, strain, memory):
         each = self._each(strain, memory)
-        return jnp.concatenate([law.stress_at(e, p) for law, e, p in each], axis=-1)
+        return jnp.concatenate(
+            [law.stress_at(e, remembered) for law, e, remembered in each], axis=-1
+        )
 
     def forces(
         self,
@@ -137,10 +138,10 @@ class Fibres:
 
         Args:
             e0, ky, kz: strain at the axis and curvatures, arrays of one shape, -, 1/m, 1/m.
-            memory: plastic strains of the fibres, as from `initial_memory`, or None.
+            memory: of the fibres, as from `initial_memory`; None for an unused section.
 
         Returns:
-            ``N, My, Mz``, N, N m, N m. Fibres beyond their curve count zero.
+            ``N, My, Mz``, N, N m, N m. Fibres beyond the end of their curve carry nothing.
 
         Example:
             A strain of 1e-4 and a curvature of 0.01/m in a rectangle whose EI is 13.3 MN m2:
@@ -165,7 +166,7 @@ class Fibres:
         kz: Float[ArrayLike, "*shape"],
         memory: Memory | None = None,
     ) -> tuple[Float[Array, "*shape 3"], Float[Array, "*shape 3 3"]]:
-        """Forces ``N, My, Mz``, [..., 3], and their tangent, [..., 3, 3], as of `forces`."""
+        """Forces ``N, My, Mz``, [..., 3], and their tangent, [..., 3, 3]; arguments as `forces`."""
         shape = jnp.shape(jnp.asarray(e0) + ky + kz)
         if self.is_elastic:
             force = jnp.stack(self.forces(e0, ky, kz), axis=-1)
@@ -173,7 +174,8 @@ class Fibres:
         if memory is None and self.remembers:
             memory = self.initial_memory(shape)
         strain = self.fibre_strain(e0, ky, kz)
-        # a fibre's stress depends on its own strain only: one derivative along all of them at once
+        # The stress of a fibre depends on no other fibre's strain: a single directional derivative
+        # along ones gives the moduli of all fibres.
         stress, modulus = jax.jvp(
             lambda e: self._stress(e, memory), (strain,), (jnp.ones_like(strain),)
         )
@@ -189,11 +191,14 @@ class Fibres:
         kz: Float[ArrayLike, "*shape"],
         memory: Memory | None,
     ) -> Float[Array, "*shape"]:
-        """Sum of the absolute forces of all fibres and their parts, N."""
+        """Sum of the absolute forces of all fibres, and of parallel parts in them, N."""
         strain = self.fibre_strain(e0, ky, kz)
         areas = [self.area[part] for part in self._parts()]
         each = self._each(strain, memory)
-        return sum(law.size_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
+        return sum(
+            law.size_at(e, remembered) @ a
+            for a, (law, e, remembered) in zip(areas, each, strict=True)
+        )
 
     def energy(
         self,
@@ -211,7 +216,10 @@ class Fibres:
         if memory is None and self.remembers:
             memory = self.initial_memory(strain.shape[:-1])
         each = self._each(strain, memory)
-        return sum(law.energy_at(e, p) @ a for a, (law, e, p) in zip(areas, each, strict=True))
+        return sum(
+            law.energy_at(e, remembered) @ a
+            for a, (law, e, remembered) in zip(areas, each, strict=True)
+        )
 
     def settle(
         self,
@@ -221,9 +229,12 @@ class Fibres:
         memory: Memory,
         duration: Float[ArrayLike, ""] = 0.0,
     ) -> Memory:
-        """What it remembers after an increment of a duration, s, that ended at these strains."""
+        """The memory after an increment of a duration, s, that ended at these strains."""
         each = self._each(self.fibre_strain(e0, ky, kz), memory)
-        return tuple(None if p is None else law.settle(e, p, duration) for law, e, p in each)
+        return tuple(
+            None if remembered is None else law.settle(e, remembered, duration)
+            for law, e, remembered in each
+        )
 
     def beyond(
         self,
@@ -231,12 +242,12 @@ class Fibres:
         ky: Float[ArrayLike, "*shape"],
         kz: Float[ArrayLike, "*shape"],
     ) -> Bool[Array, "*shape"]:
-        """Whether any fibre is beyond its curve."""
+        """Whether any fibre is beyond the end of its curve."""
         each = self._each(self.fibre_strain(e0, ky, kz), None)
         return jnp.any(jnp.concatenate([law.beyond(e) for law, e, _ in each], axis=-1), axis=-1)
 
     def extended(self) -> Self:
-        """The section for an iteration: its laws go on beyond their ends."""
+        """The section for an iteration: its laws go on elastically beyond their ends."""
         return copy(self, laws=tuple(law.extended() for law in self.laws))
 
     def corner_distance(
@@ -250,29 +261,33 @@ class Fibres:
         strain = self.fibre_strain(e0, ky, kz)
         if memory is None and self.remembers:
             memory = self.initial_memory(strain.shape[:-1])
-        each = [law.corner_distance(e, p) for law, e, p in self._each(strain, memory)]
+        each = [
+            law.corner_distance(e, remembered) for law, e, remembered in self._each(strain, memory)
+        ]
         return jnp.min(jnp.concatenate(each, axis=-1), axis=-1)
 
     # --- helpers
 
     def _levers(self):
-        """What a fibre's force adds to N, My, Mz, [n_fibre, 3]."""
+        """Contribution of a unit force in each fibre to N, My, Mz, [n_fibre, 3]."""
         return jnp.stack([jnp.ones_like(self.y), self.z, -self.y], axis=-1)
 
     def _parts(self):
+        """Slices of the fibres of each law."""
         ends = np.cumsum(self.counts)
         return [slice(int(e) - n, int(e)) for e, n in zip(ends, self.counts, strict=True)]
 
     def _per_fibre(self, values):
+        """Values of the laws, given to their fibres, [n_fibre]."""
         return jnp.concatenate(
             [jnp.full(n, v) for n, v in zip(self.counts, values, strict=True)]
         ).astype(jnp.asarray(self.y).dtype)
 
     def _each(self, strain, memory):
-        """Law, strain of its fibres and what they remember."""
+        """For each law: the law, the strain of its fibres, and their memory or None."""
         memory = (None,) * len(self.laws) if memory is None else memory
         parts = self._parts()
         return [
-            (law, strain[..., part], p)
-            for law, part, p in zip(self.laws, parts, memory, strict=True)
+            (law, strain[..., part], remembered)
+            for law, part, remembered in zip(self.laws, parts, memory, strict=True)
         ]

@@ -1,4 +1,4 @@
-"""Where the axis of a section is, its second moments, and its stiffness in torsion.
+"""Position of the axis of a section, its second moments, and its stiffness in torsion.
 
 The functions are methods of `Section`.
 """
@@ -14,11 +14,13 @@ from ..common.types import Array, ArrayLike, Float
 from .arrays import stack
 from .fibres import Fibres
 
-Own = TypeVar("Own", bound=Fibres)
+AnySection = TypeVar("AnySection", bound=Fibres)
 
 
-def shifted(section: Own, y: Float[ArrayLike, ""] = 0.0, z: Float[ArrayLike, ""] = 0.0) -> Own:
-    """The section moved by `y`, `z`, m, against the axis of the element; no beam warns of that.
+def shifted(
+    section: AnySection, y: Float[ArrayLike, ""] = 0.0, z: Float[ArrayLike, ""] = 0.0
+) -> AnySection:
+    """The section moved by `y`, `z`, m, relative to the axis; beams then do not warn of its place.
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0)).shifted(z=0.1)
@@ -30,9 +32,9 @@ def shifted(section: Own, y: Float[ArrayLike, ""] = 0.0, z: Float[ArrayLike, ""]
 
 
 def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Centroid ``(y, z)``, m: of the area, or of ``E A`` where laws of several moduli meet.
+    """Centroid ``(y, z)``, m: of the area, or of ``E A`` if there are several laws.
 
-    Elongation of the axis through it (at the initial moduli) takes no moment.
+    Elongation of an axis through the centroid causes no moment, at the initial moduli.
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0)).shifted(z=0.1)
@@ -47,7 +49,7 @@ def centroid(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""]]:
     return weight @ section.y / total, weight @ section.z / total
 
 
-def centred(section: Own) -> Own:
+def centred(section: AnySection) -> AnySection:
     """The section with its axis at its `centroid`.
 
     Example:
@@ -59,7 +61,7 @@ def centred(section: Own) -> Own:
         >>> print(f"{1e8 * Iy:.1f} cm4, {1e8 * Iyz:.1f} cm4")
         180.0 cm4, -106.6 cm4
         >>> lowest, highest = section.points[:, 1].min(), section.points[:, 1].max()
-        >>> print(f"{1e3 * lowest:.1f} to {1e3 * highest:.1f} mm")  # 28.7 mm below, 71.3 mm above
+        >>> print(f"{1e3 * lowest:.1f} to {1e3 * highest:.1f} mm")  # from the axis
         -28.7 to 71.3 mm
     """
     y, z = centroid(section)
@@ -69,9 +71,9 @@ def centred(section: Own) -> Own:
 def inertia(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
     """Second moments of area about the axes: ``Iy, Iz, Iyz``, the integrals of z^2, y^2, yz, m4.
 
-    Exact for all shapes, whatever their mesh; of fibres given one by one the sums of
-    ``A z^2, A y^2, A y z``. Unless Iyz is zero a moment about one axis bends about both: that is in
-    all forces and strains.
+    Exact for all constructed shapes, whatever their mesh; for fibres given one by one, the sums of
+    ``A z^2, A y^2, A y z``. Unless Iyz is zero, a moment about one axis bends about both axes: all
+    forces and strains take account of this.
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(1.0), shape=(10, 10))
@@ -81,7 +83,7 @@ def inertia(section: Fibres) -> tuple[Float[Array, ""], Float[Array, ""], Float[
     y, z = section.y, section.z
     total = [jnp.sum(section.area * v) for v in (z * z, y * y, y * z)]
     if section.own is not None:
-        total = [v + jnp.sum(own) for v, own in zip(total, section.own.T, strict=True)]
+        total = [v + jnp.sum(moment) for v, moment in zip(total, section.own.T, strict=True)]
     Iy, Iz, Iyz = total
     return Iy, Iz, Iyz
 

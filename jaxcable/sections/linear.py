@@ -1,4 +1,4 @@
-"""A section whose laws are all linear, as an analysis needs it: without fibres, its stiffness."""
+"""A section whose laws are all linear, reduced to its stiffness: an analysis needs no fibres."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..materials.law import Law
 
 @pytree
 class Linear:
-    """What `section.Section` says to an element, if all its laws are linear.
+    """Stands for a `section.Section` in an element if all laws of the section are linear.
 
     Attributes:
         matrix: forces N, My, Mz per (e0, ky, kz), [3, 3], N, N m and N m2.
@@ -28,11 +28,11 @@ class Linear:
 
     @property
     def laws(self) -> tuple[Law]:
-        """The one law that axial force sees, over an area of 1 m2."""
+        """The law of the axial force over an area of 1 m2, a tuple of one."""
         return (Elastic(self.matrix[0, 0]),)
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """An area, m2, and the law over it: together the axial stiffness."""
+        """An area, 1 m2, and the law over it: together they give the axial stiffness."""
         return jnp.ones_like(self.matrix[0, 0]), *self.laws
 
     def stiffness(self) -> Float[Array, "3 3"]:

@@ -1,7 +1,7 @@
 """Meshes of cross-sections: points [n, 2] (y, z) and cells [m, 4], NumPy on the host.
 
-A cell is a quadrilateral, or a triangle that names its last point twice. Its fibre has the cell's
-area and sits at its centroid.
+A cell is a quadrilateral, or a triangle whose last point is repeated. The fibre of a cell has the
+cell's area and lies at its centroid.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ def square(
 
 
 def disc(n_y: int, n_z: int) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
-    """Disc of diameter 1 and of exactly its area, the square bent round.
+    """Disc of diameter 1, mapped from the square, with the exact area of the circle.
 
     Squares about the centre become circles with equal angles between the points (Shirley and Chiu
-    1997). The polygon is scaled to the area pi/4 (10 x 10 cells: 40 sides lose 0.41 %).
+    1997). The polygon is then scaled to the area pi/4 (by 0.41 % for 40 sides, 10 x 10 cells).
     """
     points, cells = square(n_y, n_z)
     a, b = points.T
@@ -44,31 +44,31 @@ def disc(n_y: int, n_z: int) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.nda
 def ring(
     n_radial: int, n_round: int
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 2"], Int[np.ndarray, "n_cell 4"]]:
-    """Ring: place between the inner and the outer edge [n] from 0 to 1, direction [n, 2], cells.
+    """Ring: place between inner and outer edge [n], from 0 to 1, direction [n, 2], and cells.
 
-    The directions are longer than 1 by what gives the polygon the exact area.
+    The directions are a little longer than 1, so that the polygons have the exact area of circles.
     """
-    place, angle = np.meshgrid(
+    fraction, angle = np.meshgrid(
         np.linspace(0, 1, n_radial + 1), 2 * np.pi * np.arange(n_round) / n_round, indexing="ij"
     )
-    number = np.arange(place.size).reshape(place.shape)
+    number = np.arange(fraction.size).reshape(fraction.shape)
     after = np.roll(number, -1, axis=1)
     corners = (number[:-1], number[1:], after[1:], after[:-1])
     longer = np.sqrt(2 * np.pi / n_round / np.sin(2 * np.pi / n_round))
     direction = longer * np.column_stack([np.cos(angle.ravel()), np.sin(angle.ravel())])
-    return place.ravel(), direction, np.stack(corners, -1).reshape(-1, 4)
+    return fraction.ravel(), direction, np.stack(corners, -1).reshape(-1, 4)
 
 
 def polygon(
     outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]], size: float
 ) -> tuple[Float[np.ndarray, "n_point 2"], Int[np.ndarray, "n_cell 4"]]:
-    """Any polygon with holes in cells not larger than `size`, of exactly its area.
+    """Mesh of a polygon with holes, with its exact area and cells not larger than `size`.
 
-    Cut into strips of constant height at every corner; in a strip the edges do not cross, and the
-    trapezoids between every other pair of them are inside (even-odd rule).
+    The polygon is cut into level strips at every corner. Within a strip the edges do not cross, and
+    the trapezoids between every other pair of edges are inside (even-odd rule).
     """
     edges = np.concatenate([np.stack([p, np.roll(p, -1, axis=0)], 1) for p in (outline, *holes)])
-    edges = edges[edges[:, 0, 1] != edges[:, 1, 1]]  # level edges bound no strip sideways
+    edges = edges[edges[:, 0, 1] != edges[:, 1, 1]]  # a level edge is no side of a strip
     levels = np.unique(edges[:, :, 1])
     levels = np.concatenate(
         [np.linspace(a, b, _parts(b - a, size), endpoint=False) for a, b in _pairs(levels)]
@@ -94,12 +94,12 @@ def polygon(
 
 
 def triangles(cells: Int[np.ndarray, "n_cell 4"]) -> Int[np.ndarray, "n_triangle 4"]:
-    """Every quadrilateral as two triangles; the diagonal alternates."""
+    """Every quadrilateral split into two triangles, along alternating diagonals."""
     a, b, c, d = cells.T
     alternate = (np.arange(len(cells)) % 2 == 0)[:, None]
-    one = np.where(alternate, np.column_stack([a, b, c, c]), np.column_stack([a, b, d, d]))
-    two = np.where(alternate, np.column_stack([a, c, d, d]), np.column_stack([b, c, d, d]))
-    out = np.stack([one, two], 1).reshape(-1, 4)
+    first = np.where(alternate, np.column_stack([a, b, c, c]), np.column_stack([a, b, d, d]))
+    second = np.where(alternate, np.column_stack([a, c, d, d]), np.column_stack([b, c, d, d]))
+    out = np.stack([first, second], 1).reshape(-1, 4)
     return out[(out[:, 0] != out[:, 1]) & (out[:, 1] != out[:, 2]) & (out[:, 0] != out[:, 2])]
 
 
@@ -113,10 +113,10 @@ def areas(
 def moments(
     points: Float[ArrayLike, "n_point 2"], cells: Int[np.ndarray, "m 4"]
 ) -> tuple[Float[ArrayLike, " m"], Float[ArrayLike, "m 2"], Float[ArrayLike, "m 3"]]:
-    """Area [m], centroid [m, 2] and own second moments [m, 3] of every cell, either way round.
+    """Area [m], centroid [m, 2] and second moments [m, 3] of every cell, in either orientation.
 
-    The second moments, ``z^2, y^2, y z`` over the cell, are about axes through its own centroid and
-    exact (a cell is two triangles). `points` may be traced.
+    The second moments, integrals of ``z^2, y^2, y z``, are about axes through the centroid of the
+    cell and exact (a cell is two triangles). `points` may be traced.
     """
     corner = points[cells]
     halves = (
@@ -126,9 +126,11 @@ def moments(
     area = halves[0][0] + halves[1][0]
     flat = area == 0  # a cell without area has no centroid
     centroid = sum(a[:, None] * c for a, c, _ in halves) / (area + flat)[:, None]
-    own = sum(a[:, None] * (squares + _squares(c - centroid)) for a, c, squares in halves)
+    second_moments = sum(
+        a[:, None] * (squares + _squares(c - centroid)) for a, c, squares in halves
+    )
     way_round = 1 - 2 * (area < 0)
-    return abs(area), centroid, way_round[:, None] * own
+    return abs(area), centroid, way_round[:, None] * second_moments
 
 
 def _triangle(a, b, c):
@@ -138,9 +140,9 @@ def _triangle(a, b, c):
     return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]), centre, squares
 
 
-def _squares(places):
-    """``z^2, y^2, y z`` of places [m, 2], [m, 3]."""
-    return places[:, [1, 0, 0]] * places[:, [1, 0, 1]]
+def _squares(points):
+    """``z^2, y^2, y z`` of points [m, 2], [m, 3]."""
+    return points[:, [1, 0, 0]] * points[:, [1, 0, 1]]
 
 
 def _pairs(values):
@@ -148,9 +150,11 @@ def _pairs(values):
 
 
 def _parts(length, size):
+    """Least number of equal parts of a length that are not longer than `size`."""
     return max(1, int(np.ceil(length / size - 1e-9)))
 
 
 def _crossings(edges, level):
+    """The y at which edges, or their prolongations, cross a level z."""
     (y0, z0), (y1, z1) = edges[:, 0].T, edges[:, 1].T
     return y0 + (level - z0) / (z1 - z0) * (y1 - y0)

@@ -1,4 +1,4 @@
-"""What is wrong with the outlines of a section: an edge that crosses, a hole outside, no area."""
+"""Faults of the outlines of a section: edges that cross, holes outside, outlines without area."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..common.types import Float
 
 
 def crossed(outline: Float[np.ndarray, "n 2"]) -> str | None:
-    """Say what is wrong with a closed line [n, 2] without area or that crosses itself, or None."""
+    """The fault of a closed line [n, 2] in words, no area or a crossing; None if it is sound."""
     if _flat(outline):
         return "points: all on one line, which has no area"
     if (pair := _crossing(outline, outline)) is not None:
@@ -20,7 +20,7 @@ def crossed(outline: Float[np.ndarray, "n 2"]) -> str | None:
 
 
 def fault(outline: Float[np.ndarray, "n 2"], holes: Sequence[Float[np.ndarray, "_ 2"]]) -> str:
-    """Say what is wrong with a polygon and its holes, [n, 2] each, whose areas do not add up."""
+    """The fault in words of a polygon and its holes, [n, 2] each, whose areas do not add up."""
     named = {"points": outline} | {f"holes[{k}]": hole for k, hole in enumerate(holes)}
     for name, ring in named.items():
         if _flat(ring):
@@ -49,22 +49,23 @@ def _flat(ring):
     return np.linalg.matrix_rank(ring - ring[0], tol=1e-12 * np.abs(ring - ring[0]).max()) < 2
 
 
-def _crossing(one, other):
-    """Numbers of the first two edges that cross within their lengths, or None."""
-    a, b = one[:, None], np.roll(one, -1, axis=0)[:, None]
+def _crossing(outline, other):
+    """Indices of the first two edges that cross within their lengths, or None."""
+    a, b = outline[:, None], np.roll(outline, -1, axis=0)[:, None]
     c, d = other[None], np.roll(other, -1, axis=0)[None]
-    apart = _side(a, b, c) * _side(a, b, d) < 0
-    found = np.argwhere(apart & (_side(c, d, a) * _side(c, d, b) < 0))
+    divided = _side(a, b, c) * _side(a, b, d) < 0
+    found = np.argwhere(divided & (_side(c, d, a) * _side(c, d, b) < 0))
     return tuple(int(k) for k in found[0]) if len(found) else None
 
 
 def _side(a, b, c):
-    """On which side of the line from a to b the point c lies: 1, 0 or -1."""
+    """Side of the line from a to b on which the point c lies: 1 left, 0 on it, -1 right."""
     ab, ac = b - a, c - a
     return np.sign(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])
 
 
 def _edges(name, ring, other, around, pair):
+    """Two edges that cross, in words."""
     (i, j), n, m = pair, len(ring), len(around)
     return (
         f"the edge from {name}[{i}] to {name}[{(i + 1) % n}] crosses that from {other}[{j}] to "
@@ -72,10 +73,10 @@ def _edges(name, ring, other, around, pair):
     )
 
 
-def _inside(places, ring):
-    """Whether places are inside of a ring, by the crossings of a ray, [n] bool."""
+def _inside(points, ring):
+    """Whether points are inside of a ring, by the crossings of a ray, [n] bool."""
     a, b = ring[None], np.roll(ring, -1, axis=0)[None]
-    y, z = places[:, None, 0], places[:, None, 1]
+    y, z = points[:, None, 0], points[:, None, 1]
     spans = (a[..., 1] > z) != (b[..., 1] > z)
     rise = np.where(b[..., 1] == a[..., 1], 1.0, b[..., 1] - a[..., 1])
     at = a[..., 0] + (z - a[..., 1]) / rise * (b[..., 0] - a[..., 0])

@@ -12,22 +12,22 @@ from .section import Section
 
 
 def sort(section: Section) -> Hashable:
-    """What sections have in common that can be made of equal shape, hashable."""
+    """Key, hashable, that is equal for sections which `evened` can give equal shapes."""
     laws = [jax.tree.flatten(law) for law in section.laws]
-    # plastic strains are results by fibre: such a section keeps its own
+    # memory is a result of every fibre: the numbers of fibres with memory cannot be changed
     counts = section.counts if section.remembers else len(section.counts)
-    own = section.own is None, section.torsion is None
-    return counts, own, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
+    missing = section.own is None, section.torsion is None
+    return counts, missing, tuple((tree, tuple(map(np.shape, leaves))) for leaves, tree in laws)
 
 
 def evened(sections: Sequence[Section]) -> list[Section]:
-    """Sections of one `sort` with equal numbers of fibres, without the meshes of their pictures."""
+    """Sections of one `sort`, padded to equal numbers of fibres; without meshes for pictures."""
     counts = tuple(max(n) for n in zip(*(section.counts for section in sections), strict=True))
     return [_padded(section, counts) for section in sections]
 
 
 def _padded(section, counts):
-    """A section with so many fibres of each law: the last one in equal parts at one place."""
+    """The section with `counts` fibres of each law: its last fibre is split into equal parts."""
     section = copy(section, points=None, cells=None, placed=True)
     if section.counts == counts:
         return section
@@ -41,6 +41,6 @@ def _padded(section, counts):
             start += count
         return joined(parts)
 
-    own = None if section.own is None else spread(section.own, True)
+    moments = None if section.own is None else spread(section.own, True)
     places = {name: spread(getattr(section, name), False) for name in ("y", "z")}
-    return copy(section, area=spread(section.area, True), own=own, counts=counts, **places)
+    return copy(section, area=spread(section.area, True), own=moments, counts=counts, **places)

@@ -1,4 +1,4 @@
-"""A fibre section: how it is made, its numbers, its equilibrium; `fibres` has its law."""
+"""A fibre section: its constructors, its numbers, its equilibrium; `fibres` has its law."""
 
 from __future__ import annotations
 
@@ -22,27 +22,30 @@ from .strains import SectionState
 class Section(Fibres):
     """A cross-section made of fibres; the constructors below make its mesh.
 
-    Fibres of one law follow each other. Coordinates are from the point through which the axis of an
-    element goes. `disc`, `ring`, `rectangle` and `i_shape` put it at the centre of their shape;
-    `polygon`, `mesh` and `composite` leave it at the origin of their points or parts, from where
-    `centred` takes it to the centroid.
+    Fibres of one law follow each other. The axis of an element goes through the origin of the
+    coordinates. `disc`, `ring`, `rectangle` and `i_shape` put the origin at the centre of their
+    shape; `polygon`, `mesh` and `composite` leave it at the origin of their points or parts, and
+    `centred` moves it to the centroid.
 
     The axis also counts as the shear centre: an element twists about it, and loads through it cause
-    no torsion. In an L or a channel both points are apart, which is not modelled. Where the product
-    ``Iyz`` of `inertia` is not zero (an L, a Z), a moment about y bends about z as well.
+    no torsion. In an L or a channel the centroid and the shear centre are apart, which is not
+    modelled. Where the product ``Iyz`` of `inertia` is not zero (an L, a Z), a moment about y bends
+    about z as well.
 
     Attributes:
         y, z: places of the fibres, [n_fibre], m.
-        area: their areas, [n_fibre], m2.
+        area: areas of the fibres, [n_fibre], m2.
         laws: tuple of uniaxial laws.
-        counts: how many fibres each law has.
-        torsion: Saint-Venant torsion constant that goes with each law, [n_law], m4, or None.
+        counts: number of fibres of each law.
+        torsion: Saint-Venant torsion constant, the share of each law, [n_law], m4, or None.
         points, cells: mesh for pictures, [n_point, 2] and [n_fibre, 4]; None if there is none.
         own: second moments of each fibre about its own centroid, of z^2, y^2 and yz, [n_fibre, 3],
-            m4; None for points of area. They make `inertia` exact, and all of a section whose laws
-            are linear. Laws of points are evaluated at the centres of the fibres.
-        placed: False where the axis is where coordinates had their origin, and neither `centred`
-            nor `shifted` has said that it is meant; a beam then warns unless it is the centroid.
+            m4; None for fibres that are points with an area. They make `inertia` exact, and the
+            forces of a section whose laws are linear. Other laws are evaluated at the centroids of
+            the fibres.
+        placed: False if the place of the axis is merely the origin of the coordinates given, and
+            neither `centred` nor `shifted` has confirmed it; a beam then warns unless the axis is
+            at the centroid.
 
     Raises:
         ValueError: wrong shapes, an area that is not positive, something that is no law, `counts`
@@ -62,7 +65,7 @@ class Section(Fibres):
     z: Float[ArrayLike, " n_fibre"]
     area: Float[ArrayLike, " n_fibre"]
     laws: Sequence[Law]
-    counts: tuple[int, ...] = None  # type: ignore[assignment]  # put in by the constructor
+    counts: tuple[int, ...] = None  # type: ignore[assignment]  # set by the constructor
     torsion: Float[ArrayLike, " n_law"] | None = None
     points: Float[ArrayLike, "n_point 2"] | None = None
     cells: Int[ArrayLike, "n_fibre 4"] | None = None
@@ -95,7 +98,7 @@ class Section(Fibres):
             put(self, "cells", Indices(cells))
 
     def rules(self) -> list[Rule]:
-        """What its numbers keep, see `common.rules`; its laws have their own."""
+        """The rules of its numbers, see `common.rules`; laws have rules of their own."""
         return [positive("area", self.area, "a fibre's area must be positive")]
 
     # --- shapes
@@ -123,7 +126,7 @@ class Section(Fibres):
     torsional_stiffness = geometry.torsional_stiffness
 
     def axial(self) -> tuple[Float[Array, ""], Law]:
-        """Area, m2, and the one law that axial force sees (all fibres at the same strain).
+        """Area, m2, and the law of the axial force over it (all fibres at the same strain).
 
         Example:
             >>> section = jc.Section.disc(0.05, jc.Elastic(210e9))
@@ -132,13 +135,13 @@ class Section(Fibres):
             1963.5 mm2, 210 GPa
         """
         areas = [jnp.sum(self.area[part]) for part in self._parts()]
-        area: Array = sum(areas)  # type: ignore[assignment]  # not 0: there is a law
+        area: Array = sum(areas)  # type: ignore[assignment]  # an array: there is at least one law
         if len(self.laws) == 1:
             return area, self.laws[0]
         return area, Parallel(self.laws, jnp.stack(areas) / area)
 
     def reduced(self) -> Section | Linear:
-        """The section as an analysis has it: a linear one without fibres, else `extended`."""
+        """The section as an analysis needs it: `Linear` if all laws are linear, else `extended`."""
         if not self.is_elastic:
             return self.extended()
         torsion = None if self.torsion is None else self.torsional_stiffness()
@@ -157,12 +160,13 @@ class Section(Fibres):
     ) -> SectionState:
         """Strains from forces, by iteration to the equilibrium of the section.
 
-        Forces of any shape are taken in turn. Differentiable by the implicit function theorem.
+        Forces of any shape are treated one after the other. Differentiable by the implicit function
+        theorem.
 
         Args:
             N, My, Mz: arrays of one shape, N, N m, N m.
-            memory: plastic strains of the fibres, as from `initial_memory`: one state for all
-                forces, or with the axes of the forces in front; None for an unused section.
+            memory: of the fibres, as from `initial_memory`: one memory for all forces, or with the
+                axes of the forces in front; None for an unused section.
             tol: largest residual relative to the sum of absolute fibre forces and the load; default
                 64 eps.
             max_steps: iterations allowed.
@@ -171,7 +175,8 @@ class Section(Fibres):
             `SectionState`; its status is BEYOND_CAPACITY where the section cannot carry the forces.
 
         Example:
-            Half of the 2 MN that it can carry is half of its strain of failure; and more than that:
+            The section can carry 2 MN. Half of that causes half of the strain at failure; 3 MN is
+            too much:
 
             >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
             >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))
@@ -193,17 +198,18 @@ class Section(Fibres):
         """Interaction surface N-My-Mz: where the first fibre reaches the end of its curve.
 
         Args:
-            n_angle: directions of bending, evenly round.
-            n_axial: ratios of elongation to curvature, from pure compression to pure tension.
+            n_angle: number of directions of bending, evenly over the full circle.
+            n_axial: number of ratios of elongation to curvature, from pure compression to pure
+                tension.
 
         Returns:
             ``N, My, Mz``, [n_axial, n_angle] each, N, N m, N m; infinite where no fibre ever fails.
 
         Raises:
-            ValueError: no law of the section has an end.
+            ValueError: no law of the section has an end; fewer than two ratios, or no direction.
 
         Example:
-            The largest axial forces of 20 000 mm2 that carries 100 MPa:
+            The smallest and largest axial force of an area of 20 000 mm2 that carries 100 MPa:
 
             >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
             >>> section = jc.Section.rectangle(0.1, 0.2, law, shape=(10, 10))

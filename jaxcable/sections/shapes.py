@@ -1,7 +1,7 @@
 """Constructors of fibre sections: closed shapes, polygons with holes, meshes.
 
-Their meshes are made on the host; their dimensions may be traced, so that derivatives with respect
-to a diameter or a width exist.
+Meshes are made on the host. Dimensions may be traced, so that derivatives with respect to a
+diameter or a width exist.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .composites import Made, composite
 from .torsion import rectangle_torsion
 
 _CELLS = ("quadrilaterals", "triangles")
-_AXES = np.array([1.0, 1.0, 0.0])  # of second moments: the two about axes, not the product
+_AXES = np.array([1.0, 1.0, 0.0])  # 1 for the second moments about the axes, 0 for the product
 
 
 def disc(
@@ -35,7 +35,7 @@ def disc(
     Args:
         diameter: scalar, m.
         law: uniaxial law.
-        shape: cells of the square mesh that is drawn out to the circle, a pair.
+        shape: cells along both sides of the square mesh that is mapped to the circle, a pair.
         cells: "quadrilaterals" or "triangles".
 
     Returns:
@@ -70,7 +70,7 @@ def ring(
         diameter: outer, scalar, m.
         thickness: of the wall, scalar, m.
         law: uniaxial law.
-        shape: cells through the wall and round it, a pair.
+        shape: number of cells through the wall and around it, a pair.
         cells: "quadrilaterals" or "triangles".
 
     Returns:
@@ -86,9 +86,9 @@ def ring(
     """
     diameter, thickness = _positive(diameter, "diameter"), _positive(thickness, "thickness")
     thickness = _within(thickness, 2 * thickness >= diameter, "thickness", "twice is too thick")
-    place, direction, quads = meshes.ring(*_shape(shape, (1, 3)))
+    fraction, direction, quads = meshes.ring(*_shape(shape, (1, 3)))
     inner = diameter / 2 - thickness
-    points = (inner + place * thickness)[:, None] * direction
+    points = (inner + fraction * thickness)[:, None] * direction
     inertia = np.pi / 64 * (diameter**4 - (2 * inner) ** 4)
     return _from_mesh(cls, points, _cells(quads, cells), law, 2 * inertia, round_inertia=inertia)
 
@@ -107,7 +107,7 @@ def rectangle(
         width: along y, scalar, m.
         height: along z, scalar, m.
         law: uniaxial law.
-        shape: cells along y and z, a pair.
+        shape: number of cells along y and z, a pair.
         cells: "quadrilaterals" or "triangles".
 
     Returns:
@@ -116,7 +116,7 @@ def rectangle(
     Raises:
         ValueError: a length that is not positive, or an impossible mesh.
 
-    Source: of the torsion constant Timoshenko and Goodier, Theory of Elasticity, art. 109.
+    Source: Timoshenko and Goodier, Theory of Elasticity, art. 109 (torsion constant).
 
     Example:
         >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(200e9), shape=(5, 10))
@@ -143,11 +143,11 @@ def i_shape(
     The torsion constant is that of thin walls, ``sum b t^3 / 3``; warping is not modelled.
 
     Args:
-        height: whole, along z, scalar, m.
+        height: of the whole section, along z, scalar, m.
         width: of the flanges, along y, scalar, m.
         web, flange: thicknesses, scalars, m.
         law: uniaxial law.
-        shape: cells along a flange, through a flange, and along the web, a triple.
+        shape: number of cells along a flange, through a flange, and along the web, a triple.
 
     Returns:
         `Section`.
@@ -185,26 +185,26 @@ def polygon(
 ) -> Made:
     """Polygon with holes; its axis is at the origin of the points (`Section.centred` moves it).
 
-    The points are topology for the mesh: they cannot be traced (use `mesh`). Its torsion constant
+    The points are topology for the mesh: they cannot be traced (use `mesh`). The torsion constant
     is not known: an element has to state its torsional stiffness.
 
     Args:
         points: corners (y, z) of the outline, [n, 2], m.
-        holes: list of such polygons, or None.
+        holes: list of the corners of each hole, [n, 2] each, or None.
         law: uniaxial law.
-        size: of the cells, at most, m.
+        size: largest size of the cells, m.
         cells: "quadrilaterals" or "triangles".
 
     Returns:
-        `Section`; beams warn of an axis off its centroid unless `Section.centred` or
-        `Section.shifted` has said where it is to be.
+        `Section`; beams warn of an axis off the centroid unless `Section.centred` or
+        `Section.shifted` has put it in its place.
 
     Raises:
         ValueError: wrong shapes, traced points, a size that is not positive, an outline that
             crosses itself or a hole.
 
     Example:
-        A box of 1 m with walls of a quarter:
+        A box of 1 m with walls of 0.25 m:
 
         >>> outline = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
         >>> hole = [[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]]
@@ -225,7 +225,7 @@ def polygon(
     if not abs(meshed - net) <= 1e-9 * abs(_signed_area(outline)) or meshed == 0:
         raise ValueError(outlines.fault(outline, holes))
     quads = _cells(made[1], cells)
-    # strips that end in a point have cells without area
+    # a strip that ends in a point has cells without area: leave them out
     quads = quads[meshes.areas(made[0], quads) > 1e-14 * float(size) ** 2]
     return _from_mesh(cls, made[0], quads, law, placed=False)
 
@@ -236,19 +236,19 @@ def mesh(
     cells: Int[ArrayLike, "n_cell 3or4"],
     laws: Law | Sequence[Law],
 ) -> Made:
-    """Section from a mesh of your own; its axis is at the origin of the points, as of `polygon`.
+    """Section from a given mesh; its axis is at the origin of the points, as in `polygon`.
 
     Args:
         points: [n_point, 2] (y, z), m.
-        cells: point numbers, [n_cell, 3] triangles or [n_cell, 4] quadrilaterals (a triangle among
-            them names its last point twice), either way round.
-        laws: one law, or a list of one per cell.
+        cells: numbers of points, [n_cell, 3] for triangles or [n_cell, 4] for quadrilaterals (where
+            a triangle repeats its last point), clockwise or anticlockwise.
+        laws: one law, or a list of laws, one for each cell.
 
     Returns:
-        `Section` without torsion constant; beams warn of its axis as of that of `polygon`.
+        `Section` without torsion constant; beams warn of its axis as for `polygon`.
 
     Raises:
-        ValueError: wrong shapes, unknown points, a number of laws that is not that of the cells.
+        ValueError: wrong shapes, unknown points, or the numbers of laws and cells differ.
 
     Example:
         Two triangles of different stiffness make a square of 0.1 m:
@@ -275,7 +275,9 @@ def mesh(
         if len(laws) != len(cells):
             raise ValueError(f"laws: expected one law or {len(cells)}, got {len(laws)}")
         kinds = list({id(law): law for law in laws}.values())
-        kind = np.array([next(k for k, own in enumerate(kinds) if own is law) for law in laws])
+        kind = np.array(
+            [next(k for k, kind_law in enumerate(kinds) if kind_law is law) for law in laws]
+        )
         order = np.argsort(kind, kind="stable")
         counts = tuple(np.bincount(kind).tolist())
         return _from_mesh(cls, points, cells[order], kinds, counts=counts, placed=False)
@@ -285,26 +287,28 @@ def mesh(
 def _from_mesh(
     cls, points, cells, laws, torsion=None, counts=None, round_inertia=None, placed=True
 ):
-    """Section of a mesh; `round_inertia`: the exact one of a circular shape, any axis, m4."""
-    area, centroid, own = meshes.moments(points, cells)
+    """Section of a mesh; `round_inertia` is the exact second moment of a circular shape, m4."""
+    area, centroid, moments = meshes.moments(points, cells)
     y, z = centroid[:, 0], centroid[:, 1]
     if torsion is not None:
         torsion = stack(torsion)
     if round_inertia is not None:
-        # polygons of the circle's area have a little more inertia: the difference goes to all cells
-        # by their area
-        total = own.sum(0) + (area @ centroid[:, ::-1] ** 2)[np.array([0, 1, 1])]
-        own = own + (area / area.sum())[:, None] * ((round_inertia - total) * _AXES)[None]
-    return cls(y, z, area, laws, counts, torsion, points, cells, own, placed)
+        # A polygon with the area of a circle has a little more inertia than the circle: the
+        # difference is shared among the cells in proportion to their areas.
+        total = moments.sum(0) + (area @ centroid[:, ::-1] ** 2)[np.array([0, 1, 1])]
+        moments = moments + (area / area.sum())[:, None] * ((round_inertia - total) * _AXES)[None]
+    return cls(y, z, area, laws, counts, torsion, points, cells, moments, placed)
 
 
 def _cells(quads, kind):
+    """Cells of the kind asked for, from quadrilaterals."""
     if kind not in _CELLS:
         raise ValueError(f"cells = {kind!r}: expected one of {_CELLS}")
     return quads if kind == "quadrilaterals" else meshes.triangles(quads)
 
 
 def _shape(shape, least=(1, 1)):
+    """The shape of a mesh, refused if it is no tuple of integers of at least `least`."""
     ok = isinstance(shape, list | tuple) and len(shape) == len(least)
     ok = ok and all(
         isinstance(n, int | np.integer) and n >= m for n, m in zip(shape, least, strict=False)
@@ -315,16 +319,17 @@ def _shape(shape, least=(1, 1)):
 
 
 def _positive(value, name):
-    """A dimension as a float: refused if it is not positive, NaN if that is traced."""
+    """A dimension as a float; if it is not positive, refused, or NaN where it is traced."""
     return _float(or_nan(positive(name, checks.floats(value, name))))
 
 
 def _within(value, broken, name, text):
-    """A dimension: refused where it is `broken`, NaN where that is traced."""
+    """A dimension; where `broken` is true, refused, or NaN where it is traced."""
     return _float(or_nan(Rule(name, (value, broken), lambda _, broken: broken, text)))
 
 
 def _float(value):
+    """A scalar dimension as a float, or as it is if traced."""
     value = checks.floats(value, "dimension")
     if value.ndim:
         raise ValueError(f"dimension: expected a scalar, got shape {value.shape}")
@@ -332,6 +337,7 @@ def _float(value):
 
 
 def _outline(points, name):
+    """Corners of a polygon, checked, NumPy [n, 2]."""
     if checks.concrete(points) is None:
         raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
     points = checks.floats(points, name)
@@ -345,5 +351,6 @@ def _outline(points, name):
 
 
 def _signed_area(points):
+    """Area of a polygon, positive if it is anticlockwise."""
     y, z = points.T
     return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))

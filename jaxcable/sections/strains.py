@@ -1,9 +1,9 @@
-"""Equilibrium of a section: strains from forces.
+"""Equilibrium of a section: strains from forces, the inverse of `Section.forces`.
 
-The complementary question to `Section.forces`. With laws that rise the potential
-``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton with a line search finds its minimum.
-The curves go on elastically beyond their ends, so that every force has strains, and whether a fibre
-then lies beyond its curve says that the force is beyond the capacity.
+With laws that rise the potential ``sum A w(e) - N e0 - My ky - Mz kz`` is convex, and Newton's
+method with a line search finds its minimum. The curves go on elastically beyond their ends, so that
+strains exist for every force. If a fibre is then beyond the end of its curve, the force is beyond
+the capacity.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class SectionState:
 
     Attributes:
         strain: ``(e0, ky, kz)``, each of the shape of the forces, -, 1/m, 1/m.
-        status: OK; BEYOND_CAPACITY if a fibre of the last iterate is beyond its curve, converged or
-            not; NOT_CONVERGED.
-        residual: largest unbalanced force, moments over the radius of gyration, N.
-        steps: iterations.
+        status: OK; BEYOND_CAPACITY if a fibre of the last iterate is beyond the end of its curve,
+            whether converged or not; else NOT_CONVERGED.
+        residual: largest unbalanced force; moments divided by the radius of gyration, N.
+        steps: number of iterations.
 
     Example:
         >>> law = jc.Polygonal([-1e-3, 0.0, 1e-3], [-100e6, 0.0, 100e6])
@@ -58,14 +58,15 @@ def equilibrium(
 ) -> SectionState:
     """Strains ``(e0, ky, kz)`` that balance the forces.
 
-    Forces of any shape are taken in turn, so that none waits for the slowest of them: on a CPU five
-    times faster than all at once. For a GPU use `jax.vmap` over single forces.
+    Forces of any shape are treated one after the other, each with as many iterations as it needs:
+    on a CPU this is five times faster than a batch, which iterates until the slowest has converged.
+    For a GPU use `jax.vmap` over single forces.
 
     Args:
         section: `Section`.
         N, My, Mz: arrays of one shape, N, N m, N m.
-        memory: plastic strains of the fibres as from `Section.initial_memory`: one state for
-            all forces, or with the axes of the forces in front.
+        memory: of the fibres, as from `Section.initial_memory`: one memory for all forces, or with
+            the axes of the forces in front; None for an unused section.
         tol: largest residual, relative to the sum of absolute fibre forces plus the load (moments
             over the radius of gyration); default 64 eps, which costs one iteration more than 1e-4.
         max_steps: iterations allowed.
@@ -87,7 +88,7 @@ def equilibrium(
     code = jnp.where(broken, status.BEYOND_CAPACITY, code).astype(jnp.int32)
     ok = code == status.OK
     section, target, memory = implicit.gate(ok, parameters)
-    radius = lax.stop_gradient(radius)  # it scales the unknowns and is no part of the answer
+    radius = lax.stop_gradient(radius)  # it scales the unknowns and has no effect on the strains
 
     def unbalanced(v):
         return _forces(section.extended(), v, radius, memory) - target / radius
@@ -103,22 +104,28 @@ def equilibrium(
 
 
 def _batch(section, forces, memory, tol, max_steps):
-    """The same for forces of any shape."""
+    """`equilibrium` for forces of any shape, one after the other."""
     shape = forces[0].shape
     flat = [v.ravel() for v in forces]
-    every = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
-    own = jax.tree.map(lambda p: p.reshape(-1, *p.shape[len(shape) :]), memory) if every else None
+    by_force = jax.tree.leaves(memory)[0].ndim > 2 if memory is not None else False
+    memories = (
+        jax.tree.map(
+            lambda remembered: remembered.reshape(-1, *remembered.shape[len(shape) :]), memory
+        )
+        if by_force
+        else None
+    )
 
-    def one(item):
-        force, p = item
-        return equilibrium(section, *force, p if every else memory, tol, max_steps)
+    def of_one(item):
+        force, remembered = item
+        return equilibrium(section, *force, remembered if by_force else memory, tol, max_steps)
 
-    states = lax.map(one, (flat, own))
+    states = lax.map(of_one, (flat, memories))
     return jax.tree.map(lambda v: v.reshape(shape), states)
 
 
 def _radius(section):
-    """Lengths that make the unknowns strains: 1 and the radii of gyration (1 if zero)."""
+    """Factors [3] from (e0, ky, kz) to strains: 1 and the radii of gyration (1 if these are 0)."""
     inertia = jnp.stack(section.inertia()[:2]) / section.total_area
     flat = inertia <= 0
     radius = jnp.where(flat, 1.0, jnp.sqrt(jnp.where(flat, 1.0, inertia)))
@@ -126,7 +133,7 @@ def _radius(section):
 
 
 def _forces(section, scaled, radius, memory):
-    """Forces, moments over their radius, [3], N, of strains times their radius [3]."""
+    """Forces, moments divided by `radius`, [3], N; `scaled` is (e0, ky, kz) times `radius`."""
     return jnp.stack(section.forces(*(scaled / radius), memory)) / radius
 
 
@@ -137,7 +144,7 @@ def _tangent(section, scaled, radius, memory):
 
 
 def _iterate(section, target, memory, radius, tol, max_steps):
-    """Newton with line search from zero strain: strains, steps, residual, success."""
+    """Newton's method with line search from zero: scaled strains, steps, residual, success."""
     section = section.extended()
     eps = jnp.finfo(target.dtype).eps
     tol = jnp.maximum(64 * eps, jnp.asarray(64 * eps if tol is None else tol))
@@ -160,15 +167,16 @@ def _iterate(section, target, memory, radius, tol, max_steps):
             matrix + shift * jnp.eye(3, dtype=matrix.dtype), -residual
         )
         slope = residual @ step
-        # in a batch a finished lane is carried along: it must not make the others wait for a search
+        # under `jax.vmap` finished cases stay in the loop: they must not prolong the line search
         usable = definite & jnp.isfinite(slope) & (slope < 0) & unfinished(s)
         step = jnp.where(usable, step, 0.0)
         a, new_residual, new_scale, found = search(
             lambda a: evaluate(v + a * step), step, slope, usable
         )
-        # The shift, residual per strain, keeps a yielded section from being singular and, of the
-        # many strains that balance a force on a plateau, leads to small ones. Without it the last
-        # step would be exact; with it the residual falls by a thousand, for one more iteration.
+        # The shift, a residual per strain, keeps the tangent of a yielded section regular. Where
+        # many strains balance the force, on a plateau, it leads to small ones. Without the shift
+        # the last step would be exact; with it the residual falls by a factor of a thousand, which
+        # costs one more iteration.
         kappa = jnp.where(found, jnp.maximum(0.1 * kappa, 1e-3), 100 * kappa)
         return (
             jnp.where(found, v + a * step, v),

@@ -17,12 +17,16 @@ from . import outlines
 def rectangle_torsion(
     width: Float[ArrayLike, ""], height: Float[ArrayLike, ""]
 ) -> Float[ArrayLike, ""]:
-    """Torsion constant, m4: Saint-Venant's series (Timoshenko and Goodier, art. 109)."""
+    """Torsion constant of a rectangle, m4, by Saint-Venant's series.
+
+    Source: Timoshenko and Goodier, Theory of Elasticity, art. 109.
+    """
     pack = np if isinstance(width, float) and isinstance(height, float) else jnp
     short, long = pack.minimum(width, height), pack.maximum(width, height)
     n = np.arange(1, 40, 2)
     series = pack.sum(pack.tanh(n * (np.pi / 2) * long / short) / n.astype(float) ** 5)
-    rest = 31 / 32 * 1.0369277551433699 - np.sum(1 / n.astype(float) ** 5)  # tanh is 1 there
+    # the terms that the sum leaves out, in all of which tanh is 1; 31/32 zeta(5) is the full sum
+    rest = 31 / 32 * 1.0369277551433699 - np.sum(1 / n.astype(float) ** 5)
     return long * short**3 / 3 * (1 - 192 / np.pi**5 * short / long * (series + rest))
 
 
@@ -31,14 +35,14 @@ def bredt_torsion(
 ) -> Float[ArrayLike, ""]:
     """Torsion constant of a closed cell of thin walls, ``4 A^2 / sum(l / t)``.
 
-    ``A`` is the area inside of the middle line of the walls. What the walls have by themselves,
-    ``sum l t^3 / 3``, is left out: it is smaller by the square of thickness over width. Both
-    arguments may be traced.
+    ``A`` is the area inside of the middle line of the walls. The contribution of the walls as open
+    strips, ``sum l t^3 / 3``, is left out: it is smaller by the square of thickness over width.
+    Both arguments may be traced.
 
     Args:
-        points: corners (y, z) of the middle line, in turn, either way round, [n, 2], m.
-        thickness: of the walls, m; scalar, or [n], of which number k is that of the wall from
-            ``points[k]`` to the next corner.
+        points: corners (y, z) of the middle line in order, clockwise or anticlockwise, [n, 2], m.
+        thickness: of the walls, m; a scalar, or [n], where entry k is the thickness of the wall
+            from ``points[k]`` to the next corner.
 
     Returns:
         Scalar, m4.
@@ -50,7 +54,7 @@ def bredt_torsion(
     Source: Bredt (1896); Timoshenko and Goodier, Theory of Elasticity, art. 115.
 
     Example:
-        A box of 200 x 200 x 10 mm welded of four plates; four loose ones have 2.5e-7 m4:
+        A box of 200 x 200 x 10 mm welded of four plates; the separate plates have 2.5e-7 m4:
 
         >>> middle = [[-0.095, -0.095], [0.095, -0.095], [0.095, 0.095], [-0.095, 0.095]]
         >>> J = jc.sections.bredt_torsion(middle, thickness=0.01)  # t a^3
@@ -80,31 +84,32 @@ def bredt_torsion(
     traced = known is None or checks.concrete(thickness) is None
     pack = jnp if traced else np
     y, z = points.T
-    to_y, to_z = pack.roll(y, -1), pack.roll(z, -1)
-    area = 0.5 * pack.sum(y * to_z - z * to_y)
-    length = pack.sqrt((to_y - y) ** 2 + (to_z - z) ** 2)
+    next_y, next_z = pack.roll(y, -1), pack.roll(z, -1)
+    area = 0.5 * pack.sum(y * next_z - z * next_y)
+    length = pack.sqrt((next_y - y) ** 2 + (next_z - z) ** 2)
     return 4 * area**2 / pack.sum(length / thickness)
 
 
 def are_round(parts: Sequence[tuple[Any, ...]]) -> Bool[ArrayLike, ""]:
     """Whether all parts are discs and rings about one centre; traced if their numbers are.
 
-    A section has the torsion constant of a circle, the polar moment of its area, only if it is one
-    or consists of rings about one centre (else it warps, which makes the constant smaller); about
-    any other point the polar moment is larger. So the numbers tell.
+    Decided by comparing the torsion constant of each part with the polar moment of its area about
+    the common centroid. Both are equal only for a disc or a ring about this centre: any other shape
+    warps, which makes its torsion constant smaller, and about any other centre the polar moment is
+    larger.
 
     Args:
         parts: list of (y, z, area, own, torsion) of one law each, as in `Section`.
     """
-    if any(own is None or torsion is None for *_, own, torsion in parts):
+    if any(moments is None or torsion is None for *_, moments, torsion in parts):
         return False
     traced = any(checks.concrete(v) is None for part in parts for v in part)
     pack = jnp if traced else np
     y, z, area = (pack.concatenate([part[k] for part in parts]) for k in range(3))
     y0, z0 = area @ y / area.sum(), area @ z / area.sum()
     near = []
-    for y, z, area, own, torsion in parts:
-        polar = pack.sum(area * ((y - y0) ** 2 + (z - z0) ** 2) + own[:, 0] + own[:, 1])
-        # roundings of fourth powers, some of which are differences
+    for y, z, area, moments, torsion in parts:
+        polar = pack.sum(area * ((y - y0) ** 2 + (z - z0) ** 2) + moments[:, 0] + moments[:, 1])
+        # wide tolerance: rounding of fourth powers of lengths and of their differences
         near.append(abs(torsion - polar) <= pack.sqrt(pack.finfo(area.dtype).eps) * polar)
     return pack.all(pack.stack(near)) if traced else all(near)

@@ -1,4 +1,4 @@
-"""Linear buckling: how far loads can grow until the tangent of a state is singular, estimated."""
+"""Linear buckling: an estimate of the load factor at which the tangent becomes singular."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..mechanics.ramp import make_system, unloaded
 from ..model.structure import Structure
 from .tangent import displaced_by, filled, prepared, tangent_at
 
-_ROUNDING = 64  # times eps of the sums that an eigenvalue is the difference of: it is zero
+_ROUNDING = 64  # an eigenvalue below this, times eps and the sums it is a difference of, is zero
 
 
 @pytree
@@ -26,9 +26,9 @@ class Buckling:
     """Buckling factors and shapes, lowest first.
 
     Attributes:
-        factor: what the loads are to be multiplied by until the tangent is singular, [n], -; inf
-            where no multiple of them does it, NaN where there is no estimate.
-        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+        factor: factor on the loads at which the tangent is singular, [n], -; inf where there is no
+            such factor, NaN where there is no estimate.
+        shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
     Example:
         >>> structure, phases = jc.scenes.von_mises_truss(load=100.0)
@@ -52,47 +52,52 @@ def buckling_factor(
 ) -> Buckling:
     """Factors on the loads of a state at which it buckles, by linear theory.
 
-    The tangent stiffness is taken to change with the loads in proportion, from that of a reference
-    to that of the state: ``K(f) = K_ref + f (K_state - K_ref)``. Found are the lowest ``f > 0``
-    with ``K(f) phi = 0``: ``f`` times the loads, and with them the forces, buckle the structure.
-    The change contains the displacements so far, not stress alone: exact where elements hardly turn
-    before it buckles, an estimate else, too high or too low: from small loads it is 1.7 times the
-    limit load of a shallow truss that snaps; and a mast between slack guys whose top moves by 4 %
-    of its height gets 1.15 where it still stands at 6 times the load, because a stiff element that
-    has turned looks softer to first order. Take the root of its strain for a large turn.
-    `trace_path` follows the exact path. Laws that are not linear and the sag of catenaries enter by
-    their tangents as well.
+    The tangent stiffness is taken to change in proportion to the loads, from that of a reference
+    to that of the state: ``K(f) = K_ref + f (K_state - K_ref)``. The results are the lowest factors
+    ``f > 0`` with ``K(f) phi = 0``: with ``f`` times the loads the structure buckles. Laws that are
+    not linear, and the sag of catenaries, enter by their tangents.
 
-    With a `reference`, such as the prestressed state, factors are on what has come since, and its
-    own forces stay. Without one it is the structure without any stress, straight between its
-    initial nodes: all forces of the state grow in one proportion, those of prestress too. That
-    tells nothing of a net whose form changes with its forces.
+    The change of stiffness comes from displacements as well as from stress. Factors are exact where
+    elements hardly turn before the structure buckles, and an estimate otherwise, which may be too
+    high or too low. From small loads it is 1.7 times the limit load of a shallow truss that snaps.
+    For a mast between slack guys whose top moves by 4 % of its height it is 1.15 although the mast
+    carries 6 times the load, because a stiff element that has turned looks softer to first order. A
+    turn is large in this sense from about the square root of the element's strain. `trace_path`
+    follows the exact path.
 
-    A pure function. Derivatives are those of simple eigenvalues; of equal ones those of the shapes
-    are not finite. Dense, meant for some hundred unknowns.
+    With a `reference`, such as the prestressed state, factors multiply the loads added since, and
+    the forces of the reference stay as they are. Without it, K_ref is that of the structure without
+    any stress, straight between its initial nodes: all forces of the state grow in proportion,
+    those of prestress too. This is no useful estimate for a net whose form changes with its forces.
+
+    A pure function. Derivatives are those of simple eigenvalues; for equal eigenvalues the
+    derivatives of the shapes are not finite. Dense, meant for some hundred unknowns.
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state) or `State`.
-        reference: the same of the phases before the loads, ``jc.solve(structure, phases[:1])``;
+        state: `Solution` (its last converged state is used) or `State`.
+        reference: `Solution` or `State` before the loads, ``jc.solve(structure, phases[:1])``;
             None for the structure without stress.
         n: number of factors; fewer if there are fewer freedoms.
+
+    Options:
         fixed: freedoms to leave out, as in `stiffness.tangent_of`; default those held in `state`.
 
     Returns:
-        `Buckling`. A factor is inf where the loads stiffen the structure, or change it no more than
-        rounding. It is below 1 where the state has buckled already. If the reference is not stable
-        and the state is (a net without prestress, say), factors are those above 1 alone. NaN where
-        neither is stable (mechanisms), and where cables are slack in one of the two only: between
-        them the stiffness jumps. (Without a reference slack cables are left out.)
+        `Buckling`. A factor is inf where the loads stiffen the structure, or change its stiffness
+        by no more than rounding. It is below 1 where the state has buckled already. If the state is
+        stable and the reference is not (such as a net without prestress), only factors above 1 are
+        found. Factors are NaN where neither is stable (mechanisms), and where cables are slack in
+        one of the two only, since the stiffness jumps in between. (Without a reference slack cables
+        are left out.)
 
     Raises:
-        ValueError: wrong arguments; loads that follow or nodal moments, whose tangent is not
+        ValueError: wrong arguments; following loads or nodal moments, whose tangent is not
             symmetric (if traced, factors are NaN); catenaries under load without a reference.
 
     Example:
-        A rigid strut of 2 m, its top between two cables of 4 m with 8 kN: across them it buckles at
-        ``2 N / l h`` = 8 kN, which is 4 times the load.
+        A rigid strut of 2 m whose top is stayed by two cables of 4 m with 8 kN. It buckles out of
+        their plane at ``2 N / l h`` = 8 kN, which is 4 times the load:
 
         >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [-4.0, 0.0, 2.0], [4.0, 0.0, 2.0]]
         >>> strut = jc.Bars([[0, 1]], axial_stiffness=1e12)
@@ -129,10 +134,10 @@ def buckling_factor(
                 f"phases[:1]), got {type(reference).__name__}"
             )
         held = Indices(freedoms.fixed)
-        own, indices, numbered = prepared(structure, reference, held)
-        _refuse_following(own[2], "reference")
-        before = tangent_at(own, indices, numbered)
-        pairs = zip(_slack(own, indices), slack, strict=True)
+        reference_frame, reference_arrays, reference_freedoms = prepared(structure, reference, held)
+        _refuse_following(reference_frame[2], "reference")
+        before = tangent_at(reference_frame, reference_arrays, reference_freedoms)
+        pairs = zip(_slack(reference_frame, reference_arrays), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
     symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
     if checks.concrete(symmetric) is not None and not symmetric:
@@ -147,7 +152,7 @@ def buckling_factor(
 
 
 def _refuse_following(carry, name):
-    """Raise ValueError if loads follow the nodes."""
+    """Raise ValueError if following loads act."""
     if any(stack.follows for stack in carry.loads):
         raise ValueError(
             f"{name}: loads that follow act on it; linear buckling multiplies loads that keep "
@@ -163,23 +168,24 @@ def _slack(thawed, arrays):
 
 
 def _without_stress(thawed, arrays, slack):
-    """`Carry` of the structure as it was, every element as long as its chord or slack.
+    """`Carry` of the structure without stress: every element as long as its chord, or slack.
 
-    It has the loads of the state times zero: one program serves for both tangents.
+    It has the loads of the state times zero, so that one program serves for both tangents.
     """
     bare, carry = _bare(thawed, arrays, slack), thawed[2]
-    amounts = [copy(own, factors=0.0 * own.factors) for own in carry.amounts]
+    amounts = [copy(amount, factors=0.0 * amount.factors) for amount in carry.amounts]
     return copy(bare, loads=carry.loads, amounts=amounts)
 
 
 @jax.jit
 def _bare(thawed, arrays, slack):
+    """`Carry` of the structure without stress and without loads."""
     nodes, groups, _ = filled(thawed, arrays)
     bare = unloaded(nodes, groups)
     states = []
-    for group, state, loose in zip(groups, bare.states, slack, strict=True):
+    for group, state, is_slack in zip(groups, bare.states, slack, strict=True):
         chord = group.chord(nodes[group.links])
-        longer = jnp.where(loose, chord, 0.0)  # twice its chord: slack for certain
+        longer = jnp.where(is_slack, chord, 0.0)  # twice its chord, which is slack for certain
         states.append(copy(state, rest_length=chord + longer, elongation=-longer))
     return copy(bare, states=states)
 
@@ -195,23 +201,23 @@ def _stable(matrix):
 def _solve(before, after, n):
     """The lowest `n` factors and their vectors [n_free, n].
 
-    With M the one of both that is stable, and ``(K_state - K_ref) phi = kappa M phi``: K(f) is
-    singular at ``f = -1 / kappa`` if M is K_ref, and at ``1 - 1 / kappa`` if it is K_state.
+    M is K_ref if that is stable, else K_state. With ``(K_state - K_ref) phi = kappa M phi``, K(f)
+    is singular at ``f = -1 / kappa`` if M is K_ref, and at ``f = 1 - 1 / kappa`` if M is K_state.
     """
     before, after = 0.5 * (before + before.T), 0.5 * (after + after.T)
     change = after - before
     first, second = _stable(before), _stable(after)
-    one = jnp.eye(len(after), dtype=after.dtype)
+    identity = jnp.eye(len(after), dtype=after.dtype)
     known = first | second
-    metric = jnp.where(first, before, jnp.where(second, after, one))
-    change = jnp.where(known, change, one)
+    metric = jnp.where(first, before, jnp.where(second, after, identity))
+    change = jnp.where(known, change, identity)
     root = jnp.linalg.cholesky(metric)
     half = jax.scipy.linalg.solve_triangular(root, change, lower=True)
     standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
     kappa, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
     modes = jax.scipy.linalg.solve_triangular(root.T, vectors[:, :n], lower=False)
     kappa = kappa[:n]
-    # a change is a difference of sums, each with its rounding
+    # the change of stiffness is a difference of two sums, each with rounding errors
     size = jnp.abs(jax.lax.stop_gradient(modes))
     rounding = jnp.sum(size * ((jnp.abs(before) + jnp.abs(after)) @ size), axis=0)
     softens = kappa < -_ROUNDING * jnp.finfo(kappa.dtype).eps * rounding
@@ -221,7 +227,10 @@ def _solve(before, after, n):
 
 
 def _shapes(shapes):
-    """Displacements [n, n_node, 3] with the largest of a node 1 and its largest part positive."""
+    """Displacements [n, n_node, 3], scaled to 1 at the node that moves most.
+
+    The largest component of each shape is positive.
+    """
     flat = shapes.reshape(len(shapes), -1)
     size = jnp.max(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(shapes) ** 2, axis=-1)), axis=1)
     largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]

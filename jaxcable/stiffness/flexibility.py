@@ -1,4 +1,4 @@
-"""Flexibility: how a loaded state gives way to small forces."""
+"""Flexibility: displacements of a loaded state by small forces."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ def flexibility(
     axes: str = "xyz",
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "m m"]:
-    """Displacements by unit forces at chosen freedoms of a loaded state: part of ``K^-1``.
+    """Displacements by unit forces at chosen freedoms of a loaded state, a part of ``K^-1``.
 
-    Symmetric unless loads follow. Differentiable like the solution. NaN where the tangent stiffness
-    is singular (a mechanism without prestress, a loose node, a limit point).
+    Symmetric unless following loads act. Differentiable like the solution. NaN where the tangent
+    stiffness is singular (a mechanism without prestress, a loose node, a limit point).
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state) or `State`.
+        state: `Solution` (its last converged state is used) or `State`.
         nodes: node numbers, [n].
-        axes: which of "x", "y", "z" at each of them.
+        axes: directions at each of the nodes, a string of "x", "y", "z".
         fixed: freedoms to leave out, as in `stiffness.tangent_of`.
 
     Returns:
-        [m, m], m/N, m = n times the number of axes, node by node: entry (i, j) is the displacement
-        of freedom i by a unit force at freedom j; zero where one of them is supported.
+        [m, m], m/N, with m = n times the number of axes, node by node: entry (i, j) is the
+        displacement of freedom i by a unit force at freedom j; zero where i or j is held.
 
     Raises:
         ValueError: unknown nodes or axes.
 
     Example:
-        How far a node between two cables gives way (14600 N/m, see `tangent_of`):
+        The vertical stiffness at a node between two cables (14600 N/m, see `tangent_of`):
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)

@@ -1,7 +1,7 @@
-"""Shapes in which a state is softest, and structures that deviate by them.
+"""Eigenmodes of the tangent stiffness, and structures that deviate by such shapes.
 
-A structure that would buckle does so in the lowest eigenmodes of its tangent stiffness; its initial
-imperfections are therefore taken in their shape, with amplitudes of what workmanship allows.
+A structure buckles in the lowest eigenmodes of its tangent stiffness; its initial imperfections are
+therefore taken in the shape of these modes, with the amplitudes that workmanship allows.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ class Modes:
     """Eigenmodes of the tangent stiffness, softest first.
 
     Attributes:
-        stiffness: eigenvalues, [n], N/m: force over displacement of a unit vector of all freedoms.
-            Positive all, the state is stable.
-        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+        stiffness: eigenvalues, [n], N/m: force over displacement along a unit vector of all
+            unknowns. If all are positive, the state is stable.
+        shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
     Example:
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
@@ -50,25 +50,25 @@ def modes(
 ) -> Modes:
     """Lowest eigenmodes of the tangent stiffness at the state of a solution.
 
-    Symmetric structures have equal eigenvalues: their modes are one basis of many, and small
-    changes turn it. Therefore no derivatives are offered. The sign is such that the largest
-    component is positive. Dense: meant for some hundred unknowns.
+    Symmetric structures have equal eigenvalues. Their modes are one basis of many, which small
+    changes of the structure turn; therefore modes have no derivatives. The largest component of
+    every shape is positive. Dense, meant for some hundred unknowns.
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state) or `State`.
+        state: `Solution` (its last converged state is used) or `State`.
         n: number of modes; fewer if there are fewer freedoms.
         fixed: freedoms to leave out, as in `tangent_of`.
 
     Returns:
-        `Modes`. With beams the shapes are the displacements of the modes alone, and a mode that
-        only turns nodes has the largest displacement 0.
+        `Modes`. With beams the shapes are the displacements of the modes, without rotations; the
+        shape of a mode that only turns nodes is zero.
 
     Raises:
         ValueError: `n` below 1, a traced state, or one that is not finite.
 
     Example:
-        The softest mode of two cables is across their plane, ``2 N / l`` = 200 N/m:
+        The softest mode of two cables moves out of their plane, with ``2 N / l`` = 200 N/m:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -93,7 +93,7 @@ def modes(
     size = np.linalg.norm(shapes, axis=-1).max(axis=1)
     flat = shapes.reshape(n, -1)
     sign = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])
-    # a mode of spins alone keeps its zeros
+    # a mode of rotations alone has no displacement to scale by
     factor = np.where(size > 1e-12, sign / np.maximum(size, 1e-12), 0.0)
     return Modes(values[:n], shapes * factor[:, None, None])
 
@@ -103,21 +103,22 @@ def imperfect(
     shapes: Float[ArrayLike, "k n_node 3"] | Float[ArrayLike, "n_node 3"],
     amplitudes: Float[ArrayLike, " k"] | Float[ArrayLike, ""],
 ) -> Structure:
-    """A structure whose nodes deviate: ``nodes + sum_k amplitudes[k] shapes[k]``.
+    """A structure with imperfect nodes: ``nodes + sum_k amplitudes[k] shapes[k]``.
 
-    Differentiable in amplitudes and shapes. Elements are made to the new geometry: without an
-    unstressed length of their own theirs is the new chord, and a pretension is reached in the new
-    geometry. For elements made to the perfect geometry state the `rest_length` of that. Where a
-    mode is a mechanism that prestress holds, the elements hardly notice its shape (their lengths
-    change by its square) and the structure springs back: there errors of length are what counts
-    (`Phase(shortening=...)`). Beams keep the directions of their sections: their `up` becomes the
-    z axis that they have in the perfect geometry, where a small lean could turn it by 90 degrees.
+    Differentiable in amplitudes and shapes. Elements are made to fit the new geometry: the
+    unstressed length of elements without a stated `rest_length` is the new chord, and a pretension
+    is reached in the new geometry. For elements made to fit the perfect geometry, state the
+    `rest_length` that they have there. If a mode is a mechanism stiffened by prestress, its shape
+    hardly changes the lengths of elements (only by its square), and the structure springs back: use
+    errors of length as imperfections instead (`Phase(shortening=...)`). Beams keep the directions
+    of their sections: their `up` becomes the z axis that they have in the perfect geometry.
+    Otherwise a small lean of an upright beam could turn its section by 90 degrees.
 
     Args:
         structure: `Structure`.
-        shapes: displacements of all nodes, [k, n_node, 3], or one, [n_node, 3]; `modes(...).shapes`
-            or any other.
-        amplitudes: of each shape, [k], or one for all, m.
+        shapes: displacements of all nodes, [k, n_node, 3], or a single shape, [n_node, 3], such as
+            `modes(...).shapes`.
+        amplitudes: of each shape, [k], or one amplitude for all, m.
 
     Returns:
         `Structure`.

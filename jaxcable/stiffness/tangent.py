@@ -27,16 +27,17 @@ def tangent_of(
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> Float[Array, "n_free n_free"]:
-    """Dense tangent stiffness at the state of a solution: autodiff of the element forces.
+    """Dense tangent stiffness at the state of a solution, by autodiff of the element forces.
 
-    Positive definite: the state is stable. Slack cables give no stiffness. A pure function: it can
-    be transformed like the solution that it is given.
+    A state is stable if its tangent is positive definite. Slack cables give no stiffness. This is a
+    pure function, which can be transformed like `solve`.
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state is meant) or `State`.
+        state: `Solution` (its last converged state is used) or `State`.
         fixed: freedoms to leave out, [n_node, 3] bool, in a structure with beams [n_row, 6];
-            default those held in the last phase. All False: of the free-standing structure.
+            default those held in the phase of the state. All False gives the tangent of the
+            structure without supports.
 
     Returns:
         [n_free, n_free], N/m; unknowns node by node, x, y, z. With beams, spins follow the three
@@ -46,7 +47,7 @@ def tangent_of(
         ValueError: not a state, or `fixed` of the wrong shape.
 
     Example:
-        ``2 (EA/L0 c^2 + N/l (1 - c^2))`` along, across and down, with c the cosine to each:
+        ``2 (EA/L0 c^2 + N/l (1 - c^2))`` in x, y and z, with the direction cosine c of the cables:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -62,7 +63,7 @@ def tangent_of(
 
 @jax.jit
 def tangent_at(thawed, arrays, freedoms):
-    """The tangent stiffness of what `prepared` gives, [n_free, n_free], N/m."""
+    """Tangent stiffness from the results of `prepared`, [n_free, n_free], N/m."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.tangent(carry.motion)
@@ -71,7 +72,7 @@ def tangent_at(thawed, arrays, freedoms):
 def displaced_by(
     thawed: _Frame, arrays: _Indices, freedoms: Freedoms
 ) -> Float[Array, "n_row 3 n_free"]:
-    """Displacements of all rows of motion by the unknowns, [n_row, 3, n_free], of `prepared`."""
+    """Displacements of all rows per unknown, [n_row, 3, n_free], from the results of `prepared`."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, carry.motion, freedoms)
     return system.displaced_by(carry.motion)
@@ -82,7 +83,7 @@ def prepared(
     state: Solution | State,
     fixed: Bool[ArrayLike, "n_row n_freedom"] | None = None,
 ) -> tuple[_Frame, _Indices, Freedoms]:
-    """What the tangent is made of: (nodes, groups, carry) thawed, index arrays, freedoms."""
+    """Arguments of `tangent_at`: (nodes, groups, carry) thawed, index arrays, freedoms."""
     state = state.last if isinstance(state, Solution) else state
     if not isinstance(state, State):
         raise ValueError(f"state: expected a Solution or its last, got {type(state).__name__}")
@@ -100,14 +101,14 @@ def prepared(
 
 
 def filled(thawed: _Frame, arrays: _Indices) -> _Frame:
-    """Nodes, groups and carry of `prepared`, all floats as exact as the nodes."""
+    """Nodes, groups and carry of `prepared` with index arrays, floats in the dtype of the nodes."""
     frame = fill(thawed, arrays)
     return cast(frame, jnp.asarray(frame[0]).dtype)
 
 
 def _held(state):
     """Freedoms held in the phase that a state belongs to, `Indices`."""
-    if all(own == state.fixed[-1] for own in state.fixed):
+    if all(fixed == state.fixed[-1] for fixed in state.fixed):
         return state.fixed[-1]
     if isinstance(state.phase, jax.core.Tracer):
         raise ValueError("state: supports change and the state is traced; give fixed=...")

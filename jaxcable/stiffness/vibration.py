@@ -23,10 +23,10 @@ from ..mechanics.ramp import make_system
 from ..model.structure import Structure
 from .tangent import displaced_by, filled, prepared, tangent_at
 
-_SLOW = 1e-6  # slowest w^2, over a mean one, up from which no shift is needed
-_SHIFT = 1e-4  # the least shift, likewise: modes a million times slower keep ten digits
+_SLOW = 1e-6  # smallest w^2, over a mean w^2, for which no shift is needed
+_SHIFT = 1e-4  # smallest shift, over a mean w^2: modes a million times slower keep ten digits
 _DISTRIBUTIONS = ("lumped", "consistent", "mean")
-_MASSLESS = 1e3  # roundings of the slowest mode's mu that are none
+_MASSLESS = 1e3  # a mode has no mass if its mu is below this, times eps and the largest mu
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity, m/s2."""
@@ -40,7 +40,7 @@ class Vibration:
         frequency: [n], Hz; NaN for a mode without positive stiffness (the state is unstable or
             a mechanism: see `squared`).
         squared: squared circular frequencies, [n], 1/s2; negative where the state is unstable.
-        shapes: displacements, the largest of a node 1, [n, n_node, 3].
+        shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
     Example:
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
@@ -70,29 +70,32 @@ def natural_frequencies(
 ) -> Vibration:
     """Natural frequencies and modes about the state of a solution: ``(K - w^2 M) phi = 0``.
 
-    K is the tangent stiffness there, prestress and loads in it. Masses are those of the weights of
-    the element groups (over `gravity`) and `masses`. Nodes and sections of beams have no inertia of
-    their own against turning. Dense, meant for some hundred unknowns.
+    K is the tangent stiffness of the state, which includes prestress and loads. M has the masses of
+    the element groups, from their weights and `gravity`, and `masses`. Rotations of nodes and of
+    sections of beams have no inertia of their own. Dense, meant for some hundred unknowns.
 
     A catenary is one element for a whole span: half of its mass moves with each end, and modes
-    within the span are not found. Where the first of them is slower than a mode that is returned,
-    an `InputWarning` says so (outside of transformations); a chain of `Cables` has them all.
+    within the span are not found. An `InputWarning` is issued (outside of transformations) if the
+    first of them is slower than a mode that is returned; a chain of `Cables` has all modes.
 
-    A pure function. Derivatives are those of simple eigenvalues; equal ones have no definite modes,
-    and derivatives of their shapes are not finite.
+    A pure function. Derivatives are those of simple eigenvalues; equal eigenvalues have no definite
+    modes, and derivatives of their shapes are not finite.
 
     Args:
         structure: the `Structure` that was analysed.
-        state: `Solution` (its last converged state) or `State`.
-        n: number of modes; fewer if fewer have mass (if traced, the others are infinitely fast).
-        masses: added masses at the nodes, [n_node] or scalar, kg.
+        state: `Solution` (its last converged state is used) or `State`.
+        n: number of modes; fewer if fewer have mass (if traced, the remaining frequencies are inf).
+
+    Options:
+        masses: added masses at the nodes, [n_node] or scalar, kg; default none.
         fixed: freedoms to leave out, as in `stiffness.tangent_of`.
-        gravity: acceleration that weights are divided by, m/s2.
-        distribution: of an element's mass m: "lumped", half to each end; "consistent" with the
-            displacements between its ends: m/3 and m/6 of straight cables and bars, and of the
-            cubic deflections of beams; "mean", of both, whose errors cancel in cables and bars;
-            None for what is of order 4 in the length of an element: the mean for cables, bars and
-            along beams, consistent across beams. Cables over several nodes are always lumped.
+        gravity: acceleration that weights are divided by, m/s2; default 9.80665.
+        distribution: of an element's mass m. "lumped": half at each end. "consistent" with the
+            displacements between the ends: m/3 and m/6 for straight cables and bars, cubic
+            deflections for beams. "mean" of both, whose errors cancel in cables and bars. None
+            (default): the choice with an error of order 4 in the length of elements, which is the
+            mean for cables, bars and along beams, and consistent across beams. Cables over several
+            nodes are always lumped.
 
     Returns:
         `Vibration`.
@@ -105,7 +108,7 @@ def natural_frequencies(
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
 
     Example:
-        50 kg between two cables swing across their plane with ``sqrt(2 N / l m) / 2 pi``:
+        50 kg between two cables swing out of their plane with ``sqrt(2 N / l m) / 2 pi``:
 
         >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
         >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
@@ -127,8 +130,8 @@ def natural_frequencies(
         masses = or_nan(not_negative("masses", masses))
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     weights = [group.weight for group in structure.groups]
-    known = [checks.concrete(own) for own in (*weights, masses) if own is not None]
-    if not any(own is None or (own > 0).any() for own in known):
+    known = [checks.concrete(amount) for amount in (*weights, masses) if amount is not None]
+    if not any(amount is None or (amount > 0).any() for amount in known):
         raise ValueError("masses: no element group has a weight; give weight=... in N/m, or masses")
     stiffness = tangent_at(thawed, arrays, freedoms)
     symmetric = linear.is_symmetric(stiffness)
@@ -165,7 +168,7 @@ def _mass(thawed, arrays, freedoms, gravity, distribution):
 
 @functools.partial(jax.jit, static_argnames=("distribution",))
 def _blocks(thawed, arrays, gravity, distribution):
-    """Mass matrices of the elements, [n_elem, d, d] per group; None without weight."""
+    """Mass matrices of the elements, [n_elem, d, d] per group; None for a group without weight."""
     nodes, groups, carry = filled(thawed, arrays)
     system = make_system(nodes, groups, carry, None, None)
     found = []
@@ -175,16 +178,16 @@ def _blocks(thawed, arrays, gravity, distribution):
             found.append(None)
             continue
 
-        def one(properties, state, *arguments, group=group):
+        def of_element(properties, state, *arguments, group=group):
             return element(group, properties).mass_matrix(state, *arguments, distribution)
 
-        at = nodes[group.links], motion_of(group, carry.motion)
-        found.append(jax.vmap(one)(group.properties(), state, *at, weights / gravity))
+        ends = nodes[group.links], motion_of(group, carry.motion)
+        found.append(jax.vmap(of_element)(group.properties(), state, *ends, weights / gravity))
     return found
 
 
 def _suspect_catenaries(structure, thawed, arrays, gravity, found):
-    """Warn of catenaries with modes of their own among those that were asked for."""
+    """Warn of catenaries that have modes within their span among the slowest that were sought."""
     highest = checks.concrete(jnp.nanmax(jnp.append(found.frequency, -jnp.inf)))
     if highest is None:
         return
@@ -194,46 +197,50 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
             continue
         system = make_system(nodes, groups, carry, None, None)
         tension = each("tension", group, system.states[number], nodes, carry.motion)
-        # a taut string's, m l of whose mass is between the ends: exact across a shallow one
-        whole = group.weights(state) / gravity
-        own = jnp.sqrt(tension / jnp.where(whole > 0, whole, jnp.nan) / state.rest_length) / 2
-        own = checks.concrete(own)
-        if own is None:
+        # first frequency of a taut string with the mass of the catenary: exact across a shallow one
+        mass = group.weights(state) / gravity
+        span_frequency = (
+            jnp.sqrt(tension / jnp.where(mass > 0, mass, jnp.nan) / state.rest_length) / 2
+        )
+        span_frequency = checks.concrete(span_frequency)
+        if span_frequency is None:
             return
-        slow = np.flatnonzero(own < highest)
+        slow = np.flatnonzero(span_frequency < highest)
         if len(slow):
-            k = int(slow[np.argmin(own[slow])])
+            k = int(slow[np.argmin(span_frequency[slow])])
             checks.suspect(
                 f"structure: catenary {k} of group {number} swings within its span at about "
-                f"{own[k]:.3g} Hz, slower than a mode that was asked for ({highest:.3g} Hz); such "
-                "modes are not found: use a chain of Cables for it, or ask for fewer modes"
+                f"{span_frequency[k]:.3g} Hz, slower than a mode that was asked for "
+                f"({highest:.3g} Hz); such modes are not found: use a chain of Cables for it, or "
+                "ask for fewer modes"
             )
 
 
 def _solve(stiffness, mass, moved, n):
-    """The slowest `n` modes; `moved` is what the unknowns displace.
+    """The slowest `n` modes; `moved` has the displacements of nodes per unknown.
 
-    ``M v = mu (K + s M) v``, ``mu = 1 / (w^2 + s)``: unknowns without mass have mu = 0 and need not
-    be known, and slow modes, the largest mu, are exact. The shift s is zero where K is definite.
+    ``M v = mu (K + s M) v`` with ``mu = 1 / (w^2 + s)``: unknowns without mass have mu = 0 and need
+    no special treatment, and slow modes, with the largest mu, are the most exact. The shift s is
+    zero where K is definite.
     """
     stiffness = 0.5 * (stiffness + stiffness.T)
     size = jnp.sum(jnp.abs(jnp.diagonal(stiffness))) / jnp.trace(mass)
 
-    def turned(shift):
-        """Cholesky's factor of K + s M, and M as it makes it, whose eigenvalues are mu."""
+    def standardised(shift):
+        """Cholesky factor of K + s M, and M transformed by it, whose eigenvalues are mu."""
         root = jnp.linalg.cholesky(stiffness + shift * mass)
         half = jax.scipy.linalg.solve_triangular(root, mass, lower=True)
         return root, jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
 
-    def indefinite(shift):  # or a mechanism, whose mu would drown all others
-        fine = jnp.trace(turned(shift)[1]) * size * _SLOW < 1
+    def indefinite(shift):  # or a mechanism: its large mu would spoil the accuracy of the others
+        fine = jnp.trace(standardised(shift)[1]) * size * _SLOW < 1
         return ~fine & (shift < size / _SLOW)
 
     def more(shift):
         return jnp.where(shift > 0, 10 * shift, _SHIFT * size)
 
     shift = lax.stop_gradient(lax.while_loop(indefinite, more, jnp.zeros_like(size)))
-    root, standard = turned(shift)
+    root, standard = standardised(shift)
     mu, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
     mu, vectors = mu[::-1][:n], vectors[:, ::-1][:, :n]
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
@@ -251,7 +258,7 @@ def _solve(stiffness, mass, moved, n):
 
 
 def _with_mass(found):
-    """The modes that have mass, where that is known."""
+    """The modes that have mass; all modes if traced."""
     known = checks.concrete(found.squared)
     if known is None:
         return found
