@@ -88,7 +88,7 @@ class Ramp:
         end_states: element states at load factor 1; None for a group that does not change.
         jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
-        own: which loads of every stack in `begin` this phase adds, list of [m] bool.
+        added: which loads of every stack in `begin` this phase adds, list of [m] bool.
         moved: movements of the supports in this phase, [n_node, 3 or 6], or None.
         released: reactions of newly freed freedoms, reduced to zero in this phase, as
             `Carry.nodal_load`, or None.
@@ -101,7 +101,7 @@ class Ramp:
     end_states: list[ElementState | None]
     jacks: list[tuple[Float[Array, " n_elem"], Stated] | None]
     added_load: Float[ArrayLike, "n_node n_freedom"] | None
-    own: list[Bool[Array, " m"]]
+    added: list[Bool[Array, " m"]]
     moved: Float[Array, "n_node n_freedom"] | None
     released: Float[Array, "n_row n_freedom"] | None
     freedoms: Freedoms
@@ -176,7 +176,7 @@ class Ramp:
 
     def amounts(self, factor: Float[ArrayLike, ""]) -> list[load_stacks.Amounts]:
         """How much of the element loads acts at a load factor."""
-        pairs = zip(self.begin.amounts, self.own, strict=True)
+        pairs = zip(self.begin.amounts, self.added, strict=True)
         return [amounts.added(which, factor) for amounts, which in pairs]
 
     def prescribed_motion(self, factor: Float[ArrayLike, ""]) -> Motion:
