@@ -10,7 +10,8 @@ import jaxlib.version
 # process, hence only where it is known to exist.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # two processes share the cores
 if jaxlib.version.__version_info__[:2] == (0, 10):
-    FASTER = "--xla_cpu_use_fusion_emitters=false"
+    # (and as many processes as cores compile at once: none of them gains by several threads)
+    FASTER = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FASTER}".strip()
 
 import jax

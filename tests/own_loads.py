@@ -14,7 +14,7 @@ PLACES, WEIGHTS = 0.5 * (1 + PLACES), 0.5 * WEIGHTS  # from 0 to 1 along an elem
 
 @jc.files.register
 @pytree
-class WindProfile(Dead):
+class PowerLawWind(Dead):
     """Wind on all elements of two ends, by the power law of the height z of their initial places.
 
     The force per length is ``reference (z / 10 m)**exponent``; heights below the ground have none.
@@ -33,7 +33,7 @@ class WindProfile(Dead):
 
     def check(self, structure):
         if any(group.links.shape[1] != 2 for group in structure.groups):
-            raise ValueError("WindProfile: elements of two ends only")
+            raise ValueError("PowerLawWind: elements of two ends only")
 
     def scaled(self, factor):
         return copy(self, reference=factor * self.reference)

@@ -7,13 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from own_loads import WindProfile
+from own_loads import PowerLawWind
 from test_gradients import slope
 
 import jaxcable as jc
 
 HEIGHT, EXPONENT, AT_TEN = 40.0, 0.32, 50.0  # m, -, N/m
-WIND = WindProfile((AT_TEN, 0.0, 0.0), EXPONENT)
+WIND = PowerLawWind((AT_TEN, 0.0, 0.0), EXPONENT)
 
 
 def mast():
@@ -72,7 +72,7 @@ def test_equilibrium_of_a_guyed_mast():
 
 
 def sway(p):
-    wind = WindProfile(p["reference"], p["exponent"])
+    wind = PowerLawWind(p["reference"], p["exponent"])
     structure = jc.replace(mast_with_guys(), nodes=p["nodes"])
     phases = [PRESTRESS, jc.Phase(loads=wind)]
     solution = jc.solve(structure, phases, jc.Newton(tol=1e-13))
@@ -118,7 +118,7 @@ def test_files_and_reports_take_it(tmp_path):
     structure, phases = mast_with_guys(), [PRESTRESS, jc.Phase(loads=WIND)]
     jc.save_scene(tmp_path / "mast.json", (structure, phases))
     again = jc.load_scene(tmp_path / "mast.json")
-    assert isinstance(again.phases[1].loads, WindProfile)
+    assert isinstance(again.phases[1].loads, PowerLawWind)
     one, other = jc.solve(structure, phases), jc.solve(*again)
     assert int(one.status) == 0
     np.testing.assert_array_equal(one.displacement, other.displacement)

@@ -447,7 +447,7 @@ OTHERWISE = {
     "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",
-    "elements/beam.py:idle": "no rule: layers on one line have nothing across it",
+    "elements/beam.py:unused_columns": "no rule: layers on one line have nothing across it",
     "elements/beam.py:_differs": "a lean without `up` is NaN in `Beams.start`",
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",

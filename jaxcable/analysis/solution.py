@@ -51,7 +51,8 @@ class State(Told):
       anchored: `rest_length` and `carry` have the unstressed length that gives this force here.
     - The supports are those of the phase. Reactions of freedoms that it frees still act by 1 - f,
       as nodal loads: `load` includes them, and a further phase keeps them.
-    - Laws remember what they did at the end of this increment.
+    - Laws remember what they did at the end of this increment (`memory` of `carry.states`, a state
+      for each element group).
 
     A further phase (``solve(..., start=state)``) adds to all this; it does not complete the phase
     that failed.
