@@ -5,8 +5,8 @@ Dead loads keep direction and magnitude: on nodes (`nodal`), along elements (`al
 they press on (`pressure`). Supports may be moved (`movement`). Loads of elements and areas go on
 acting in later phases. `combine` scales load cases and adds them.
 
-`load` is the contract: `Load` and the ways to act, `OnNodes`, `Moving`, `Dead` (with `Measured`, which
-can also be dead in the geometry where its phase begins) and `Following`.
+`load` is the contract: `Load` and the ways to act, `OnNodes`, `Moving`, `Dead` (with `Measured`,
+which can also be dead in the geometry where its phase begins) and `Following`.
 """
 
 from __future__ import annotations
