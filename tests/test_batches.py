@@ -98,7 +98,6 @@ def figures(process):
     return found
 
 
-@pytest.mark.slow
 def test_sharing_out_to_the_devices_there_are():
     """One here; `make slow` has four, and two processes."""
     expected, _ = jax.vmap(tension)(FORCES)

@@ -262,7 +262,6 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     assert abs(low / euler - 1) < 1e-3
 
 
-@pytest.mark.slow
 def test_axial_stiffness_of_a_frame():
     """Von Mises truss of beams too thin to bend, pulled up; closed form of two bars."""
     b, rise, area, up = 1.0, 0.1, 1e-4, 0.05
@@ -282,7 +281,6 @@ def test_axial_stiffness_of_a_frame():
     assert float(solution.reactions[1, 2]) == pytest.approx(pull, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_axial_force_of_a_column_under_its_own_weight():
     n, length, weight = 3, 6.0, 500.0
     nodes = np.column_stack([np.zeros((n + 1, 2)), np.linspace(0, length, n + 1)])
@@ -301,7 +299,6 @@ def test_axial_force_of_a_column_under_its_own_weight():
 # --- loads, hinges, mixed structures
 
 
-@pytest.mark.slow
 def test_distributed_load_on_a_clamped_beam():
     q, length = 1e-3, 2.0
     structure = straight(2, length, supports=jc.clamped([0, 2]), weight=3.0)
@@ -315,7 +312,6 @@ def test_distributed_load_on_a_clamped_beam():
     problems.assert_balanced(solution)
 
 
-@pytest.mark.slow
 def test_three_hinged_arch():
     n, radius, load = 4, 5.0, 50.0
     angle = np.linspace(np.pi, 0, 2 * n + 1)
@@ -359,7 +355,6 @@ def mixed():
     return jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)])
 
 
-@pytest.mark.slow
 def test_cables_and_beams_share_nodes():
     solution = mixed()
     assert int(solution.status) == 0
@@ -400,7 +395,6 @@ def test_incremental_scheme_takes_beams():
     assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
 
 
-@pytest.mark.slow
 def test_a_nodal_moment_makes_the_tangent_unsymmetric():
     """A moment that keeps its direction has no potential, and the tangent shows it."""
     solution = mixed()
@@ -409,7 +403,6 @@ def test_a_nodal_moment_makes_the_tangent_unsymmetric():
     assert 0 < skew < 1e-2 * jnp.abs(tangent).max()
 
 
-@pytest.mark.slow
 def test_moved_and_turned_support():
     """A clamp that is turned by 90 degrees takes the whole cantilever along."""
     turn = jc.SupportMovement([0], (0.1, 0.2, 0.3), rotations=(0.0, 0.0, np.pi / 2))

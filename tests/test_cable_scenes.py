@@ -29,7 +29,6 @@ def test_suspended_cable_hangs_by_its_sag(n):
     assert 6.0 - middle > 9.0  # ice stretches it
 
 
-@pytest.mark.slow
 def test_isolated_cable_of_straight_elements():
     """The work-precision study has the convergence; here that both variants are one scene."""
     moved = []
@@ -42,7 +41,6 @@ def test_isolated_cable_of_straight_elements():
     assert np.abs(moved[1] - moved[0]).max() == pytest.approx(0.06, abs=0.01)
 
 
-@pytest.mark.slow
 def test_tent_edge():
     """The given geometry is in equilibrium; in gusts the pylons still push and the guys pull."""
     solution = jc.solve(*jc.scenes.tent_edge(increments=(1, 2)))
@@ -68,7 +66,6 @@ def test_wrong_scenes_are_refused():
         jc.scenes.isolated_cable(-1)
 
 
-@pytest.mark.slow
 def test_picture_of_a_running_rope(tmp_path):
     """A chain of pieces is drawn piece by piece, each in the colour of its cable."""
     nodes = [[0.0, 0, 0], [3.0, 0, -2.5], [8.0, 0, 1.5]]

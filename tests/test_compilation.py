@@ -72,7 +72,6 @@ def test_nets_of_equal_shape_share_a_compilation():
     assert np.abs(same).max() < 1e-10
 
 
-@pytest.mark.slow
 def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
     sizes = {program(STRUCTURE, [jc.Phase(pretension=200.0, increments=n)])[1] for n in (2, 7, 300)}
     assert len(sizes) == 1
@@ -185,7 +184,6 @@ def test_import_leaves_the_configuration_of_jax_alone():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:supports")  # a strut on two ball joints may spin
 def test_a_scene_without_beams_has_nothing_of_them():
     """No motion with rotations, no freedoms beside displacements, no record of strains."""

@@ -318,3 +318,16 @@ def test_a_spring_beside_a_law_that_falls_is_refused():
     with pytest.raises(ValueError, match="beside a law of points only in groups of one element"):
         points = jc.Section.disc(0.01, STEEL)
         jc.Bars([[0, 1], [1, 2]], section=points, compliance=1e-8)
+
+
+def test_a_spring_in_series_counts_in_the_stiffness_along():
+    """1 / (l / EA + c l) l: the spring has the strain c per force."""
+    given = {"axial_stiffness": 2e5}, {"area": 1e-3, "law": jc.Elastic(2e8)}
+    for stated in given:
+        plain = jc.Bars([[0, 1]], **stated).stiffness_along()
+        soft = jc.Bars([[0, 1]], compliance=5e-6, **stated)
+        np.testing.assert_allclose(plain, [2e5], rtol=1e-15)
+        np.testing.assert_allclose(soft.stiffness_along(), [1e5], rtol=1e-15)
+        strain = 1e-3
+        one = jc.elements.prestress.element(soft, {k: v[0] for k, v in soft.properties().items()})
+        np.testing.assert_allclose(one.force(strain), 1e5 * strain, rtol=1e-14)

@@ -44,7 +44,6 @@ def test_influence_of_shortening():
     assert jnp.abs(matrix() - expected).max() < 1e-6 * jnp.abs(expected).max()
 
 
-@pytest.mark.slow
 def test_influence_of_an_earlier_phase():
     """Elastic nets do not care in which phase a length changed."""
     before = jc.influence(FLAT, [PRESTRESS, LOADING], phase=0, method=TIGHT)
@@ -107,7 +106,6 @@ def test_influence_of_heat_and_of_part_of_the_groups():
     assert by_strain["x"] is None and by_strain["y"].shape == (N, 3, 6)
 
 
-@pytest.mark.slow
 def test_influence_refuses():
     for arguments, text in (
         ({"of": "stress"}, "of = 'stress'"),
@@ -142,7 +140,6 @@ def test_retensioning_converges_quickly():
     assert jnp.abs(turns - wrong).max() < 1e-8
 
 
-@pytest.mark.slow
 def test_scatter_of_tolerances():
     """Random errors of 10 um: 2000 analyses against first order; their mean square within 10 %.
 

@@ -202,7 +202,6 @@ def test_prestressed_and_loaded(name):
     assert float(np.asarray(loaded.displacement)[:, 2].min()) < -1e-3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SOLVED)
 def test_tangent_and_its_lowest_eigenvalue(name):
     structure, _ = scene(name)
@@ -273,7 +272,6 @@ def test_the_force_densities_do_not_balance_a_wrong_twist():
     assert forms.self_stress(structure).unbalanced(tension) > 1e-3
 
 
-@pytest.mark.slow
 def test_half_and_full_load_of_a_cable_truss():
     """Half the load gives S-shapes: more deflection than all of it, one half up."""
     full, _ = solved("biconcave")

@@ -80,7 +80,6 @@ def test_dissipation_of_a_bar_that_yields():
     assert balance.imbalance == pytest.approx(0, abs=1e-9 * unit)
 
 
-@pytest.mark.slow
 def test_a_closed_cycle_dissipates_its_loop():
     """Hardening by a tenth: the loop is a parallelogram, and its corners store the same."""
     phases = to_and_fro(1e-2, -1e-2, 1e-2, increments=10)
@@ -92,7 +91,6 @@ def test_a_closed_cycle_dissipates_its_loop():
     assert balance.imbalance == pytest.approx(0, abs=1e-9 * area)
 
 
-@pytest.mark.slow
 def test_a_slack_cable_keeps_what_its_parts_store():
     """Yielded, hardening and slackened: parts of 0.9 E and 0.1 E beside each other, in balance."""
     phases = to_and_fro(1e-2, -1e-2, increments=10)

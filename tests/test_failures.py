@@ -122,7 +122,6 @@ def test_nan_input(where):
     assert int(solution.last.phase) == (0 if where == "load" else -1)
 
 
-@pytest.mark.slow
 def test_nan_in_the_incremental_scheme():
     solution = jc.solve(
         STRUCTURE,
@@ -146,7 +145,6 @@ def test_drift_of_the_incremental_scheme():
     assert np.abs(np.asarray(fine.displacement - PLAIN.displacement)).max() < 1e-9
 
 
-@pytest.mark.slow
 def test_singular_stiffness_of_the_incremental_scheme():
     """Two links lose their tension in the second of four increments."""
     structure, _ = two_links(1e3, 5.0, 0.0)
@@ -283,7 +281,6 @@ def test_the_last_state_keeps_its_whole_derivative(method):
     assert jnp.abs(gradient.elements.axial_stiffness).max() < 1e-12
 
 
-@pytest.mark.slow
 def test_the_last_state_has_the_reactions_of_its_own_supports():
     mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
     mask[0, 1:] = False
@@ -350,7 +347,6 @@ def test_a_batch_names_its_failed_case():
         jc.raise_if_failed(solution)
 
 
-@pytest.mark.slow
 def test_starting_from_a_failed_solution_stays_failed():
     failed = analysis(97.97e3, jnp.nan, LOAD)
     again = jc.solve(STRUCTURE, [LOADING], start=failed)
@@ -364,7 +360,6 @@ def test_describe_knows_every_code_and_no_other():
         jc.describe(99)
 
 
-@pytest.mark.slow
 def test_bars_without_force_are_in_balance():
     """A tripod has no self-stress: shortened, warmed or moved it stands in its new place, unloaded.
 
@@ -385,7 +380,6 @@ def test_bars_without_force_are_in_balance():
         assert np.abs(solution.tension).max() < 1e-6  # eps EA, some times
 
 
-@pytest.mark.slow
 def test_derivative_of_bars_without_force():
     """The tripod of before, by the shortening of one leg: its top moves as geometry says.
 

@@ -175,7 +175,6 @@ def triplex(twist):
     return jc.Structure(np.vstack([low, high]), elements, jc.pinned(k))
 
 
-@pytest.mark.slow
 def test_triplex_finds_its_twist():
     """Struts of given length, cables of given force: the twist that one equation needs.
 
@@ -220,7 +219,6 @@ def test_stress_of_an_area():
     assert np.isnan(torn.rest_length).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("lengths", [False, True])
 def test_sparse_against_dense(lengths):
     structure, _ = jc.scenes.saddle(8, 7, rise=0.3)

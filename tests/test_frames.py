@@ -55,7 +55,6 @@ def test_a_small_load_in_single_precision_moves_the_beam():
         assert float(deflection) == pytest.approx(-force * 8 / 3 / EI, rel=1e-4)
 
 
-@pytest.mark.slow
 def test_a_released_beam_comes_to_rest():
     """At exactly no load: forces and displacements are all rounding of where it came from."""
     structure = cantilever()
@@ -69,7 +68,6 @@ def test_a_released_beam_comes_to_rest():
     assert np.abs(np.asarray(solution.displacement)).max() < 1e-11 * abs(loaded)
 
 
-@pytest.mark.slow
 def test_a_stiff_beam_does_not_hide_a_small_load():
     rigid = jc.Section.rectangle(0.02, 0.05, jc.Elastic(1e18))
     structure = jc.Structure(
@@ -119,7 +117,6 @@ def test_strains_that_nobody_asked_for_have_no_derivative():
     assert slopes[True] == pytest.approx(0.5 / 1e-4, rel=1e-2)  # half of the load to each bar
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("change", ["beams", "hinges", "memory"])
 @pytest.mark.filterwarnings("ignore:supports. nodes:jaxcable.InputWarning")  # behind a ball, it can
 def test_start_of_another_frame(change):

@@ -189,7 +189,6 @@ def test_derivatives_of_the_path():
     assert jnp.abs(got - expected).max() < 1e-10 * jnp.abs(expected).max()
 
 
-@pytest.mark.slow
 def test_gradient_does_not_depend_on_the_increments():
     def end(p, increments):
         phases = [

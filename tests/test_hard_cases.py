@@ -58,7 +58,6 @@ def test_figures_see_a_wrong_result():
     assert error > limit
 
 
-@pytest.mark.slow
 def test_the_check_sees_what_the_method_was_not_asked_for():
     """Control: equilibrium to 1e-3 does not pass for one to 1e-10."""
     problem = hard_nets.net(1e-3, 1e-5)(False, "float64")
@@ -72,7 +71,6 @@ def _with(solution, **changes):
     return dataclasses.replace(solution, **changes)
 
 
-@pytest.mark.slow
 def test_a_rope_far_from_the_origin():
     """Tensions at 1e6 m from the origin are those at the origin; there straight cables' are."""
     angle = 2 * np.pi * np.arange(3) / 3
@@ -96,7 +94,6 @@ def test_a_rope_far_from_the_origin():
     assert np.allclose(far.tension["rope"], near.tension["rope"], rtol=1e-12, atol=0)
 
 
-@pytest.mark.slow
 def test_slack_nets_without_load_come_to_rest():
     """Half of the cables slack and no load: an equilibrium without force, which always exists."""
     codes = []

@@ -86,7 +86,6 @@ def test_an_imperfection_grows_as_the_buckling_load_says():
     assert np.abs(np.asarray(rate) - expected * np.eye(2)).max() < 5e-3 * expected
 
 
-@pytest.mark.slow
 def test_derivative_by_the_amplitude():
     def value(amplitudes):
         return jnp.sum(jnp.array([1.0, -0.7]) * amplified(amplitudes)) * 100
@@ -142,7 +141,6 @@ def test_modes_of_two_links():
     assert np.isfinite(stiffness.modes(structure, failed, 1).stiffness).all()
 
 
-@pytest.mark.slow
 def test_supports_of_the_phase_that_the_state_belongs_to():
     structure, _ = problems.two_links(1e4, 200.0, 0.0)
     held = jc.pinned([0, 2]) + jc.Supports(np.array([[0, 0, 0], [0, 1, 0], [0, 0, 0]], bool))

@@ -44,7 +44,6 @@ def test_line_loads_per_length(per):
     assert (load[:, :2] == 0).all()
 
 
-@pytest.mark.slow
 def test_a_line_load_along_an_element_has_no_projected_length_and_no_bad_derivative():
     def total(z):
         nodes = jnp.asarray(SLOPED).at[1].set(jnp.array([0.0, 0.0, 1.0]) * z)

@@ -32,7 +32,6 @@ def spread(move):
 MOVE = np.array([[-0.01, 0.0, -0.1], [0.02, 0.0, 0.3]])
 
 
-@pytest.mark.slow
 def test_moved_supports_stretch_the_links():
     solution = spread(MOVE)
     assert int(solution.status) == 0
@@ -47,7 +46,6 @@ def test_moved_supports_stretch_the_links():
     problems.assert_balanced(solution)
 
 
-@pytest.mark.slow
 def test_movements_keep_what_was_moved_before():
     move = jc.SupportMovement([2], (0.01, 0.0, 0.0))
     once = two_links([jc.Phase(rest_length=REST), jc.Phase(loads=move)])
@@ -56,7 +54,6 @@ def test_movements_keep_what_was_moved_before():
     assert float(once.positions[2, 0]) == 1.01 and float(twice.positions[2, 0]) == 1.02
 
 
-@pytest.mark.slow
 def test_gradient_by_the_movement():
     def value(move):
         solution = spread(move)
@@ -75,7 +72,6 @@ def test_gradient_by_the_movement():
     assert float(gradient[1, 0]) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_line_loads_on_cables_go_to_their_ends():
     nodes = np.array([[-1.0, 0, 0], [0, 0, 0], [2.0, 0, 0]])
     cables = {
@@ -98,7 +94,6 @@ def test_line_loads_on_cables_go_to_their_ends():
     problems.assert_balanced(both)
 
 
-@pytest.mark.slow
 def test_a_batch_of_movements():
     scale = jnp.array([0.5, 1.0, -1.0])
     batch = jax.vmap(lambda s: spread(s * MOVE))(scale)
@@ -107,7 +102,6 @@ def test_a_batch_of_movements():
     assert np.abs(np.asarray(batch.tension[1] - single.tension)).max() < 1e-9 * EA
 
 
-@pytest.mark.slow
 def test_traced_movements_of_partly_held_nodes():
     """Which components are zero is not known while tracing; a free one that moves has no state."""
     mask = np.zeros((3, 3), bool)

@@ -70,7 +70,6 @@ def test_secant_form_is_unstable_at_the_full_load(study):
         assert 300 < single < double < 4000
 
 
-@pytest.mark.slow
 def test_flat_net_path(study):
     module = study("flat_net_path")
     for case in module.REFERENCE["cases"]:

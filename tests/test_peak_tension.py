@@ -117,7 +117,6 @@ def test_who_has_one_force_shares_it(hung):
     assert int(without.status) == 0 and without.peak_tension is without.tension
 
 
-@pytest.mark.slow
 def test_failures_have_none():
     phases = [
         jc.Phase(sag=40.0, loads=jc.SelfWeight()),

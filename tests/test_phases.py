@@ -55,7 +55,6 @@ def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_chord():
     assert np.allclose(solution.tension, 0.05 * EA, rtol=1e-12)  # not EA 0.05/0.95
 
 
-@pytest.mark.slow
 def test_absolute_statement_in_a_later_phase_refers_to_the_initial_nodes():
     """Prestress after loading ends where prestress before loading does."""
     late = solved(STRUCTURE, [LOADING, jc.Phase(pretension=200.0, increments=2)])
@@ -123,7 +122,6 @@ def test_jacked_and_anchored_net_does_not_move():
     assert np.allclose(solution.tension, 200.0, rtol=1e-13)
 
 
-@pytest.mark.slow
 def test_anchoring_under_self_weight_does_not_move_the_net():
     """What the jack takes in or pays out does not change the weight that it balanced."""
     nodes = np.asarray(STRUCTURE.nodes) + 0.05 * np.eye(12, 3, k=-3)
@@ -135,7 +133,6 @@ def test_anchoring_under_self_weight_does_not_move_the_net():
     assert np.abs(np.asarray(solution.phases[1].displacement)).max() == 0.0
 
 
-@pytest.mark.slow
 def test_jack_as_a_load_is_anchored_where_it_is():
     """A released end pulled by a force; anchored, it stays and its reaction is the jack's force."""
     nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 1, 0], [1.0, -1, 0]])

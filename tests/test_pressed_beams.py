@@ -77,7 +77,6 @@ def test_cantilever_under_a_pressure_that_follows():
     assert errors[2, 0] < 3e-5
 
 
-@pytest.mark.slow
 def test_cantilever_under_a_pressure_per_unstressed_length():
     """Its resultant is larger than that on an arc by (kappa l)^2 / 24 of itself: second order."""
     x, z, _ = elastica(PRESSURE, "unstressed")

@@ -233,7 +233,6 @@ def test_pressure_goes_on_following_in_later_phases():
     assert jnp.abs(batch - together.positions[None]).max() < 1e-11
 
 
-@pytest.mark.slow
 def test_large_nets_solve_sparse_unsymmetric_systems():
     """The same through SuperLU, with a pattern that the faces have their share in."""
     structure, _ = jc.scenes.saddle(4, 4, spacing=1.0, rise=0.1)

@@ -30,7 +30,6 @@ def test_minimal_net_of_a_saddle_frame_as_by_newton():
     assert float(relaxed.relative_residual) <= 1e-10
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_as_by_newton_from_another_start_and_with_loads(seed):
     structure, _ = jc.scenes.saddle(4, 3, rise=0.3)
@@ -57,7 +56,6 @@ def test_two_links_closed_form():
     assert np.abs(form.rest_length - rest).max() == 0
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("net", [pytest.param("taut", marks=pytest.mark.slow), "slack"])
 def test_elastic_net_as_by_solve(net):
     if net == "taut":
@@ -79,7 +77,6 @@ def test_elastic_net_as_by_solve(net):
     assert apart < 1e-8 * np.abs(solution.tension).max()
 
 
-@pytest.mark.slow
 def test_a_law_of_points_and_default_lengths():
     """Without a statement the chord is the unstressed length; forces follow the curve."""
     law = jc.Polygonal([0.0, 0.001, 0.05], [0.0, 200e6, 300e6])
@@ -106,7 +103,6 @@ def test_held_and_elastic_in_one_group():
     assert abs(float(form.rest_length[0]) * (1 + T / EA) - float(form.length[0])) < 1e-12
 
 
-@pytest.mark.slow
 def test_strut_and_cables_in_a_dict():
     nodes = np.array([[-1.0, 0, 0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, -1.0], [0.0, 0, 0.5]])
     mask = np.ones((5, 3), bool)
@@ -124,7 +120,6 @@ def test_strut_and_cables_in_a_dict():
     assert np.abs(relaxed.positions - newton.positions).max() < 1e-8
 
 
-@pytest.mark.slow
 def test_transformations():
     """jit and vmap give the same; derivatives are NaN, not zero."""
     structure = two_links()

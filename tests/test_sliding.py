@@ -104,7 +104,6 @@ def test_ropes_of_different_lengths_fill_up():
     assert np.asarray(together.tension) == pytest.approx(np.concatenate(apart.tension), rel=1e-12)
 
 
-@pytest.mark.slow
 def test_of_two_nodes_it_is_a_cable():
     structure, phases = jc.scenes.flat_net()
     links = structure.elements.links.array
@@ -115,7 +114,6 @@ def test_of_two_nodes_it_is_a_cable():
     assert jnp.abs(a.tension - b.tension).max() < 1e-9
 
 
-@pytest.mark.slow
 def test_jack_pulls_a_running_rope():
     """Held at its force while it is jacked; anchored, nothing moves."""
     structure, phase = pulley()

@@ -239,7 +239,7 @@ def test_one_analysis_of_the_pattern_serves_all_changes_of_numbers(solver, monke
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", [name for name in SPARSE if name != "numpy"])  # dense: 7 GB
+@pytest.mark.parametrize("solver", HEAVY)
 def test_the_hard_case(solver):
     """saddle(100, 100): 124 cables go slack, as in OpenSees with bars that take no compression."""
     solution = jc.solve(*jc.scenes.saddle(100, 100), jc.Newton(linear_solver=solver))
@@ -251,7 +251,7 @@ def test_the_hard_case(solver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", SPARSE)
+@pytest.mark.parametrize("solver", HEAVY)
 def test_no_deadlock_at_120_000_unknowns(solver):
     structure, phases = jc.scenes.saddle(200, 200, load=5000 / 201)
 

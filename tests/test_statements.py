@@ -174,7 +174,6 @@ def test_hanging_chain(n):
     assert jnp.abs(solution.displacement).max() < 1e-9
 
 
-@pytest.mark.slow
 def test_hanging_chain_becomes_the_catenary():
     def lengths(n):
         return float(

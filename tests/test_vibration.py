@@ -294,7 +294,6 @@ def test_loads_that_follow_without_a_potential_are_refused():
     assert not np.isnan(jax.jit(slowest)(0.0)).any()
 
 
-@pytest.mark.slow
 def test_flexibility_against_a_small_load():
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)

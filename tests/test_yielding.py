@@ -33,7 +33,6 @@ def pulled(*forces, increments=4):
     ]
 
 
-@pytest.mark.slow
 def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
     force = 1.1 * FY * AREA
     solution = jc.solve(one_bar(), pulled(force, 0.0))
@@ -54,7 +53,6 @@ def test_a_bar_pulled_past_yield_keeps_its_plastic_strain():
     assert float(reverse.displacement[1, 0]) / 2 == pytest.approx(back, rel=1e-9)
 
 
-@pytest.mark.slow
 def test_a_reversible_bar_comes_back():
     law = jc.materials.steel(FY, E, HARD, unloading="reversible")
     force = 1.1 * FY * AREA
@@ -72,7 +70,6 @@ def vee(law):
     return jc.Structure(nodes, cables, jc.Supports(mask))
 
 
-@pytest.mark.slow
 def test_a_net_pulled_past_yield_and_released():
     """A vee of cables that slackens when it is released: longer by the plastic strain."""
     law = jc.materials.strand(1860e6, 195e9)
@@ -97,7 +94,6 @@ def test_a_net_pulled_past_yield_and_released():
     problems.assert_balanced(solution)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("method", [None, jc.Incremental(2)], ids=["newton", "incremental"])
 def test_a_link_loaded_beyond_its_curve_fails(method):
     law = jc.Polygonal([0.0, 0.01, 0.03], [0.0, 2e9, 2.2e9])
@@ -115,7 +111,6 @@ def test_a_link_loaded_beyond_its_curve_fails(method):
         jc.raise_if_failed(solution)
 
 
-@pytest.mark.slow
 def test_plastic_strains_freeze_at_a_failure():
     force = FY * AREA
     solution = jc.solve(one_bar(), [*pulled(1.1 * force), *pulled(9.0 * force, increments=3)])

@@ -187,10 +187,14 @@ class Straight(Axial, Prestressed):
 
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
         """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
-        if self.axial_stiffness is not None:
-            return self.axial_stiffness
-        linear = self.law is not None and isinstance(self.law, Elastic)
-        return self.area * self.law.E if linear else None
+        stiffness = self.axial_stiffness
+        if stiffness is None:
+            if self.law is None or not isinstance(self.law, Elastic):
+                return None
+            stiffness = self.area * self.law.E
+        return (
+            stiffness if self.compliance is None else stiffness / (1 + self.compliance * stiffness)
+        )
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Smallest and largest axial force, N, scalars or [n_elem]."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..common.types import Array, Float, Int, PyTree
+from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements.element import PEAK_TENSION, TENSION, Element
 from .structure import Structure, is_group
 from .topology import Part
@@ -36,6 +36,19 @@ def per_group(
 
     jax.tree.map(put, numbers, values, is_leaf=lambda x: x is None)
     return found
+
+
+def slack_cables(
+    group: Element, tension: Float[np.ndarray, " n_elem"] | None
+) -> Bool[np.ndarray, " n_elem"]:
+    """Elements of a group that hold nothing, told by their axial forces, [n_elem] bool.
+
+    What reports and pictures call slack. An analysis asks the elements (`Element.is_slack`), whose
+    forces are zero then.
+    """
+    if tension is None or not group.tension_only:
+        return np.zeros(len(group.links), bool)
+    return np.asarray(tension <= 0)
 
 
 class Column(NamedTuple):

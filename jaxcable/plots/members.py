@@ -17,7 +17,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from .. import design
 from ..common.tree import Indices
 from ..common.types import ArrayLike, Float, Int, PyTree
-from ..model.parts import Column
+from ..model.parts import Column, per_group, slack_cables
 from ..model.structure import Structure
 from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
@@ -57,9 +57,8 @@ class Forces:
         self.tension = _joined(tension, counts)
         self.slack = self.tension == 0.0
         if structure is not None:
-            groups = structure.groups
-            cable = [np.full(len(group.links), group.tension_only) for group in groups]
-            self.slack = np.concatenate(cable) & (self.tension <= 0.0)
+            pairs = zip(structure.groups, per_group(structure, tension), strict=True)
+            self.slack = np.concatenate([slack_cables(group, force) for group, force in pairs])
         largest = np.nanmax(np.abs(self.tension), initial=0.0)
         self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
         self.value = self.tension

@@ -11,7 +11,14 @@ from ..analysis import solution as results
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..design import utilisation
 from ..elements.abilities import Sagging
-from ..model.parts import columns, first_and_last, groups_by_name, per_group, pieces
+from ..model.parts import (
+    columns,
+    first_and_last,
+    groups_by_name,
+    per_group,
+    pieces,
+    slack_cables,
+)
 from ..model.structure import Structure
 from ..results.energy import energy_balance
 from ..stiffness import buckling_factor
@@ -291,9 +298,8 @@ def slack(structure: Structure, states: Mapping[str, State]) -> Table:
         for (label, group), force in zip(
             groups_by_name(structure), per_group(structure, state.tension), strict=True
         ):
-            if group.tension_only and force is not None:
-                for k in np.flatnonzero(force <= 0):
-                    found.setdefault((label, int(k)), []).append(name)
+            for k in np.flatnonzero(slack_cables(group, force)):
+                found.setdefault((label, int(k)), []).append(name)
     rows = [[label, k, ", ".join(names)] for (label, k), names in found.items()]
     notes = () if rows else ("none",)
     return Table("Slack cables", ("group", "element", "in"), ("", "", ""), rows, notes)
@@ -305,10 +311,7 @@ def loose(structure, states):
     for name, state in states.items():
         taut = state.fixed[: structure.n_node, :3].all(axis=1)
         for group, force in zip(structure.groups, per_group(structure, state.tension), strict=True):
-            holds = np.ones(len(group.links), bool)
-            if group.tension_only and force is not None:
-                holds = force > 0
-            taut[group.links.array[holds]] = True
+            taut[group.links.array[~slack_cables(group, force)]] = True
         for k in np.flatnonzero(~taut):
             found.setdefault(int(k), []).append(name)
     rows = [[k, ", ".join(names)] for k, names in found.items()]
