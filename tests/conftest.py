@@ -29,9 +29,10 @@ gc.set_threshold(100_000, 20, 20)
 def pytest_configure(config):
     """Compiled programs outlive the run, and the workers share them: `.pytest_cache/d/programs`.
 
-    JAX keys an entry by program, jaxlib and flags. `pytest --cache-clear` empties it.
+    JAX keys an entry by program, jaxlib and flags. `pytest --cache-clear` empties it. Where
+    JAX_COMPILATION_CACHE_DIR names a folder, it is that one.
     """
-    if hasattr(config, "cache"):  # not with `-p no:cacheprovider`
+    if jax.config.jax_compilation_cache_dir is None and hasattr(config, "cache"):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
 
 
