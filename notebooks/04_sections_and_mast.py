@@ -92,7 +92,7 @@ moment = section.forces(jnp.zeros(61), curvature, jnp.zeros(61))[1]
 ratio = np.asarray(curvature) / first_yield
 known = M_pl * np.where(ratio < 1, ratio / 1.5, 1 - 1 / (3 * np.maximum(ratio, 1) ** 2))
 harder = jc.Section.rectangle(b, h, hardening, shape=(2, 40))
-virgin = harder.initial_memory()  # the plastic strains of a section that was never loaded: it remembers
+virgin = harder.initial_memory()  # plastic strains of a section that was never loaded: it remembers
 moment_hardening = jax.vmap(lambda k: harder.forces(0.0, k, 0.0, virgin)[1])(curvature)
 print(f"largest difference to the closed form: {np.abs(moment - known).max() / M_pl:.1e} of M_pl")
 
