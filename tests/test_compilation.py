@@ -220,6 +220,7 @@ def test_nothing_is_collected_while_programs_are_traced():
     gc.set_threshold(700, 10, 10)  # Python's default
     try:
         gc.callbacks.append(seen)
+        jax.clear_caches()  # both trace everything anew
         gradient = jax.jit(jax.grad(moved)).trace(jax.numpy.asarray(structure.nodes))
         paused, counts[:] = len(counts), []
         with pytest.MonkeyPatch.context() as patch:

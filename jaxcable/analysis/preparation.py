@@ -154,7 +154,7 @@ def _numbered(structure, method, stacks, groups, bundles):
     """A function from a `Fixed` to the numbering of the unknowns that it leaves, `Freedoms`."""
     (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
-    if followers and getattr(method, "stiffness", None) == "secant":
+    if followers and isinstance(method, Incremental) and method.stiffness == "secant":
         raise ValueError('stiffness = "secant": not with loads that follow; use "tangent"')
     links = tuple((group.links, group.n_freedom, group.inner) for group in groups)
     pressed = tuple(

@@ -162,7 +162,7 @@ def replace(obj: _T, **changes: Any) -> _T:
     unknown = set(changes) - {f.name for f in fields if f.init}
     if unknown:
         raise ValueError(f"replace: {type(obj).__name__} has no field {sorted(unknown)[0]!r}")
-    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]
+    return dataclasses.replace(obj, **changes)  # type: ignore[type-var]  # as in `copy`
 
 
 def _holds_indices(obj):

@@ -50,7 +50,7 @@ class AxialState(ElementState):
     """
 
     rest_length: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # never None here
-    elongation: Float[Array, " n_elem"] = None  # type: ignore[assignment]
+    elongation: Float[Array, " n_elem"] = None  # type: ignore[assignment]  # always given
     jack_force: Float[Array, " n_elem"] | None = None
     jacked: Bool[Array, " n_elem"] | None = None
     loaded_length: Float[Array, " n_elem"] | None = None

@@ -52,7 +52,7 @@ def start(
     figure = Picture(figsize=(width, height), dpi=150, layout=layout)
     FigureCanvasAgg(figure)  # measures text
     if layout is not None:
-        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[call-arg]
+        figure.get_layout_engine().set(w_pad=0.08, h_pad=0.08)  # type: ignore[call-arg]  # ours is constrained
     return figure
 
 

@@ -163,6 +163,7 @@ def report(
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
     if phases is not None:
+        # type checkers take any other sequence for a single phase here
         phases = list(phases) if isinstance(phases, list | tuple) else [phases]  # type: ignore[list-item]
         if len(phases) != len(solution.phases):
             raise ValueError(

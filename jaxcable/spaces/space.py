@@ -122,7 +122,7 @@ class Space(abc.ABC):
     @property
     def _prescribed(self) -> Motion:
         """`prescribed`, where it is not None."""
-        return self.prescribed  # type: ignore[return-value]
+        return self.prescribed  # type: ignore[return-value]  # asked where it is
 
     def place(self, x: Motion) -> Motion:
         """`x` with the freedoms that supports hold put to their prescribed values."""
