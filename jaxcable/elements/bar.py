@@ -240,6 +240,21 @@ class Straight(Axial, Prestressed):
             lambda: self.force(self.strain(state, ends, motion), state.memory),
         )
 
+    def stretched(self, state: AxialState, ends: Ends, motion: Motion) -> tuple[Scalar, Scalar]:
+        """Axial force, N, and its derivative by the length, N/m; zero under a jack."""
+
+        def following():
+            strain = self.strain(state, ends, motion)
+            one = jnp.ones_like(strain)
+            force, slope = jax.jvp(lambda e: self.force(e, state.memory), (strain,), (one,))
+            return jnp.stack([force, slope / state.rest_length])
+
+        prescribed = None
+        if state.jack_force is not None:
+            prescribed = jnp.stack([state.jack_force, jnp.zeros_like(state.jack_force)])
+        force, stiffness = jacked_or(state, prescribed, following)
+        return force, stiffness
+
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy, J; under a jack the work of its force on the change of length."""
 
@@ -295,13 +310,21 @@ class Straight(Axial, Prestressed):
         return copy(state, rest_length=pair[0], elongation=pair[1], jack_force=None, jacked=None)
 
 
-class Plain(Straight, Jacked, Secant):
+class Plain(Straight, Jacked, Secant, Rounding):
     """Straight elements whose force depends only on their own strain."""
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State after anchoring the jack: its unstressed length gives the jack force here."""
         _, length, change, _ = stretch(ends, motion)
         return self.locked(state, length, change)
+
+    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        _, stiffness = self.stretched(state, ends, motion)
+        moved = jnp.max(jnp.abs(motion)) / length
+        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector)
+        return jnp.stack([force, force])
 
     def secant(
         self, state: AxialState, ends: Ends, before: Motion, motion: Motion
@@ -339,7 +362,7 @@ class Plain(Straight, Jacked, Secant):
 
 
 @pytree(indices=("links",))
-class Bars(Plain, Rounding):
+class Bars(Plain):
     """A group of straight two-node bars (struts, ties): tension and compression.
 
     ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
@@ -378,16 +401,6 @@ class Bars(Plain, Rounding):
         >>> print(solution.status, jnp.round(solution.tension, 6))
         0 [-500. -500.]
     """
-
-    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
-        vector, length, _, _ = stretch(ends, motion)
-        strain = self.strain(state, ends, motion)
-        one = jnp.ones_like(strain)
-        stiffness = jax.jvp(lambda e: self.force(e, state.memory), (strain,), (one,))[1]
-        moved = jnp.max(jnp.abs(motion)) / length
-        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
-        return jnp.stack([force, force])
 
 
 def _falling(stress):

@@ -7,6 +7,7 @@ instead of calling the cable slack.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 
 from ..common.tree import pytree
@@ -53,6 +54,17 @@ class TensionOnly(Straight):
             jnp.zeros((), bool),
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
+
+    def room(self, state: AxialState, ends: Ends, motion: Motion) -> tuple[Scalar, Scalar]:
+        """By how much the jack force could lengthen the cable, and the derivative by this force.
+
+        The length under this force without the jack, less the present length, m, and m/N.
+        """
+        force: Scalar = state.jack_force  # type: ignore[assignment]  # asked under a jack
+        one = jnp.ones_like(force)
+        strain, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (force,), (one,))
+        room = state.rest_length * (strain - self.strain(state, ends, motion))
+        return room, state.rest_length * slope
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether the cable is exactly unstressed, up to rounding: between taut and slack."""

@@ -17,8 +17,9 @@ from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 from ..numerics.search import Search
-from .globalisation import Shift, Softening, Sprint
+from .globalisation import ASTRAY, Shift, Softening, Sprint
 from .newton_step import direction, largest
+from .tensions import Tensions
 
 _RELEASED = 2.0  # allowed residual, in roundings (eps) of the forces at the start
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
@@ -61,6 +62,7 @@ class Iterate:
             begins again, when the softness has changed, and when no usable step was found.
         stepless: whether the reason for `arrival` is that no usable step was found.
         shift, sprint, softening: policies of `globalisation`; None where one does not apply.
+        tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
@@ -81,6 +83,7 @@ class Iterate:
     shift: Shift
     sprint: Sprint | None
     softening: Softening | None
+    tensions: Tensions | None
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
@@ -111,7 +114,9 @@ class Task:
         self.begin = system.place(x)
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
-        self.softens, self.judges = system.may_be_convex, not system.always_convex
+        self.strung = system.strung
+        self.softens = system.may_be_convex and not self.strung
+        self.judges = not system.always_convex
         self.convex = system.convex
         self.sprints = system.space.rotates or self.softens or system.followers is not None
 
@@ -137,6 +142,7 @@ class Task:
             shift=Shift.init(zero.dtype),
             sprint=Sprint.init() if self.sprints else None,
             softening=softening,
+            tensions=Tensions.init(self.system, self.begin) if self.strung else None,
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
@@ -172,6 +178,9 @@ class Task:
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
             fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
+        if self.strung:
+            searching = it.tensions.searching
+            fine, again = jnp.where(searching, fine, finite), again & searching
         fine, again = fine | it.arrival, again & ~it.arrival
 
         def keep(new, old):
@@ -228,6 +237,15 @@ class Task:
             sprint, again = where(moved, new, sprint), moved & again
             x = jnp.where(again, self.begin, x)
             shift = where(again, Shift.init(x.dtype), shift)
+        tensions = it.tensions
+        if self.strung:
+            shift = where(tensions.searching, shift, Shift.init(x.dtype))
+            astray = reach > ASTRAY * self.extent
+            size = largest(it.residual), it.scale
+            new, point, elsewhere = tensions.steered(x, self.begin, found, *size, astray)
+            steered = moved & ~converged & ~it.tensions.searching
+            tensions, again = where(steered, new, tensions), steered & elsewhere
+            x = jnp.where(steered, point, x)
         runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
@@ -252,6 +270,7 @@ class Task:
             shift=shift,
             sprint=sprint,
             softening=softening,
+            tensions=tensions,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
             done=stop | (over & converged & ~judging & ~reevaluate),
         )
@@ -261,8 +280,15 @@ class Task:
         """The next step, if `wanted`; at an equilibrium only judge the tangent there."""
 
         def aim(it):
-            matrix = working.tangent(it.x, it.tangents)
+            rhs, tensions, part = -it.residual, it.tensions, 1.0
             shift = it.shift.on(largest(it.residual), self.length)
+            if self.strung:
+                equations = tensions.equations(working, it.x, it.residual)
+                rhs = equations.rhs
+                matrix = equations.matrix(working, it.x, largest(it.residual), self.length)
+                shift = jnp.where(tensions.searching, shift, 0.0)
+            else:
+                matrix = working.tangent(it.x, it.tangents)
             sprinting = jnp.zeros((), bool)
             if self.sprints:
                 sprinting = it.sprint.on & ~converged
@@ -271,7 +297,12 @@ class Task:
             if self.judges:
                 shift = jnp.where(converged, no_stiffness(matrix), shift)
             matrix = linear.plus_diagonal(matrix, shift)
-            step, definite, factored = direction(working, matrix, it, sprinting, self.tol, wanted)
+            step, definite, factored = direction(
+                working, matrix, it, rhs, sprinting, self.tol, wanted
+            )
+            if self.strung:
+                tensions, part = equations.taken(working, it.x, step, self.extent)
+                step, sprinting = part * step, ~tensions.searching
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
             softening = it.softening
@@ -284,6 +315,7 @@ class Task:
                 arrival=~usable,
                 stepless=~usable,
                 softening=softening,
+                tensions=tensions,
                 steps=it.steps + ~converged,
                 factored=factored,
                 stable=it.stable | (converged & definite),

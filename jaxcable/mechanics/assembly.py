@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
-from ..elements.abilities import Rounding
+from ..elements.abilities import Jacked, Rounding
 from ..elements.element import Element, ElementState
 from ..elements.prestress import element
 from ..spaces import Space
@@ -331,6 +331,25 @@ class System(Elementwise):
         pairs = zip(self.groups, self.states, strict=True)
         loads = [state.line_load for group, state in pairs if group.slides]
         return [load for load in loads if load is not None]
+
+    @property
+    def strung(self) -> bool:
+        """Whether it is a net of cables under dead loads, each with one tension of its own."""
+        strings = [isinstance(group, Jacked) and group.tension_only for group in self.groups]
+        return all(strings) and self.always_convex and not self.space.rotates
+
+    def pulled(self, tensions: list[Float[Array, " n_elem"]]) -> System:
+        """The system with stated tensions, per group [n_elem], N, in all cables without a jack."""
+        states = []
+        for state, tension in zip(self.states, tensions, strict=True):
+            if state.jack_force is not None:
+                tension = (
+                    state.jack_force
+                    if state.jacked is None
+                    else jnp.where(state.jacked, state.jack_force, tension)
+                )
+            states.append(copy(state, jack_force=tension, jacked=None))
+        return copy(self, states=states)
 
     def softened(self, compliance: Float[Array, ""]) -> System:
         """The system with a spring in series with every element, strain per force, 1/N."""
