@@ -10,11 +10,11 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import pytree
+from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
 from .bar import Plain, Straight
-from .element import Ends, Motion, Scalar
+from .element import Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jacked_or
 
 
@@ -55,16 +55,27 @@ class TensionOnly(Straight):
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
-    def room(self, state: AxialState, ends: Ends, motion: Motion) -> tuple[Scalar, Scalar]:
-        """By how much the jack force could lengthen the cable, and the derivative by this force.
+    def string(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[Scalar, Scalar, Scalar, Forces]:
+        """What one evaluation of the length gives.
 
-        The length under this force without the jack, less the present length, m, and m/N.
+        Tension, N; its derivative by the length, N/m; strain; and the derivative of the length by
+        the displacements of the ends, [n_end, 3], which are the end forces of a unit tension.
         """
-        force: Scalar = state.jack_force  # type: ignore[assignment]  # asked under a jack
-        one = jnp.ones_like(force)
-        strain, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (force,), (one,))
-        room = state.rest_length * (strain - self.strain(state, ends, motion))
-        return room, state.rest_length * slope
+        force, slope = self.stretched(state, ends, motion)
+        unit = copy(state, jack_force=jnp.ones_like(force), jacked=None)
+        strain = self.strain(state, ends, motion)
+        return force, slope, strain, self.end_forces(unit, ends, motion)
+
+    def room(self, state: AxialState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
+        """By how much a tension could lengthen the cable beyond a strain, and the derivative of it.
+
+        The length under the tension less that at the strain, m, and by the tension, m/N.
+        """
+        one = jnp.ones_like(tension)
+        under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
+        return state.rest_length * (under - strain), state.rest_length * slope
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether the cable is exactly unstressed, up to rounding: between taut and slack."""

@@ -16,6 +16,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
+from ..mechanics.strings import Strings
 from ..numerics.search import Search
 from .globalisation import ASTRAY, Shift, Softening, Sprint
 from .newton_step import direction, largest
@@ -55,8 +56,9 @@ class Iterate:
 
     Attributes:
         x, residual, scale: last accepted point, R(x), and the force that R is judged by, N.
-        tangents: tangents at x of elements that give them together with their forces
-            (`System.evaluated`).
+        rounding: error that rounding leaves in the residual, N; None if no element states any.
+        elements: what elements give together with their forces at x: `Strings` of a net, else
+            tangents (`System.evaluated`).
         step, search: the step from x, and which part of it is tried next (`search.Search`).
         arrival: whether the next evaluation is at x itself: at the start, when the iteration
             begins again, when the softness has changed, and when no usable step was found.
@@ -75,7 +77,8 @@ class Iterate:
     x: Float[Array, "n_row n_motion"]
     residual: Float[Array, " n_free"]
     scale: Float[Array, ""]
-    tangents: PyTree[Float[Array, "n_elem ..."]]
+    rounding: Float[Array, " n_free"] | None
+    elements: PyTree[Float[Array, "n_elem ..."]]
     step: Float[Array, " n_free"]
     search: Search
     arrival: Bool[Array, ""]
@@ -87,7 +90,7 @@ class Iterate:
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
-    released: Float[Array, ""]
+    released: Float[Array, ""] | None
     came_from: Float[Array, " n_free"] | None
     stable: Bool[Array, ""]
     done: Bool[Array, ""]
@@ -129,12 +132,16 @@ class Task:
             load = jnp.max(jnp.sqrt(jnp.sum(self.system.load**2, axis=-1)))
             softening = Softening.init(jnp.where(self.convex, load, 0.0).astype(zero.dtype))
         no = jnp.zeros((), bool)
-        *_, tangents = jax.eval_shape(self.system.evaluated, self.begin)
+        *_, rounding, elements = jax.tree.map(
+            lambda a: jnp.zeros(a.shape, a.dtype),
+            jax.eval_shape(lambda x: self._evaluated(self.system, x), self.begin),
+        )
         return Iterate(
             x=self.begin,
             residual=still,
             scale=zero,
-            tangents=jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), tangents),
+            rounding=rounding,
+            elements=elements,
             step=still,
             search=Search.init(zero),
             arrival=~no,
@@ -146,8 +153,8 @@ class Task:
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
-            released=zero,
-            came_from=still if self.system.rounds else None,
+            released=None if self.strung else zero,
+            came_from=None if self.strung else rounding,
             stable=self.convex,
             done=no,
         )
@@ -173,7 +180,7 @@ class Task:
         """
         x = working.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
-        residual, scale, tangents = working.evaluated(x)
+        residual, scale, rounding, elements = self._evaluated(working, x)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
@@ -191,29 +198,37 @@ class Task:
             x=keep(x, it.x),
             residual=keep(residual, it.residual),
             scale=keep(scale, it.scale),
-            tangents=where(fine, tangents, it.tangents),
+            rounding=where(fine, rounding, it.rounding),
+            elements=where(fine, elements, it.elements),
             search=search,
         )
         return new, it.search.length, fine & ~it.stepless, ~again
+
+    def _evaluated(self, working, x):
+        """Residual, scale, rounding, and what elements give with them (`System.evaluated`)."""
+        if not self.strung:
+            return working.evaluated(x)
+        strings = Strings.of(working, x)
+        return *strings.judged(working, x), strings
 
     def _known(self, it):
         """Note what the first evaluation says, and find out whether x is an equilibrium."""
         first = it.code < 0
         finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
         code = jnp.where(finite, status.OK, status.NONFINITE)
-        eps = jnp.finfo(it.scale.dtype).eps
-        # a structure that is released ends with the rounding of the forces that it began with
-        released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
-        it = copy(
-            it,
-            code=jnp.where(first, code, it.code).astype(jnp.int32),
-            released=jnp.where(first, released, it.released),
-        )
-        allowed = jnp.maximum(self.tol * it.scale, it.released)
-        if self.system.rounds:
-            rounding = self.system.rounding(it.x)
-            it = copy(it, came_from=jnp.where(first, rounding, it.came_from))
-            allowed = jnp.maximum(allowed, jnp.maximum(rounding, it.came_from))
+        it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
+        allowed = self.tol * it.scale
+        if it.released is not None:
+            # a structure that is released ends with the rounding of the forces that it began with
+            eps = jnp.finfo(it.scale.dtype).eps
+            released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
+            it = copy(it, released=jnp.where(first, released, it.released))
+            allowed = jnp.maximum(allowed, it.released)
+        if it.rounding is not None:
+            allowed = jnp.maximum(allowed, it.rounding)
+        if it.came_from is not None:
+            it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
+            allowed = jnp.maximum(allowed, it.came_from)
         converged = jnp.all(jnp.abs(it.residual) <= allowed)
         if self.softens:
             converged = converged & (it.softening.softness == 0)
@@ -283,12 +298,12 @@ class Task:
             rhs, tensions, part = -it.residual, it.tensions, 1.0
             shift = it.shift.on(largest(it.residual), self.length)
             if self.strung:
-                equations = tensions.equations(working, it.x, it.residual)
+                equations = tensions.equations(working, it.x, it.elements, it.residual)
                 rhs = equations.rhs
                 matrix = equations.matrix(working, it.x, largest(it.residual), self.length)
                 shift = jnp.where(tensions.searching, shift, 0.0)
             else:
-                matrix = working.tangent(it.x, it.tangents)
+                matrix = working.tangent(it.x, it.elements)
             sprinting = jnp.zeros((), bool)
             if self.sprints:
                 sprinting = it.sprint.on & ~converged

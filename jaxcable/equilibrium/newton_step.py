@@ -49,9 +49,7 @@ def direction(
     if it.tensions is not None:  # matrices of interior steps differ too much from each other
         similar = similar & ~it.tensions.interior
     limit = jnp.where(similar, WORTH, 0)
-    step, definite, factored = linear.solve_next(
-        matrix, rhs, it.factored, forcing, limit, wanted
-    )
+    step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
     if working.space.rotates or working.followers is not None:
         # Moments and following loads have no potential, so that their tangent need not be definite.
         # In a batch both branches are computed. The barrier puts them one after the other, because

@@ -34,16 +34,15 @@ in geometrically non-linear structural problem discretized via displacement-base
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import jax.numpy as jnp
 
 from .. import linear
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, Bool, Float, Int
+from ..elements.prestress import of_each
 from ..linear import Matrix
 from ..mechanics.assembly import System
-from ..mechanics.elementwise import each
+from ..mechanics.strings import PerGroup, Strings
 
 MIXED, INTERIOR, LAST, SEARCH = range(4)
 
@@ -60,9 +59,6 @@ _FORCE = 0.1, 10.0  # tensions at the start of the interior iteration, over the 
 _UNLOADED = 1e-3  # the load that stands for none, over the largest tension at the start
 _ROOM = 0.1  # room at the start, in unstressed lengths
 _CENTRING = 0.01, 0.2  # least centring, and centring of the first step
-
-PerGroup: TypeAlias = 'list[Float[Array, " n_elem"]]'
-"""A number for every element, an array per group."""
 
 
 @pytree
@@ -185,16 +181,20 @@ class Tensions:
         self,
         system: System,
         x: Float[Array, "n_row n_motion"],
+        strings: Strings,
         residual: Float[Array, " n_free"],
     ) -> Equations:
-        """The linear equations of the next step from x, where the residual is `residual`."""
-        forces, slopes = _pairs("stretched", system, system.states, x)
+        """The linear equations of the next step from x.
+
+        `strings` and `residual` are those of the system at x.
+        """
+        forces, slopes = strings.force, strings.slope
         load = jnp.max(jnp.abs(system.load), initial=0.0)
         first = jnp.maximum(load, _UNLOADED * _largest(forces))
         guess = where(self.fresh | self.searching, forces, self.guess)
         started = [jnp.clip(force, *(part * first for part in _FORCE)) for force in forces]
         tension = where(self.fresh & self.interior, started, self.tension)
-        rooms, compliances = _pairs("room", system, system.pulled(tension).states, x)
+        rooms, compliances = _rooms(system, strings, tension)
         least = [_ROOM * state.rest_length for state in system.states]
         wide = [jnp.maximum(*pair) for pair in zip(rooms, least, strict=True)]
         room = where(self.fresh & self.interior, wide, self.room)
@@ -211,11 +211,11 @@ class Tensions:
             slope.append(jnp.where(inside, n / width, slopes[k]))
         geometric = where(self.interior, tension, guess)
         # mixed steps have the residual of the structure on the right side
-        across = system.pulled(base).residual(x)
+        across = strings.residual(system, x, base)
         return Equations(
             base=base,
             slope=slope,
-            along=_along(system, x),
+            strings=strings,
             geometric=geometric,
             rhs=-jnp.where(self.interior, across, residual),
             rooms=rooms,
@@ -231,7 +231,7 @@ class Equations:
 
     Attributes:
         base, slope: B and k of every element, per group [n_elem], N and N/m.
-        along: g of every element, per group [n_elem, n_end, 3].
+        strings: `Strings` at the point.
         geometric: tensions of the geometric stiffness, per group [n_elem], N.
         rhs: right side, [n_free], N.
         rooms, compliances: L(N) - l and L'(N), per group [n_elem], m and m/N.
@@ -241,7 +241,7 @@ class Equations:
 
     base: PerGroup
     slope: PerGroup
-    along: list[Float[Array, "n_elem n_end 3"]]
+    strings: Strings
     geometric: PerGroup
     rhs: Float[Array, " n_free"]
     rooms: PerGroup
@@ -257,12 +257,8 @@ class Equations:
         length: Float[Array, ""],
     ) -> Matrix:
         """Matrix of the equations, regularised; `residual` the largest, `length` of elements."""
-        blocks = system.pulled(self.geometric).tangents(x)
-        found = []
-        for block, slope, along in zip(blocks, self.slope, self.along, strict=True):
-            g = along.reshape(len(along), -1)
-            found.append(block + slope[:, None, None] * g[:, :, None] * g[:, None, :])
-        matrix = system.tangent(x, found)
+        blocks = self.strings.stiffness(system, x, self.slope, self.geometric)
+        matrix = system.tangent(x, blocks)
         largest = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         rounding = _ROUNDING * jnp.finfo(x.dtype).eps * largest + jnp.finfo(x.dtype).tiny
         shift = _SHIFT * jnp.minimum(residual, _largest(self.geometric) + self.load) / length
@@ -286,7 +282,7 @@ class Equations:
         policy, spread = self.policy, system.space.spread(x, step)
         guess, dn, dy = [], [], []
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
-            longer = jnp.sum(self.along[k] * spread[group.links][..., :3], axis=(1, 2))
+            longer = jnp.sum(self.strings.along[k] * spread[group.links][..., :3], axis=(1, 2))
             now = self.base[k] + self.slope[k] * longer
             guess.append(jnp.maximum(now, 0.0))
             change = jnp.where(_held(state), 0.0, now - policy.tension[k])
@@ -299,9 +295,7 @@ class Equations:
         interior, shorter = policy.interior, jnp.minimum(part_n, part)
         tension = [n + part_n * d for n, d in zip(policy.tension, dn, strict=True)]
         room = [y + part * d for y, d in zip(policy.room, dy, strict=True)]
-        blocked = jnp.where(
-            shorter < _BLOCKED, policy.blocked + 1, jnp.minimum(policy.blocked, 0)
-        )
+        blocked = jnp.where(shorter < _BLOCKED, policy.blocked + 1, jnp.minimum(policy.blocked, 0))
         after = copy(
             policy,
             guess=where(interior, policy.guess, guess),
@@ -317,24 +311,15 @@ class Equations:
         return after, jnp.where(interior, part, 1.0)
 
 
-def _pairs(method, system, states, x):
-    """Two lists, with an array per group, of the two results of an element method."""
+def _rooms(system, strings, tensions):
+    """L(N) - l and L'(N) of all elements, two lists of [n_elem]."""
     pairs = [
-        each(method, group, state, system.nodes, x)
-        for group, state in zip(system.groups, states, strict=True)
+        of_each("room", group, state, tension, strain)
+        for group, state, tension, strain in zip(
+            system.groups, system.states, tensions, strings.strain, strict=True
+        )
     ]
     return [list(values) for values in zip(*pairs, strict=True)]
-
-
-def _along(system, x):
-    """Derivatives of the lengths by the displacements of the ends: end forces of unit tensions."""
-    unit = [jnp.ones(len(group.links), x.dtype) for group in system.groups]
-    states = [
-        copy(state, jack_force=one, jacked=None)
-        for state, one in zip(system.states, unit, strict=True)
-    ]
-    pairs = zip(system.groups, states, strict=True)
-    return [each("end_forces", group, state, system.nodes, x) for group, state in pairs]
 
 
 def _held(state):
