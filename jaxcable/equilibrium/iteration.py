@@ -225,7 +225,10 @@ class Task:
             it = copy(it, released=jnp.where(first, released, it.released))
             allowed = jnp.maximum(allowed, it.released)
         if it.rounding is not None:
-            allowed = jnp.maximum(allowed, it.rounding)
+            rounding = it.rounding
+            if self.strung:  # an upper bound: go on as long as steps lead further
+                rounding = jnp.where(it.tensions.halved(largest(it.residual)), 0.0, rounding)
+            allowed = jnp.maximum(allowed, rounding)
         if it.came_from is not None:
             it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
             allowed = jnp.maximum(allowed, it.came_from)

@@ -52,7 +52,7 @@ _INTERIOR = 100  # interior steps
 _TRIES = 5  # how often the end is tried
 _NEAR = 1e-5  # relative residual from which the end is tried
 _SHIFT = 1e-6  # Levenberg shift over tension per length
-_ROUNDING = 4.0  # shift in roundings (eps) of the largest stiffness
+_ROUNDING = 1.0
 _INSIDE = 0.9995  # part of the way to the bound that a step may go
 _BLOCKED = 0.05  # a step shorter than this is blocked by a bound
 _FORCE = 0.1, 10.0  # tensions at the start of the interior iteration, over the load
@@ -124,6 +124,10 @@ class Tensions:
         """Whether the iteration is interior."""
         return self.mode == INTERIOR
 
+    def halved(self, residual: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether the largest `residual`, N, is less than half of the smallest so far."""
+        return ~self.fresh & (residual < 0.5 * self.best)
+
     def steered(
         self,
         x: Float[Array, "n_row n_motion"],
@@ -145,7 +149,7 @@ class Tensions:
             The policy, the point to go on from, whether this is another one than x.
         """
         mixed, last, interior = self.mode == MIXED, self.mode == LAST, self.mode == INTERIOR
-        halved = found & (residual < 0.5 * self.best)
+        halved = found & self.halved(residual)
         best = jnp.where(halved, residual, self.best)
         since = jnp.where(halved, 0, self.since + 1)
         patience, longest = (jnp.where(mixed, *pair) for pair in (_PATIENCE, _LONGEST))
@@ -166,7 +170,7 @@ class Tensions:
             guess=where(ends, self.tension, self.guess),
             centring=jnp.where(begins, _CENTRING[1], self.centring),
             fresh=(begins | searches) | (self.fresh & ~changed),
-            best=jnp.where(changed, jnp.where(ends, residual, jnp.inf), best),
+            best=jnp.where(changed, residual, best),
             since=jnp.where(changed, 0, since),
             count=jnp.where(changed & ~returns, 0, self.count),
             blocked=jnp.where(ends, jnp.where(stuck, -4, 0), self.blocked),
@@ -210,6 +214,7 @@ class Tensions:
             base.append(jnp.where(inside, n + (target - n * rooms[k]) / width, forces[k]))
             slope.append(jnp.where(inside, n / width, slopes[k]))
         geometric = where(self.interior, tension, guess)
+        best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
         # mixed steps have the residual of the structure on the right side
         across = strings.residual(system, x, base)
         return Equations(
@@ -221,7 +226,7 @@ class Tensions:
             rooms=rooms,
             compliances=compliances,
             load=load,
-            policy=copy(self, guess=guess, tension=tension, room=room),
+            policy=copy(self, guess=guess, tension=tension, room=room, best=best),
         )
 
 
