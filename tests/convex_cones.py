@@ -144,7 +144,8 @@ class Interior:
             inside = self.above.min() > 0 and self.over.min() > 0
             near = np.abs(r).max(initial=0) < 1e-12 * top
             near = near and np.abs(miss).max() < 1e-12 * self.size
-            cones = Cones(d, np.abs(self.above), self.q, np.abs(self.over))
+            if inside:
+                cones = Cones(d, self.above, self.q, self.over)
             gaps.append(cones.gap.max())
             close = gaps[-1] / (top * self.size)
             short = (l + self.above < 1e-9 * self.size) & (self.over > 1e-3 * self.N[net.of])

@@ -23,6 +23,7 @@ from convex_net import Net
 DOUBLE = np.finfo(float).eps
 CLOSE = WIDE("1e-12")  # of the largest sum of forces at a node: residual of what is found
 PIECES = 4  # cables in the chain for a catenary
+LOOSE = WIDE("1e-3")  # of the largest sum: the least that is asked of a node
 ROUNDS = 16  # roundings of an element's elongation that a residual may show
 
 
@@ -117,10 +118,10 @@ def _at(net, moved, lower=None, tension=None, near=None):
 def _excess(state, scale=None):
     """Largest residual as a multiple of what is allowed; scale per node or for all nodes, N."""
     residual, sums, floor, *_ = state
-    room = floor * (EPS / DOUBLE * ROUNDS)
-    room = np.maximum(CLOSE * (sums if scale is None else scale), room)
+    scale = np.maximum(sums, LOOSE * sums.max()) if scale is None else scale
+    room = np.maximum(CLOSE * scale, floor * (EPS / DOUBLE * ROUNDS))
     size = np.sqrt(dot(residual, residual))
-    return (size / np.where(size > 0, np.maximum(room, WIDE(1e-4000)), 1)).max()
+    return (size / np.where(size > 0, room, 1)).max()
 
 
 def _inverse(A):
@@ -130,7 +131,7 @@ def _inverse(A):
     return rows / dot(a, rows[:, 0])[:, None, None]
 
 
-def _polish(net, moved, N, F, taut, most=8):
+def _polish(net, moved, N, F, taut, most=40):
     """Newton's method with the displacements, N and F unknown, from cables that are taut.
 
     Returns displacements, N, F, the excess of the residual and the factorisations.
@@ -138,14 +139,15 @@ def _polish(net, moved, N, F, taut, most=8):
     moved, hung = moved.copy(), net.hung
     ends = hung.i, hung.j
     flex = np.where(net.jack, 1, net.flex)
-    best = moved, N, F, np.inf
+    best, since = (moved, N, F, np.inf), 0
     for steps in range(most):
         state = _at(net, moved, near=F)
         excess = _excess(state)
         settled = excess <= 0.1 and excess >= 0.1 * best[3]  # rounding is left
+        since = 0 if excess < best[3] else since + 1
         if excess < best[3]:
             best = moved.copy(), N, F, excess
-        if settled or excess < 1e-5 or not excess < np.inf:
+        if settled or excess < 1e-5 or since > 4 or not excess < np.inf:
             break
         d, l, long = net.elongations(moved)
         t = d / np.where(l > 0, l, 1)[:, None]
