@@ -124,13 +124,14 @@ class Interior:
         self.q = (own / t)[:, None] * d
 
     def walk(self, most=80):
-        """Yields forces' likely signs and the factorisations so far, once near and then each step.
+        """Yields which elements are likely taut, the factorisations and whether this is the end.
 
+        Once near the end, and then after each step.
         An element is taut rather than slack if its force falls less than its room to lengthen.
         """
         net, before, gaps = self.net, None, []
         if not self.N.any():
-            yield net.jack, 0
+            yield net.jack, 0, True
             return
         for steps in range(most):
             d, l, long = net.elongations(self.moved)
@@ -154,7 +155,7 @@ class Interior:
             last = not inside or stalls or len(self.met) or close < EPS**1.5
             last = last or top < EPS**2 * net.EA.max() or steps == most - 1
             if last or (near and close < 1e-13):
-                yield taut, steps
+                yield taut, steps, last
             if last:
                 return
             self._step(cones, d, r, miss)

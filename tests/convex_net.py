@@ -23,11 +23,11 @@ def _square(a):
     return s, ((high * high - s) + 2 * high * low) + low * low
 
 
-def joined(nodes, moved, lower, i, j):
-    """Vectors from nodes i to j, m, and their lengths as sums of two numbers, m."""
+def joined(nodes, moved, lower, i, j, shift=0):
+    """Vectors from nodes i to j and a shift, m, and their lengths as sums of two numbers, m."""
     (a, a_low), (b, b_low) = _sum(nodes[j], -nodes[i]), _sum(moved[j], -moved[i])
     d, low = _sum(a, b)
-    d, low = _sum(d, low + a_low + b_low + (lower[j] - lower[i]))
+    d, low = _sum(d, low + a_low + b_low + (lower[j] - lower[i]) + shift)
     squares, left = _square(d)
     total, more = _sum(squares[:, 0], squares[:, 1])
     total, rest = _sum(total, squares[:, 2])
@@ -66,6 +66,7 @@ class Net:
         self.EA = wide([0 if e.kind == "jack" else e.stiffness for e in axial])
         self.rest = wide([0 if e.kind == "jack" else e.rest_length for e in axial])
         self.flex = np.where(self.jack, 0, self.rest / np.where(self.jack, 1, self.EA))
+        self.shift = np.zeros((len(self.of), 3), WIDE)  # between a segment's node and its start
         self.segments = np.bincount(self.of, minlength=len(axial))
         self.single = self.segments == 1
         self.hung = Hung([scene.elements[k] for k in self.hung_place])
@@ -121,7 +122,7 @@ class Net:
         The displacements are the sums of two arrays.
         """
         lower = np.zeros_like(moved) if lower is None else lower
-        d, l, low = joined(self.nodes, moved, lower, self.i, self.j)
+        d, l, low = joined(self.nodes, moved, lower, self.i, self.j, self.shift)
         long, rest = -self.rest, self.total(low)
         rank = np.arange(len(self.of)) - np.searchsorted(self.of, self.of)
         for k in range(self.segments.max(initial=0)):  # one segment of each element at a time

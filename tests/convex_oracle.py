@@ -24,7 +24,8 @@ DOUBLE = np.finfo(float).eps
 CLOSE = WIDE("1e-12")  # of the largest sum of forces at a node: residual of what is found
 PIECES = 4  # cables in the chain for a catenary
 LOOSE = WIDE("1e-3")  # of the largest sum: the least that is asked of a node
-ROUNDS = 16  # roundings of an element's elongation that a residual may show
+ROUNDS = 8  # corrections of the chains
+DIGITS = 16  # roundings of an element's elongation that a residual may show
 
 
 @dataclass
@@ -119,7 +120,7 @@ def _excess(state, scale=None):
     """Largest residual as a multiple of what is allowed; scale per node or for all nodes, N."""
     residual, sums, floor, *_ = state
     scale = np.maximum(sums, LOOSE * sums.max()) if scale is None else scale
-    room = np.maximum(CLOSE * scale, floor * (EPS / DOUBLE * ROUNDS))
+    room = np.maximum(CLOSE * scale, floor * (EPS / DOUBLE * DIGITS))
     size = np.sqrt(dot(residual, residual))
     return (size / np.where(size > 0, room, 1)).max()
 
@@ -209,12 +210,16 @@ def _chained(scene, start):
 
 
 def _forces(net, walk):
-    """Forces F of the catenaries by those of the chains, from the piece most stressed, [n, 3]."""
+    """Forces F of the catenaries, N, by those of the chains; what the chains' chords lack, m."""
+    hung, first = net.hung, len(net.of)
     at = np.polynomial.legendre.leggauss(PIECES)[0].astype(WIDE) / 2
-    q = walk.q[len(net.of) :].reshape(-1, PIECES, 3)
-    s = at * net.hung.rest[:, None]
-    F = q + net.hung.q[:, None] * s[:, :, None]
-    return F[np.arange(len(F)), np.argmax(dot(q, q), 1)]
+    q = walk.q[first:].reshape(-1, PIECES, 3)
+    F = q + hung.q[:, None] * (at * hung.rest[:, None])[:, :, None]
+    F = F[np.arange(len(F)), np.argmax(dot(q, q), 1)]
+    d = walk.net.elongations(walk.moved)[0][first:].reshape(-1, PIECES, 3).sum(1)
+    h, v, e = hung.parts(F)
+    x, z, *_ = hung.chord(h, v)
+    return F, x[:, None] * e + z[:, None] * hung.u - d
 
 
 def _unbounded(net, elements):
@@ -249,38 +254,55 @@ def _unbounded(net, elements):
     return bool(walk.N[len(jacks) :].max() > 1e-9 * size)
 
 
+def _search(net, scene, start):
+    """Least energy from displacements `start`, m: state as of `_polish`, elements met, steps.
+
+    What the chords of the chains lack of those of the catenaries is added to them, in rounds.
+    """
+    chained, far = _chained(scene, start)
+    chains, count = Net(chained), len(net.jack)
+    best, steps, newton = (start, None, None, np.inf), 0, 0
+    for _ in range(ROUNDS if len(net.hung.i) else 1):
+        walk, tried = Interior(chains, far), False
+        for taut, more, last in walk.walk():  # noqa: B007
+            if tried and len(net.hung.i) and not last:
+                continue
+            tried = True
+            F, lack = _forces(net, walk)
+            *state, some = _polish(net, walk.moved[: len(start)], walk.N[:count], F, taut[:count])
+            newton += some
+            best = min(best, state, key=lambda b: b[3])
+            if best[3] <= 1:
+                return best, (), (steps + more, newton)
+        steps += more
+        if len(walk.met):
+            break
+        far, chains.shift[len(net.of) :: PIECES] = walk.moved, -lack
+    return best, walk.met, (steps, newton)
+
+
 def find(scene, start=None):
-    """Equilibrium of a scene from displacements `start` [n, 3], m."""
+    """Equilibrium of a scene, searched from displacements `start` [n, 3], m."""
     net = Net(scene)
     start = net.still if start is None else np.where(net.free, start, net.still)
-    best, newton, steps, why = (start, None, None, np.inf), 0, 0, "the search did not converge"
-    count = len(net.jack)
     if _unbounded(net, scene.elements):
+        (moved, N, F, _), steps = (start, None, None, np.inf), (0, 0)
         why = "no equilibrium: loads move nodes away without end"
     else:
-        chained, far = _chained(scene, start)
-        walk = Interior(Net(chained), far)
-        for taut, steps in walk.walk():  # noqa: B007
-            N, F = walk.N[:count], _forces(net, walk)
-            *last, more = _polish(net, walk.moved[: len(start)], N, F, taut[:count])
-            newton += more
-            best = min(best, last, key=lambda b: b[3])
-            if best[3] <= 1:
-                break
-        else:
-            if len(walk.met):
-                why = f"no equilibrium: element {net.place[walk.met[0]]} draws two nodes together"
-    moved, N, F, _ = best
+        (moved, N, F, _), met, steps = _search(net, scene, start)
+        why = "the search did not converge"
+        if len(met):
+            why = f"no equilibrium: element {net.place[met[0]]} draws two nodes together"
     residual, sums, floor, *own = _at(net, moved, near=F)
     N, F = own if N is None else (N, F)
-    found, scale = _excess((residual, sums, floor), sums.max()) <= 1, sums.max()
-    tension = np.zeros(len(scene.elements), WIDE)
-    tension[net.place], tension[net.hung_place] = N, net.hung.tension(F)[0]
+    found, scale = bool(_excess((residual, sums, floor), sums.max()) <= 1), sums.max()
     if scale <= 64 * EPS * max(net.EA.max(initial=0), net.hung.EA.max(initial=0)):
         found, why = True, "all forces are lost"
     elif found:
         why = "equilibrium"
-    return Found(moved, list(tension), residual, scale, floor, bool(found), why, (steps, newton))
+    tension = np.zeros(len(scene.elements), WIDE)
+    tension[net.place], tension[net.hung_place] = N, net.hung.tension(F)[0]
+    return Found(moved, list(tension), residual, scale, floor, found, why, steps)
 
 
 def check(scene, displacement_hi, displacement_lo=None, tension=None):
