@@ -319,7 +319,7 @@ class Task:
                 working, matrix, it, rhs, sprinting, self.tol, wanted
             )
             if self.strung:
-                tensions, part = equations.taken(working, it.x, step, self.extent)
+                tensions, part = equations.taken(working, it.x, step, self.length)
                 step, sprinting = part * step, ~tensions.searching
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged

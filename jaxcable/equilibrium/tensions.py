@@ -58,6 +58,10 @@ _BLOCKED = 0.05  # a step shorter than this is blocked by a bound
 _FORCE = 0.1, 10.0  # tensions at the start of the interior iteration, over the load
 _UNLOADED = 1e-3  # the load that stands for none, over the largest tension at the start
 _ROOM = 0.1  # room at the start, in unstressed lengths
+_DAMPING = 0.1  # least damping, over tension per length
+_DAMPED = 10.0  # factor by which it changes
+_UNDAMPED = 1e-7  # part of the least damping below which there is none
+_TURN = 1.0  # relative motion of the ends of a cable in an interior step, in its lengths
 _CENTRING = 0.01, 0.2  # least centring, and centring of the first step
 
 
@@ -70,6 +74,7 @@ class Tensions:
         guess: tensions for the geometric stiffness of mixed steps, per group [n_elem], N.
         tension, room: N and y of the interior iteration, per group [n_elem], N and m.
         centring: m of the next interior step over the present mean of N y.
+        damping: shift of the matrix of interior steps, N/m: more after a step that was too long.
         fresh: whether the mode begins at its next step.
         best: smallest residual since the mode began, N.
         since, count: steps since it was halved, and since the mode began.
@@ -84,6 +89,7 @@ class Tensions:
     tension: PerGroup
     room: PerGroup
     centring: Float[Array, ""]
+    damping: Float[Array, ""]
     fresh: Bool[Array, ""]
     best: Float[Array, ""]
     since: Int[Array, ""]
@@ -104,6 +110,7 @@ class Tensions:
             tension=none,
             room=none,
             centring=zero,
+            damping=zero,
             fresh=jnp.ones((), bool),
             best=jnp.full_like(zero, jnp.inf),
             since=first,
@@ -169,6 +176,7 @@ class Tensions:
             mode=mode,
             guess=where(ends, self.tension, self.guess),
             centring=jnp.where(begins, _CENTRING[1], self.centring),
+            damping=jnp.where(begins, 0.0, self.damping),
             fresh=(begins | searches) | (self.fresh & ~changed),
             best=jnp.where(changed, residual, best),
             since=jnp.where(changed, 0, since),
@@ -268,7 +276,8 @@ class Equations:
         rounding = _ROUNDING * jnp.finfo(x.dtype).eps * largest + jnp.finfo(x.dtype).tiny
         shift = _SHIFT * jnp.minimum(residual, _largest(self.geometric) + self.load) / length
         return linear.plus_diagonal(
-            matrix, jnp.where(self.policy.interior, rounding, jnp.maximum(shift, rounding))
+            matrix,
+            jnp.maximum(jnp.where(self.policy.interior, self.policy.damping, shift), rounding),
         )
 
     def taken(
@@ -276,16 +285,17 @@ class Equations:
         system: System,
         x: Float[Array, "n_row n_motion"],
         step: Float[Array, " n_free"],
-        extent: Float[Array, ""],
+        length: Float[Array, ""],
     ) -> tuple[Tensions, Float[Array, ""]]:
         """The policy after a step from x, and the part of the step that is taken.
 
         Args:
             step: solution of the equations.
-            extent: size of the structure, which is the longest step of the interior iteration, m.
+            length: of elements, m.
         """
         policy, spread = self.policy, system.space.spread(x, step)
         guess, dn, dy = [], [], []
+        widest = jnp.zeros((), x.dtype)
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
             longer = jnp.sum(self.strings.along[k] * spread[group.links][..., :3], axis=(1, 2))
             now = self.base[k] + self.slope[k] * longer
@@ -294,9 +304,17 @@ class Equations:
             room = self.rooms[k] + self.compliances[k] * change - longer
             dn.append(change)
             dy.append(jnp.where(_held(state), 0.0, room - policy.room[k]))
+            apart = jnp.diff(spread[group.links][..., :3], axis=1)
+            piece = state.rest_length / apart.shape[1]
+            turned = jnp.max(jnp.sqrt(jnp.sum(apart**2, axis=-1)), axis=1) / piece
+            widest = jnp.maximum(widest, jnp.max(turned))
         part_n, part = _inside(policy.tension, dn), _inside(policy.room, dy)
-        reach = jnp.max(jnp.abs(spread), initial=0.0)
-        part = jnp.minimum(part, extent / jnp.where(reach > 0, reach, extent))
+        far = widest > _TURN
+        part = jnp.minimum(part, jnp.where(far, _TURN / jnp.where(far, widest, 1.0), 1.0))
+        least = _DAMPING * _largest(policy.tension) / length
+        more = jnp.maximum(_DAMPED * policy.damping, least)
+        less = policy.damping / _DAMPED
+        damping = jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
         interior, shorter = policy.interior, jnp.minimum(part_n, part)
         tension = [n + part_n * d for n, d in zip(policy.tension, dn, strict=True)]
         room = [y + part * d for y, d in zip(policy.room, dy, strict=True)]
@@ -309,6 +327,7 @@ class Equations:
             centring=jnp.where(
                 interior, jnp.maximum((1 - shorter) ** 2, _CENTRING[0]), policy.centring
             ),
+            damping=jnp.where(interior, damping, policy.damping),
             blocked=jnp.where(interior, blocked, policy.blocked).astype(jnp.int32),
             fresh=jnp.zeros((), bool),
             count=policy.count + 1,
