@@ -201,7 +201,8 @@ class Tensions:
         `strings` and `residual` are those of the system at x.
         """
         forces, slopes = strings.force, strings.slope
-        load = jnp.max(jnp.abs(system.load), initial=0.0)
+        held = [jnp.where(_held(s), n, 0.0) for s, n in zip(system.states, forces, strict=True)]
+        load = jnp.maximum(jnp.max(jnp.abs(system.load), initial=0.0), _largest(held))
         first = jnp.maximum(load, _UNLOADED * _largest(forces))
         guess = where(self.fresh | self.searching, forces, self.guess)
         started = [jnp.clip(force, *(part * first for part in _FORCE)) for force in forces]
