@@ -13,9 +13,10 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
-from .bar import Plain, Straight
+from .bar import Plain
 from .element import Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jacked_or
+from .straight import Straight
 
 
 class TensionOnly(Straight):
@@ -55,7 +56,7 @@ class TensionOnly(Straight):
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
-    def string(
+    def pulled(
         self, state: AxialState, ends: Ends, motion: Motion
     ) -> tuple[Scalar, Scalar, Scalar, Forces]:
         """What one evaluation of the length gives.

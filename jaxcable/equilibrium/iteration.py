@@ -16,7 +16,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
-from ..mechanics.strings import Strings
+from ..mechanics.pulls import Pulls
 from ..numerics.search import Search
 from .globalisation import ASTRAY, Shift, Softening, Sprint
 from .newton_step import direction, largest
@@ -57,7 +57,7 @@ class Iterate:
     Attributes:
         x, residual, scale: last accepted point, R(x), and the force that R is judged by, N.
         rounding: error that rounding leaves in the residual, N; None if no element states any.
-        elements: what elements give together with their forces at x: `Strings` of a net, else
+        elements: what elements give together with their forces at x: `Pulls` of a net, else
             tangents (`System.evaluated`).
         step, search: the step from x, and which part of it is tried next (`search.Search`).
         arrival: whether the next evaluation is at x itself: at the start, when the iteration
@@ -117,8 +117,8 @@ class Task:
         self.begin = system.place(x)
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
-        self.strung = system.strung
-        self.softens = system.may_be_convex and not self.strung
+        self.net = system.is_net
+        self.softens = system.may_be_convex and not self.net
         self.judges = not system.always_convex
         self.convex = system.convex
         self.sprints = system.space.rotates or self.softens or system.followers is not None
@@ -149,12 +149,12 @@ class Task:
             shift=Shift.init(zero.dtype),
             sprint=Sprint.init() if self.sprints else None,
             softening=softening,
-            tensions=Tensions.init(self.system, self.begin) if self.strung else None,
+            tensions=Tensions.init(self.system, self.begin) if self.net else None,
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
-            released=None if self.strung else zero,
-            came_from=None if self.strung else rounding,
+            released=None if self.net else zero,
+            came_from=None if self.net else rounding,
             stable=self.convex,
             done=no,
         )
@@ -185,7 +185,7 @@ class Task:
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
             fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
-        if self.strung:
+        if self.net:
             searching = it.tensions.searching
             fine, again = jnp.where(searching, fine, finite), again & searching
         fine, again = fine | it.arrival, again & ~it.arrival
@@ -206,10 +206,10 @@ class Task:
 
     def _evaluated(self, working, x):
         """Residual, scale, rounding, and what elements give with them (`System.evaluated`)."""
-        if not self.strung:
+        if not self.net:
             return working.evaluated(x)
-        strings = Strings.of(working, x)
-        return *strings.judged(working, x), strings
+        pulls = Pulls.of(working, x)
+        return *pulls.judged(working, x), pulls
 
     def _known(self, it):
         """Note what the first evaluation says, and find out whether x is an equilibrium."""
@@ -226,7 +226,7 @@ class Task:
             allowed = jnp.maximum(allowed, it.released)
         if it.rounding is not None:
             rounding = it.rounding
-            if self.strung:  # an upper bound: go on as long as steps lead further
+            if self.net:  # an upper bound: go on as long as steps lead further
                 rounding = jnp.where(it.tensions.halved(largest(it.residual)), 0.0, rounding)
             allowed = jnp.maximum(allowed, rounding)
         if it.came_from is not None:
@@ -256,7 +256,7 @@ class Task:
             x = jnp.where(again, self.begin, x)
             shift = where(again, Shift.init(x.dtype), shift)
         tensions = it.tensions
-        if self.strung:
+        if self.net:
             shift = where(tensions.searching, shift, Shift.init(x.dtype))
             astray = reach > ASTRAY * self.extent
             size = largest(it.residual), it.scale
@@ -300,7 +300,7 @@ class Task:
         def aim(it):
             rhs, tensions, part = -it.residual, it.tensions, 1.0
             shift = it.shift.on(largest(it.residual), self.length)
-            if self.strung:
+            if self.net:
                 equations = tensions.equations(working, it.x, it.elements, it.residual)
                 rhs = equations.rhs
                 matrix = equations.matrix(working, it.x, largest(it.residual), self.length)
@@ -318,7 +318,7 @@ class Task:
             step, definite, factored = direction(
                 working, matrix, it, rhs, sprinting, self.tol, wanted
             )
-            if self.strung:
+            if self.net:
                 tensions, part = equations.taken(working, it.x, step, self.length)
                 step, sprinting = part * step, ~tensions.searching
             slope = it.residual @ step

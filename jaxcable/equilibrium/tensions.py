@@ -39,10 +39,9 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, Bool, Float, Int
-from ..elements.prestress import of_each
 from ..linear import Matrix
 from ..mechanics.assembly import System
-from ..mechanics.strings import PerGroup, Strings
+from ..mechanics.pulls import Pulls, held, rest_lengths
 
 MIXED, INTERIOR, LAST, SEARCH = range(4)
 
@@ -52,7 +51,6 @@ _INTERIOR = 100  # interior steps
 _TRIES = 5  # how often the end is tried
 _NEAR = 1e-5  # relative residual from which the end is tried
 _SHIFT = 1e-6  # Levenberg shift over tension per length
-_ROUNDING = 1.0
 _INSIDE = 0.9995  # part of the way to the bound that a step may go
 _BLOCKED = 0.05  # a step shorter than this is blocked by a bound
 _FORCE = 0.1, 10.0  # tensions at the start of the interior iteration, over the load
@@ -71,8 +69,8 @@ class Tensions:
 
     Attributes:
         mode: `MIXED`, `INTERIOR`, `LAST` or `SEARCH`.
-        guess: tensions for the geometric stiffness of mixed steps, per group [n_elem], N.
-        tension, room: N and y of the interior iteration, per group [n_elem], N and m.
+        guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
+        tension, room: N and y of the interior iteration, [n], N and m.
         centring: m of the next interior step over the present mean of N y.
         damping: shift of the matrix of interior steps, N/m: more after a step that was too long.
         fresh: whether the mode begins at its next step.
@@ -85,9 +83,9 @@ class Tensions:
     """
 
     mode: Int[Array, ""]
-    guess: PerGroup
-    tension: PerGroup
-    room: PerGroup
+    guess: Float[Array, " n"]
+    tension: Float[Array, " n"]
+    room: Float[Array, " n"]
     centring: Float[Array, ""]
     damping: Float[Array, ""]
     fresh: Bool[Array, ""]
@@ -102,7 +100,7 @@ class Tensions:
     @classmethod
     def init(cls, system: System, x: Float[Array, "n_row n_motion"]) -> Tensions:
         """The start: mixed."""
-        none = [jnp.zeros(len(group.links), x.dtype) for group in system.groups]
+        none = jnp.zeros(sum(len(group.links) for group in system.groups), x.dtype)
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
         return cls(
             mode=jnp.int32(MIXED),
@@ -174,7 +172,7 @@ class Tensions:
         after = copy(
             self,
             mode=mode,
-            guess=where(ends, self.tension, self.guess),
+            guess=jnp.where(ends, self.tension, self.guess),
             centring=jnp.where(begins, _CENTRING[1], self.centring),
             damping=jnp.where(begins, 0.0, self.damping),
             fresh=(begins | searches) | (self.fresh & ~changed),
@@ -193,47 +191,39 @@ class Tensions:
         self,
         system: System,
         x: Float[Array, "n_row n_motion"],
-        strings: Strings,
+        pulls: Pulls,
         residual: Float[Array, " n_free"],
     ) -> Equations:
         """The linear equations of the next step from x.
 
-        `strings` and `residual` are those of the system at x.
+        `pulls` and `residual` are those of the system at x.
         """
-        forces, slopes = strings.force, strings.slope
-        held = [jnp.where(_held(s), n, 0.0) for s, n in zip(system.states, forces, strict=True)]
-        load = jnp.maximum(jnp.max(jnp.abs(system.load), initial=0.0), _largest(held))
-        first = jnp.maximum(load, _UNLOADED * _largest(forces))
-        guess = where(self.fresh | self.searching, forces, self.guess)
-        started = [jnp.clip(force, *(part * first for part in _FORCE)) for force in forces]
-        tension = where(self.fresh & self.interior, started, self.tension)
-        rooms, compliances = _rooms(system, strings, tension)
-        least = [_ROOM * state.rest_length for state in system.states]
-        wide = [jnp.maximum(*pair) for pair in zip(rooms, least, strict=True)]
-        room = where(self.fresh & self.interior, wide, self.room)
-        free = [~_held(state) for state in system.states]
-        product = [jnp.where(f, n * y, 0.0) for f, n, y in zip(free, tension, room, strict=True)]
-        count = sum(jnp.sum(f) for f in free)
-        target = self.centring * sum(jnp.sum(p) for p in product) / jnp.maximum(count, 1)
-        base, slope = [], []
-        for k, (n, y) in enumerate(zip(tension, room, strict=True)):
-            width = y + n * compliances[k]
-            width = jnp.where(width > 0, width, 1.0)
-            inside = free[k] & self.interior
-            base.append(jnp.where(inside, n + (target - n * rooms[k]) / width, forces[k]))
-            slope.append(jnp.where(inside, n / width, slopes[k]))
-        geometric = where(self.interior, tension, guess)
+        begins, jacked = self.fresh & self.interior, held(system)
+        load = jnp.max(jnp.abs(system.load), initial=0.0)
+        load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.force, 0.0)))
+        first = jnp.maximum(load, _UNLOADED * jnp.max(pulls.force))
+        least, most = (part * first for part in _FORCE)
+        tension = jnp.where(begins, jnp.clip(pulls.force, least, most), self.tension)
+        gap, compliance = pulls.room(system, tension)
+        room = jnp.where(begins, jnp.maximum(gap, _ROOM * rest_lengths(system)), self.room)
+        product = jnp.where(jacked, 0.0, tension * room)
+        target = self.centring * jnp.sum(product) / jnp.maximum(jnp.sum(~jacked), 1)
+        width = room + tension * compliance
+        width = jnp.where(width > 0, width, 1.0)
+        inner = self.interior & ~jacked
+        base = jnp.where(inner, tension + (target - tension * gap) / width, pulls.force)
+        guess = jnp.where(self.fresh | self.searching, pulls.force, self.guess)
         best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
         # mixed steps have the residual of the structure on the right side
-        across = strings.residual(system, x, base)
+        across = pulls.residual(system, x, base)
         return Equations(
             base=base,
-            slope=slope,
-            strings=strings,
-            geometric=geometric,
+            slope=jnp.where(inner, tension / width, pulls.slope),
+            pulls=pulls,
+            jacked=jacked,
             rhs=-jnp.where(self.interior, across, residual),
-            rooms=rooms,
-            compliances=compliances,
+            gap=gap,
+            compliance=compliance,
             load=load,
             policy=copy(self, guess=guess, tension=tension, room=room, best=best),
         )
@@ -244,22 +234,22 @@ class Equations:
     """The linear equations of a step.
 
     Attributes:
-        base, slope: B and k of every element, per group [n_elem], N and N/m.
-        strings: `Strings` at the point.
-        geometric: tensions of the geometric stiffness, per group [n_elem], N.
+        base, slope: B and k of every cable, [n], N and N/m.
+        pulls: `Pulls` at the point.
+        jacked: which cables a jack holds, [n].
         rhs: right side, [n_free], N.
-        rooms, compliances: L(N) - l and L'(N), per group [n_elem], m and m/N.
-        load: largest dead load at a node, N.
+        gap, compliance: L(N) - l and L'(N), [n], m and m/N.
+        load: largest dead load at a node or force of a jack, N.
         policy: `Tensions` with the numbers that its mode begins with.
     """
 
-    base: PerGroup
-    slope: PerGroup
-    strings: Strings
-    geometric: PerGroup
+    base: Float[Array, " n"]
+    slope: Float[Array, " n"]
+    pulls: Pulls
+    jacked: Bool[Array, " n"]
     rhs: Float[Array, " n_free"]
-    rooms: PerGroup
-    compliances: PerGroup
+    gap: Float[Array, " n"]
+    compliance: Float[Array, " n"]
     load: Float[Array, ""]
     policy: Tensions
 
@@ -271,15 +261,14 @@ class Equations:
         length: Float[Array, ""],
     ) -> Matrix:
         """Matrix of the equations, regularised; `residual` the largest, `length` of elements."""
-        blocks = self.strings.stiffness(system, x, self.slope, self.geometric)
-        matrix = system.tangent(x, blocks)
-        largest = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
-        rounding = _ROUNDING * jnp.finfo(x.dtype).eps * largest + jnp.finfo(x.dtype).tiny
-        shift = _SHIFT * jnp.minimum(residual, _largest(self.geometric) + self.load) / length
-        return linear.plus_diagonal(
-            matrix,
-            jnp.maximum(jnp.where(self.policy.interior, self.policy.damping, shift), rounding),
-        )
+        policy = self.policy
+        tensions = jnp.where(policy.interior, policy.tension, policy.guess)
+        matrix = system.tangent(x, [*self.pulls.stiffness(system, x, self.slope, tensions)])
+        size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
+        rounding = jnp.finfo(x.dtype).eps * size + jnp.finfo(x.dtype).tiny
+        shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / length
+        shift = jnp.where(policy.interior, policy.damping, shift)
+        return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
 
     def taken(
         self,
@@ -294,72 +283,40 @@ class Equations:
             step: solution of the equations.
             length: of elements, m.
         """
-        policy, spread = self.policy, system.space.spread(x, step)
-        guess, dn, dy = [], [], []
-        widest = jnp.zeros((), x.dtype)
-        for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
-            longer = jnp.sum(self.strings.along[k] * spread[group.links][..., :3], axis=(1, 2))
-            now = self.base[k] + self.slope[k] * longer
-            guess.append(jnp.maximum(now, 0.0))
-            change = jnp.where(_held(state), 0.0, now - policy.tension[k])
-            room = self.rooms[k] + self.compliances[k] * change - longer
-            dn.append(change)
-            dy.append(jnp.where(_held(state), 0.0, room - policy.room[k]))
-            apart = jnp.diff(spread[group.links][..., :3], axis=1)
-            piece = state.rest_length / apart.shape[1]
-            turned = jnp.max(jnp.sqrt(jnp.sum(apart**2, axis=-1)), axis=1) / piece
-            widest = jnp.maximum(widest, jnp.max(turned))
-        part_n, part = _inside(policy.tension, dn), _inside(policy.room, dy)
+        policy, interior = self.policy, self.policy.interior
+        longer, turned = self.pulls.moved(system, system.space.spread(x, step))
+        now = self.base + self.slope * longer
+        change = jnp.where(self.jacked, 0.0, now - policy.tension)
+        room = self.gap + self.compliance * change - longer
+        wider = jnp.where(self.jacked, 0.0, room - policy.room)
+        part_n, part = _inside(policy.tension, change), _inside(policy.room, wider)
+        widest = jnp.max(turned)
         far = widest > _TURN
         part = jnp.minimum(part, jnp.where(far, _TURN / jnp.where(far, widest, 1.0), 1.0))
-        least = _DAMPING * _largest(policy.tension) / length
-        more = jnp.maximum(_DAMPED * policy.damping, least)
-        less = policy.damping / _DAMPED
-        damping = jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
-        interior, shorter = policy.interior, jnp.minimum(part_n, part)
-        tension = [n + part_n * d for n, d in zip(policy.tension, dn, strict=True)]
-        room = [y + part * d for y, d in zip(policy.room, dy, strict=True)]
+        shorter = jnp.minimum(part_n, part)
         blocked = jnp.where(shorter < _BLOCKED, policy.blocked + 1, jnp.minimum(policy.blocked, 0))
-        after = copy(
+        inner = copy(
             policy,
-            guess=where(interior, policy.guess, guess),
-            tension=where(interior, tension, policy.tension),
-            room=where(interior, room, policy.room),
-            centring=jnp.where(
-                interior, jnp.maximum((1 - shorter) ** 2, _CENTRING[0]), policy.centring
-            ),
-            damping=jnp.where(interior, damping, policy.damping),
-            blocked=jnp.where(interior, blocked, policy.blocked).astype(jnp.int32),
-            fresh=jnp.zeros((), bool),
-            count=policy.count + 1,
+            tension=policy.tension + part_n * change,
+            room=policy.room + part * wider,
+            centring=jnp.maximum((1 - shorter) ** 2, _CENTRING[0]),
+            damping=self._damping(far, length),
+            blocked=blocked.astype(jnp.int32),
         )
+        after = where(interior, inner, copy(policy, guess=jnp.maximum(now, 0.0)))
+        after = copy(after, fresh=jnp.zeros((), bool), count=policy.count + 1)
         return after, jnp.where(interior, part, 1.0)
 
-
-def _rooms(system, strings, tensions):
-    """L(N) - l and L'(N) of all elements, two lists of [n_elem]."""
-    pairs = [
-        of_each("room", group, state, tension, strain)
-        for group, state, tension, strain in zip(
-            system.groups, system.states, tensions, strings.strain, strict=True
-        )
-    ]
-    return [list(values) for values in zip(*pairs, strict=True)]
-
-
-def _held(state):
-    """Which elements a jack holds, [n_elem]."""
-    if state.jack_force is None:
-        return jnp.zeros(state.rest_length.shape, bool)
-    return jnp.ones(state.rest_length.shape, bool) if state.jacked is None else state.jacked
-
-
-def _largest(arrays):
-    return jnp.max(jnp.concatenate(arrays), initial=0.0)
+    def _damping(self, far, length):
+        """Shift for the next interior step: larger after a step that led too far."""
+        least = _DAMPING * jnp.max(self.policy.tension) / length
+        more = jnp.maximum(_DAMPED * self.policy.damping, least)
+        less = self.policy.damping / _DAMPED
+        return jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
 
 
 def _inside(values, changes):
     """Part of the changes, at most 1, up to which positive values stay positive."""
-    value, change = jnp.concatenate(values), jnp.concatenate(changes)
-    ratio = jnp.where(change < 0, -value / jnp.where(change < 0, change, -1.0), jnp.inf)
+    falls = changes < 0
+    ratio = jnp.where(falls, -values / jnp.where(falls, changes, -1.0), jnp.inf)
     return jnp.minimum(1.0, _INSIDE * jnp.min(ratio, initial=jnp.inf))

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.solution import Solution
-from ..elements.bar import Straight
+from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same

@@ -337,10 +337,10 @@ class System(Elementwise):
         return [load for load in loads if load is not None]
 
     @property
-    def strung(self) -> bool:
+    def is_net(self) -> bool:
         """Whether it is a net of cables under dead loads, each with one tension of its own."""
-        strings = [isinstance(group, Jacked) and group.tension_only for group in self.groups]
-        return all(strings) and self.always_convex and not self.space.rotates
+        cables = [isinstance(group, Jacked) and group.tension_only for group in self.groups]
+        return all(cables) and self.always_convex and not self.space.rotates
 
     def softened(self, compliance: Float[Array, ""]) -> System:
         """The system with a spring in series with every element, strain per force, 1/N."""
