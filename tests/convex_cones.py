@@ -149,7 +149,7 @@ class Interior:
                 cones = Cones(d, self.above, self.q, self.over)
             gaps.append(cones.gap.max())
             close = gaps[-1] / (top * self.size)
-            short = (l + self.above < 1e-9 * self.size) & (self.over > 1e-3 * self.N[net.of])
+            short = (l + self.above < 1e-9 * self.size) & (self.over > 1e-6 * self.N[net.of])
             self.met = np.unique(net.of[short & (self.N[net.of] > 1e-12 * top)])
             stalls = near and gaps[-1] > min(gaps[-6:-5], default=np.inf)
             last = not inside or stalls or len(self.met) or close < EPS**1.5

@@ -264,7 +264,7 @@ def _search(net, scene, start):
     best, steps, newton = (start, None, None, np.inf), 0, 0
     for _ in range(ROUNDS if len(net.hung.i) else 1):
         walk, tried = Interior(chains, far), False
-        for taut, more, last in walk.walk():  # noqa: B007
+        for taut, more, last in walk.walk():
             if tried and len(net.hung.i) and not last:
                 continue
             tried = True
