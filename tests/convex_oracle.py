@@ -146,9 +146,9 @@ def _polish(net, moved, N, F, taut, most=40):
         excess = _excess(state)
         settled = excess <= 0.1 and excess >= 0.1 * best[3]  # rounding is left
         since = 0 if excess < best[3] else since + 1
-        if excess < best[3]:
+        if excess <= best[3]:
             best = moved.copy(), N, F, excess
-        if settled or excess < 1e-5 or since > 4 or not excess < np.inf:
+        if steps and (settled or excess < 1e-5 or since > 4 or not excess < np.inf):
             break
         d, l, long = net.elongations(moved)
         t = d / np.where(l > 0, l, 1)[:, None]
