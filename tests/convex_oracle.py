@@ -308,8 +308,8 @@ def find(scene, start=None):
 def check(scene, displacement_hi, displacement_lo=None, tension=None):
     """Residual [n, 3] and largest sum of forces at a node, N, of a state's displacements, m.
 
-    The displacement is the sum of two arrays. With `tension`, N, of each element, the residual of
-    these at the state's directions; those of catenaries are not used.
+    The displacement, of held nodes too, is the sum of two arrays. With `tension`, N, of each
+    element, the residual of these at the state's directions; those of catenaries are not used.
     """
     high = np.asarray(displacement_hi, WIDE)
     low = None if displacement_lo is None else np.asarray(displacement_lo, WIDE)
