@@ -114,9 +114,10 @@ class Interior:
         self.net, self.met = net, ()
         self.moved = np.where(net.free, start, net.still)
         d, l, long = net.elongations(self.moved)
-        self.size = max(l.max(), net.rest.max())
+        self.size = max(l.max(initial=0), net.rest.max(initial=0))
         strain = np.maximum(long, 0) / np.where(net.jack, 1, net.rest)
-        pull = max(np.abs(net.p).max(initial=0), net.force.max(), (net.EA * strain).max())
+        pull = max(np.abs(net.p).max(initial=0), net.force.max(initial=0))
+        pull = max(pull, (net.EA * strain).max(initial=0))
         self.N = np.where(net.jack, net.force, pull)
         own = np.where(self.N > 0, self.N, 1)[net.of]
         t = (pull * self.size / own + np.sqrt((pull * self.size / own) ** 2 + 4 * l**2)) / 2
@@ -149,7 +150,7 @@ class Interior:
                 cones = Cones(d, self.above, self.q, self.over)
             gaps.append(cones.gap.max())
             close = gaps[-1] / (top * self.size)
-            short = (l + self.above < 1e-9 * self.size) & (self.over > 1e-3 * self.N[net.of])
+            short = (l + self.above < 1e-9 * self.size) & (self.over > 1e-6 * self.N[net.of])
             self.met = np.unique(net.of[short & (self.N[net.of] > 1e-12 * top)])
             stalls = near and gaps[-1] > min(gaps[-6:-5], default=np.inf)
             last = not inside or stalls or len(self.met) or close < EPS**1.5
@@ -176,15 +177,14 @@ class Interior:
         self.q = self.q + way * dq
         # N as its parts sum up, not as it was rounded while it was larger
         own = np.sqrt(dot(self.q, self.q)) + self.over
-        self.N = np.where(net.jack, net.force, net.total(own) / net.segments)
+        self.N = np.where(net.jack, net.force, net.total(own) / np.maximum(net.segments, 1))
         own = self.N[net.of] / own
         self.q, self.over = self.q * own[:, None], self.over * own
 
     def _linear(self, cones, r, miss):
         """Solver of the linear equations of a step, for an aim of the products and a share."""
         net = self.net
-        flex = net.flex + net.total(cones.f)
-        k = np.where(net.jack, 0, 1 / flex)
+        k = 1 / np.where(net.jack, np.inf, net.flex + net.total(cones.f))
         rows = net.rows(cones.t)
         alone = np.where(net.single, k, 0)[net.of][:, None, None]
         blocks = cones.K + alone * cones.t[:, :, None] * cones.t[:, None, :]

@@ -9,6 +9,8 @@ q and h across it; the differences of Irvine's closed forms are written without 
 to a load or a lateral force of nothing.
 """
 
+from copy import copy
+
 import numpy as np
 from convex_cones import WIDE, dot
 
@@ -34,6 +36,12 @@ class Hung:
         self.q = np.array([e.load for e in elements], WIDE).reshape(-1, 3)
         self.u = unit(self.q, np.eye(3)[2])
         self.w = np.maximum(np.sqrt(dot(self.q, self.q)), WIDE("1e-25") * self.EA / self.rest)
+
+    def _some(self, pick):
+        other = copy(self)
+        for name, value in vars(self).items():
+            setattr(other, name, value[pick])
+        return other
 
     def half(self):
         """Half of the weights, which each of the ends carries, [n, 3], N."""
@@ -62,9 +70,11 @@ class Hung:
         down = np.where(low < 0, h**2 / np.where(low < 0, s - low, 1), s + low)
         x = D / R
         double = np.log1p(2 * D / (up + down))  # twice the area tangent of x
-        series = sum(x ** (2 * k + 1) / (2 * k + 1) for k in range(9, 0, -1))
+        series = 0
+        for k in range(19, 1, -2):
+            series = (series + 1 / WIDE(k)) * x**2
         A = double / w
-        bow = np.where(x < 0.05, 2 * series, double - 2 * x) / w
+        bow = np.where(x < 0.05, 2 * x * series, double - 2 * x) / w
         first = rest / EA + 2 * rest / R
         sag = D**2 / 4 * (1 / (r + f) + 1 / (s + f)) - 2 * (v * D) ** 2 / (R * (r + f) * (s + f))
         strain = f / EA - sag / R
@@ -119,11 +129,11 @@ class Hung:
         across = np.maximum(np.sqrt(dot(across, across)), TINY * self.rest)
         chord = np.column_stack([across, along]), l, low
         h, v, _ = self.parts(self.guess(d, l) if F is None else F)
-        h, v, done = self._newton(h, v, chord, 8)
+        h, v, done = self._newton(h, v, chord, 12)
         if not done.all():
-            a, b = self._nested(chord)
-            h, v = np.where(done, h, a), np.where(done, v, b)
-            h, v, _ = self._newton(h, v, chord, 8)
+            rest = self._some(~done)
+            part = tuple(x[~done] for x in chord)
+            h[~done], v[~done], _ = rest._newton(*rest._nested(part), part, 8)
         return h[:, None] * e + v[:, None] * self.u
 
     def _flat(self, h, v, chord):

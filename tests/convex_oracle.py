@@ -146,9 +146,9 @@ def _polish(net, moved, N, F, taut, most=40):
         excess = _excess(state)
         settled = excess <= 0.1 and excess >= 0.1 * best[3]  # rounding is left
         since = 0 if excess < best[3] else since + 1
-        if excess < best[3]:
+        if excess <= best[3]:
             best = moved.copy(), N, F, excess
-        if settled or excess < 1e-5 or since > 4 or not excess < np.inf:
+        if steps and (settled or excess < 1e-5 or since > 4 or not excess < np.inf):
             break
         d, l, long = net.elongations(moved)
         t = d / np.where(l > 0, l, 1)[:, None]
@@ -308,8 +308,8 @@ def find(scene, start=None):
 def check(scene, displacement_hi, displacement_lo=None, tension=None):
     """Residual [n, 3] and largest sum of forces at a node, N, of a state's displacements, m.
 
-    The displacement is the sum of two arrays. With `tension`, N, of each element, the residual of
-    these at the state's directions; those of catenaries are not used.
+    The displacement, of held nodes too, is the sum of two arrays. With `tension`, N, of each
+    element, the residual of these at the state's directions; those of catenaries are not used.
     """
     high = np.asarray(displacement_hi, WIDE)
     low = None if displacement_lo is None else np.asarray(displacement_lo, WIDE)
