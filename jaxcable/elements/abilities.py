@@ -104,6 +104,27 @@ class Secant(Element):
         """Symmetric matrix, in the shape of `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
 
 
+class Pulling(Element):
+    """Elements with one tension along one length, as long as no load acts along them."""
+
+    @abc.abstractmethod
+    def pulled(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> tuple[Scalar, Scalar, Scalar, Forces]:
+        """What one evaluation of the length gives.
+
+        Tension, N; its derivative by the length, N/m; strain; and the derivative of the length by
+        the displacements of the ends, [n_end, 3], which are the end forces of a unit tension.
+        """
+
+    @abc.abstractmethod
+    def room(self, state: OwnState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
+        """By how much a tension could lengthen the cable beyond a strain, and the derivative of it.
+
+        The length under the tension less that at the strain, m, and by the tension, m/N.
+        """
+
+
 class Rounding(Element):
     """Elements whose force may vanish while its rounding error does not."""
 

@@ -224,11 +224,14 @@ class Task:
             released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
             it = copy(it, released=jnp.where(first, released, it.released))
             allowed = jnp.maximum(allowed, it.released)
-        if it.rounding is not None:
-            rounding = it.rounding
-            if self.net:  # an upper bound: go on as long as steps lead further
-                rounding = jnp.where(it.tensions.halved(largest(it.residual)), 0.0, rounding)
-            allowed = jnp.maximum(allowed, rounding)
+        if self.net:
+            bound = jnp.maximum(allowed, it.rounding)
+            within = jnp.all(jnp.abs(it.residual) <= bound)
+            tensions, settled = it.tensions.noted(it.x, largest(it.residual), within)
+            it = copy(it, tensions=tensions)
+            allowed = jnp.where(settled, bound, allowed)
+        elif it.rounding is not None:
+            allowed = jnp.maximum(allowed, it.rounding)
         if it.came_from is not None:
             it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
             allowed = jnp.maximum(allowed, it.came_from)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
-from ..elements.abilities import Jacked, Rounding
+from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element, ElementState
 from ..elements.prestress import element
 from ..spaces import Space
@@ -339,7 +339,8 @@ class System(Elementwise):
     @property
     def is_net(self) -> bool:
         """Whether it is a net of cables under dead loads, each with one tension of its own."""
-        cables = [isinstance(group, Jacked) and group.tension_only for group in self.groups]
+        pairs = zip(self.groups, self.states, strict=True)
+        cables = [isinstance(g, Pulling) and s.line_load is None for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
 
     def softened(self, compliance: Float[Array, ""]) -> System:

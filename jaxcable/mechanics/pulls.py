@@ -62,19 +62,19 @@ class Pulls:
             rounding of displacements leaves in the residual, [n_free]; N.
         """
         forces, slopes = _split(system, self.force), _split(system, self.slope)
-        eps, columns = jnp.finfo(x.dtype).eps, []
+        eps, pulls, unsure = jnp.finfo(x.dtype).eps, [], []
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
             n, g = forces[k][:, None], self.along[k]
             sizes = n * system.space.size(g)
             if group.remembers:
                 sizes = sizes + system.part_sizes(group, state, x)
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
-            unsure = (_ROUNDINGS * eps * moved * slopes[k])[:, None, None] * jnp.abs(g)
-            columns.append(jnp.concatenate([n[..., None] * g, unsure, sizes[..., None]], axis=-1))
-        rows = _at_rows(system, columns)
-        scale = jnp.max(rows[:, 6] + system.space.size(system.load))
-        residual = system.space.collected(rows[:, :3] - system.load, x)
-        return residual, scale, jnp.abs(system.space.collected(rows[:, 3:6], x))
+            unsure.append((_ROUNDINGS * eps * moved * slopes[k])[:, None, None] * jnp.abs(g))
+            pulls.append(jnp.concatenate([n[..., None] * g, sizes[..., None]], axis=-1))
+        rows, collected = _at_rows(system, pulls), system.space.collected
+        scale = jnp.max(rows[:, 3] + system.space.size(system.load))
+        residual = collected(rows[:, :3] - system.load, x)
+        return residual, scale, jnp.abs(collected(_at_rows(system, unsure), x))
 
     def stiffness(
         self, system: System, x: Motion, slopes: Float[Array, " n"], tensions: Float[Array, " n"]
