@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
+from ..common import checks
 from ..common.types import Array, PyTree
 
 _AXIS = "cases"
@@ -62,10 +63,8 @@ def batched(
         >>> print(jnp.round(jc.batched(height, chunk=2)(forces), 6))  # m
         [ 1.5  0.5 -1.5]
     """
-    if chunk is not None and (
-        isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1
-    ):
-        raise ValueError(f"chunk = {chunk!r}: expected a positive integer, or None")
+    if chunk is not None:
+        checks.whole(chunk, "chunk")
     if devices is not None and len(devices) == 0:
         raise ValueError("devices: expected at least one, or None")
     one_by_one = jax.vmap(function)

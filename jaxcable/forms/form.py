@@ -12,7 +12,7 @@ from ..common.tree import pytree
 from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
-from ..numerics import implicit
+from ..numerics import implicit, scaled
 from .along import carries
 
 
@@ -107,7 +107,7 @@ def make_form(
     rests = cut if rests is None else rests
     values = positions, tensions, lengths, rests, densities
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
-    relative = residual / jnp.where(scale > 0, scale, 1.0)
+    relative = scaled.relative(residual, scale)
     arrays = positions, tensions, lengths, rests, densities
     return Form(*arrays, code, residual, relative, iterations)
 

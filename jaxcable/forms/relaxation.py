@@ -34,7 +34,7 @@ from ..elements.prestress import element
 from ..loads import Load
 from ..model import plausibility
 from ..model.structure import Structure
-from ..numerics import implicit
+from ..numerics import implicit, scaled
 from .along import split
 from .form import Form, arranged, make_form
 from .members import check_members, stated, total, verdict
@@ -267,7 +267,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
         # a node without stiff elements gets some mass, too
         mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))[:, None]
         mass = jnp.where(mass > 0, mass, 1.0)
-        worst = jnp.max(jnp.abs(force)) / jnp.where(scale > 0, scale, 1.0)
+        worst = scaled.relative(jnp.max(jnp.abs(force)), scale)
         return force, worst, scale, mass
 
     def stopped(motion, x):

@@ -16,6 +16,7 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element
 from ..model.structure import Structure
+from ..numerics import scaled
 from .groups import Key, bundled, check_elements, partly, selected, settled
 from .load import Bundles, Dead, Measured, OwnState
 
@@ -249,9 +250,7 @@ class LineLoads(Measured):
             square = self.forces @ self.forces
             along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
             pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
-        square = jnp.sum(pieces**2, axis=-1)
-        # a piece along the force has no projected length: its derivative is set to zero
-        return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        return scaled.length(pieces)  # a piece along the force has no projected length
 
 
 def check_geometry(geometry: str, per: str) -> None:

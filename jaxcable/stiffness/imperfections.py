@@ -15,6 +15,7 @@ from ..common import checks
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
 from ..model.structure import Structure
+from ..numerics.scaled import unit_shapes
 from .tangent import displaced_by, prepared, tangent_of
 
 
@@ -79,8 +80,7 @@ def modes(
         >>> print(solution.status, np.round(found.stiffness, 3), f"{found.shapes[0, 1, 1]:.6f}")
         0 [200.] 1.000000
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    checks.whole(n, "n")
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((structure, state))):
         raise ValueError("state: is traced; eigenmodes have no derivatives, take them outside")
     moved = np.asarray(displaced_by(*prepared(structure, state, fixed)))[: structure.n_node]
@@ -88,14 +88,9 @@ def modes(
     if not np.isfinite(tangent).all():
         raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
     values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
-    n = min(n, len(values))
-    shapes = np.moveaxis(moved @ vectors[:, :n], -1, 0)
-    size = np.linalg.norm(shapes, axis=-1).max(axis=1)
-    flat = shapes.reshape(n, -1)
-    sign = np.sign(flat[np.arange(n), np.abs(flat).argmax(axis=1)])
-    # a mode of rotations alone has no displacement to scale by
-    factor = np.where(size > 1e-12, sign / np.maximum(size, 1e-12), 0.0)
-    return Modes(values[:n], shapes * factor[:, None, None])
+    values, vectors = values[:n], vectors[:, :n]
+    shapes = unit_shapes(np.moveaxis(moved @ vectors, -1, 0), vectors.T)
+    return Modes(values, np.asarray(shapes))
 
 
 def imperfect(

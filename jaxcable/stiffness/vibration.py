@@ -21,6 +21,7 @@ from ..elements.prestress import element
 from ..mechanics.elementwise import each, motion_of
 from ..mechanics.ramp import make_system
 from ..model.structure import Structure
+from ..numerics.scaled import unit_shapes
 from .tangent import displaced_by, filled, prepared, tangent_at
 
 _SLOW = 1e-6  # smallest w^2, over a mean w^2, for which no shift is needed
@@ -119,8 +120,7 @@ def natural_frequencies(
         >>> print(solution.status, f"{found.frequency[0]:.6f} Hz, {2 / (2 * np.pi):.6f} Hz")
         0 0.318310 Hz, 0.318310 Hz
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    checks.whole(n, "n")
     if distribution is not None and distribution not in _DISTRIBUTIONS:
         names = ", ".join(map(repr, _DISTRIBUTIONS))
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
@@ -216,6 +216,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
             )
 
 
+@functools.partial(jax.jit, static_argnames=("n",))
 def _solve(stiffness, mass, moved, n):
     """The slowest `n` modes; `moved` has the displacements of nodes per unknown.
 
@@ -246,11 +247,7 @@ def _solve(stiffness, mass, moved, n):
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
     squared = jnp.where(massive, 1 / jnp.where(massive, mu, 1.0) - shift, jnp.inf)
     modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)
-    shapes = jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0)
-    size = jnp.max(jnp.linalg.norm(shapes, axis=-1), axis=1)
-    flat = shapes.reshape(n, -1)
-    sign = jnp.sign(jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1))
-    shapes = shapes * (sign[:, 0] / size)[:, None, None]
+    shapes = unit_shapes(jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0), modes.T)
     positive = squared > 0
     frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
     frequency = jnp.where(positive, frequency, jnp.nan)
