@@ -44,14 +44,16 @@ class Vibration:
         shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
     Example:
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=50.0)  # kg
-        >>> print(solution.status, jnp.round(found.squared, 6))  # K / m: 200, 14600, 25800 N/m
-        0 [  4. 292. 516.]
+        12 kg on a tripod of 108, 108 and 384 kN/m, see `flexibility`:
+
+        >>> around = 2 * np.pi * np.arange(3) / 3
+        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
+        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
+        >>> solution = jc.solve(structure, jc.Phase())
+        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=12.0)
+        >>> print(solution.status, jnp.round(found.squared, 6))  # K / m
+        0 [ 9000.  9000. 32000.]
     """
 
     frequency: Float[Array, " n"]
@@ -109,16 +111,17 @@ def natural_frequencies(
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
 
     Example:
-        50 kg between two cables swing out of their plane with ``sqrt(2 N / l m) / 2 pi``:
+        A seconds pendulum, ``sqrt(g / l) / 2 pi`` = 1/2 Hz, stiff by its weight:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=50.0)
-        >>> print(solution.status, f"{found.frequency[0]:.6f} Hz, {2 / (2 * np.pi):.6f} Hz")
-        0 0.318310 Hz, 0.318310 Hz
+        >>> gravity, mass = 9.80665, 2.0
+        >>> length = gravity / np.pi**2  # 0.9936 m
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([[0.0, 0, 0], [0, 0, -length]], rope, supports=jc.pinned([0]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -mass * gravity))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=mass * gravity, loads=weight))
+        >>> found = jc.stiffness.natural_frequencies(structure, solution, n=2, masses=mass)
+        >>> print(solution.status, jnp.round(found.frequency, 6))  # Hz, in x and in y
+        0 [0.5 0.5]
     """
     checks.whole(n, "n")
     if distribution is not None and distribution not in _DISTRIBUTIONS:
