@@ -151,7 +151,6 @@ def test_goes_on(alone):
     structure, phases = net(), stages()
     apart = net(compliance=1e-9)
     for before, after in ((structure, apart), (apart, structure)):
-
         start = jc.solve(before, phases[:2])
         assert start.status == status.OK
 

@@ -127,10 +127,15 @@ def trace_path(
     happened = on_nodes(structure, path.events, ("displacement", "mode"))
     happened = copy(happened, elements=structure.arrange(happened.elements))
     if not isinstance(n_row, jax.core.Tracer):
-        happened = jax.tree.map(lambda a: a[: int(n_event)], happened)
-        cut = jax.tree.map(lambda a: a[: int(n_row)], copy(path, status=None, events=None))
-        path = copy(cut, status=path.status)
+        happened = _first(happened, int(n_event))
+        path = copy(_first(copy(path, status=None, events=None), int(n_row)), status=path.status)
     return copy(path, events=happened)
+
+
+@functools.partial(jax.jit, static_argnames=("count",))
+def _first(tree, count):
+    """The first entries of all arrays."""
+    return jax.tree.map(lambda a: a[:count], tree)
 
 
 def _settings(structure, until, down_to, step, largest, tol, through):

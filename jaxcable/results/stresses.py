@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 
 from ..analysis.solution import PhaseResult
+from ..common.tree import fill, thaw
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import element
 from ..model.structure import Structure
@@ -48,14 +49,7 @@ def fibre_stress(
         raise ValueError(f"phase: expected one of solution.phases, got {type(phase).__name__}")
     path = phase.path
     records = [_leaves(structure, tree) for tree in (path.strain, path.tension, phase.began)]
-    stresses = []
-    for group, strain, tension, memory in zip(structure.groups, *records, strict=True):
-        if strain is not None:
-            stresses.append(_follow(group, strain, memory))
-        else:  # no strains are recorded for a linear law: its stress follows from the tension
-            area = group.area
-            stresses.append(None if area is None else tension / area[None, :])
-    return structure.arrange(stresses)
+    return structure.arrange(_stresses(*thaw((structure.groups, *records))))
 
 
 def _leaves(structure, tree):
@@ -70,6 +64,19 @@ def _leaves(structure, tree):
 
     jax.tree.map(put, numbers, tree)
     return items
+
+
+@jax.jit
+def _stresses(thawed, arrays):
+    """The compiled core: stresses of every group, or None."""
+    stresses = []
+    for group, strain, tension, memory in zip(*fill(thawed, arrays), strict=True):
+        if strain is not None:
+            stresses.append(_follow(group, strain, memory))
+        else:  # no strains are recorded for a linear law: its stress follows from the tension
+            area = group.area
+            stresses.append(None if area is None else tension / area[None, :])
+    return stresses
 
 
 def _follow(group, strain, memory):
