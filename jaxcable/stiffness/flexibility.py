@@ -61,7 +61,12 @@ def flexibility(
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
     moved = displaced_by(*prepared(structure, state, fixed))
     unit = moved[nodes][:, np.array([AXES[a] for a in axes])].reshape(-1, moved.shape[2])
-    stiffness = tangent_of(structure, state, fixed)
+    return _flexibility(tangent_of(structure, state, fixed), unit)
+
+
+@jax.jit
+def _flexibility(stiffness, unit):
+    """The compiled core; `unit` has the displacements asked about per unknown, [m, n_free]."""
     factor = linear.factorize(stiffness)
     given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
     free = jnp.any(unit != 0, axis=1)

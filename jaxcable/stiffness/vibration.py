@@ -144,7 +144,7 @@ def natural_frequencies(
             "frequencies may be complex, and this solves symmetric problems only"
         )
     moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
-    mass = _mass(thawed, arrays, freedoms, gravity, distribution)
+    mass = _mass(thawed, arrays, freedoms, gravity, distribution=distribution)
     if masses is not None:
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
     if not (checks.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
@@ -158,6 +158,7 @@ def natural_frequencies(
     return found
 
 
+@functools.partial(jax.jit, static_argnames=("distribution",))
 def _mass(thawed, arrays, freedoms, gravity, distribution):
     """Mass matrix of the elements, [n_free, n_free], kg."""
     nodes, groups, carry = filled(thawed, arrays)
@@ -169,7 +170,6 @@ def _mass(thawed, arrays, freedoms, gravity, distribution):
     return system.assembled(parts, carry.motion)
 
 
-@functools.partial(jax.jit, static_argnames=("distribution",))
 def _blocks(thawed, arrays, gravity, distribution):
     """Mass matrices of the elements, [n_elem, d, d] per group; None for a group without weight."""
     nodes, groups, carry = filled(thawed, arrays)
