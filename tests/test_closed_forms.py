@@ -61,8 +61,8 @@ def test_two_links_in_single_precision(ratio, angle):
 def test_order_of_the_incremental_scheme(method, increments, order):
     w, _ = two_links_exact(100.0, 10.0, 10.0)
     errors = []
-    for n in increments:  # the longest phase, which is the same one, sets the size of the program
-        solution, normal = pull(100.0, 10.0, 10.0, method, increments=(max(increments), n))
+    for n in increments:
+        solution, normal = pull(100.0, 10.0, 10.0, method, increments=(2, n))
         jc.raise_if_failed(solution)
         errors.append(abs(float(solution.displacement[1] @ normal) - w) / w)
     rate = np.log2(errors[0] / errors[1])
@@ -75,7 +75,7 @@ def test_secant_scheme_has_the_known_errors():
     w, _ = two_links_exact(100.0, 10.0, 10.0)
     method = jc.Incremental(stiffness="secant", tol=np.inf)
     for n, expected in ((10, 0.025), (100, 0.0025), (1000, 0.00025)):
-        solution, normal = pull(100.0, 10.0, 10.0, method, increments=(1000, n))
+        solution, normal = pull(100.0, 10.0, 10.0, method, increments=(2, n))
         jc.raise_if_failed(solution)
         error = abs(float(solution.displacement[1] @ normal) - w) / w
         assert abs(error - expected) < 0.1 * expected

@@ -14,9 +14,8 @@ def test_flat_net_matches_the_reference_whatever_the_increments(case):
     load, free = case["load_per_free_node_N"], FLAT["free_nodes"]
     expected = np.array([case["displacement_m"][str(n)] for n in free])
     ends = []
-    # the longest phase sets the size of the program, which is one for all of them
-    for increments in ((1, 100), (100, 1), (10, 100), (100, 10), (100, 100)):
-        scene = jc.scenes.flat_net(load=load, increments=increments)
+    for increments in (1, 10, 100):
+        scene = jc.scenes.flat_net(load=load, increments=(increments, increments))
         solution = jc.solve(*scene, jc.Newton(tol=1e-13))
         jc.raise_if_failed(solution)
         assert_balanced(solution)
