@@ -64,12 +64,7 @@ class Only:
     def spread(self, others: Float[ArrayLike, " n_elem"]) -> Float[Array, " n_elem"]:
         """Array [n_elem] of the values at their elements, and of `others` elsewhere."""
         values = jnp.asarray(self.values)
-        others = jnp.asarray(others, values.dtype)
-        if checks.concrete(values) is None or checks.concrete(others) is None:
-            return others.at[self.elements.array].set(values)
-        spread = np.array(others)
-        spread[self.elements.array] = values
-        return jnp.asarray(spread)
+        return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
 
 
 def only(
