@@ -410,7 +410,7 @@ def test_a_snap_leaves_what_it_releases():
 
 def test_forces_that_are_not_those_of_the_energy_are_seen(monkeypatch):
     """Half a percent more energy than the forces have is an imbalance that does not fall."""
-    from jaxcable.elements.bar import Straight
+    from jaxcable.elements.straight import Straight
 
     right = Straight.energy_per_length
     monkeypatch.setattr(

@@ -141,7 +141,7 @@ def spun(v):
 
 
 Row = namedtuple("Row", "site argument run good bad")
-GROUP, BEAM, POINTS = "elements/bar.py", "elements/beam.py", "materials/points.py"
+GROUP, BEAM, POINTS = "elements/straight.py", "elements/beam.py", "materials/points.py"
 PHASE, SHAPES, RUN = "analysis/phases.py", "sections/shapes.py", "paths/run.py"
 AXIS = (0.0, 1.0, 0.0)
 

@@ -1,307 +1,33 @@
-"""Straight two-node bar: tension and compression, any displacement and rotation.
-
-Strain ``e = (l - L0) / L0``, force ``N = A s(e)``, end forces ``-+N (xj - xi) / l``.
-Lengths are never subtracted: with the initial chord ``d`` of length ``l_s``, its elongation
-``delta = l_s - L0`` and the relative end displacement ``w``,
-
-    l - l_s = (2 d.w + w.w) / (l + l_s),      e = (delta + (l - l_s)) / L0,
-
-so a prestress of 1e-8 of the axial stiffness keeps its digits (``l - L0`` would lose eight).
-"""
+"""Straight two-node bar: tension and compression, any displacement and rotation."""
 
 from __future__ import annotations
-
-from typing import ClassVar, Self
 
 import jax
 import jax.numpy as jnp
 
-from ..common import checks
-from ..common.rules import Rule, not_negative, positive, refuse
-from ..common.tree import changed, copy, kind, pytree
-from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..materials import Elastic, Parallel
-from ..materials.law import Law, uniaxial
-from ..sections import Section
+from ..common.tree import pytree
+from ..common.types import Array, Float
 from .abilities import Jacked, Rounding, Secant
-from .axial import Axial
-from .element import SECTION_STRAIN, TENSION, Ends, Forces, Motion, Result, Scalar
-from .prestress import AxialState, Prestressed, checked_links, jacked_or, stretch
-
-# entries of the mass matrix over the mass, on and off the diagonal; "mean" is of order 4 in length
-_SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12, 1 / 12)}
+from .element import Ends, Forces, Motion
+from .prestress import AxialState, jacked_or, stretch
+from .straight import Straight
 
 
-@pytree(indices=("links",))
-class Straight(Axial, Prestressed):
-    """Straight two-node elements with any relation of strain and force; fields as of `Bars`."""
-
-    links: Int[ArrayLike, "n_elem 2"]
-    axial_stiffness: Float[ArrayLike, " n_elem"] | None = None
-    area: Float[ArrayLike, " n_elem"] | None = None
-    law: Law | None = None
-    rest_length: Float[ArrayLike, " n_elem"] | None = None
-    weight: Float[ArrayLike, " n_elem"] | None = None
-    expansion: Float[ArrayLike, " n_elem"] | None = None
-    strength: Float[ArrayLike, " n_elem"] | None = None
-    compliance: Float[ArrayLike, " n_elem"] | None = None
-    section: Section | None = None
-
-    results: ClassVar[tuple[Result, ...]] = (TENSION, SECTION_STRAIN)
-    per_element = (
-        "axial_stiffness",
-        "area",
-        "rest_length",
-        "weight",
-        "expansion",
-        "strength",
-        "compliance",
-    )
-
-    def __post_init__(self):
-        links = checked_links(self.links)
-        object.__setattr__(self, "links", links)
-        for name in self.per_element:
-            value = checks.per_element(getattr(self, name), len(links), name)
-            object.__setattr__(self, name, value)
-        given = [self.axial_stiffness, self.area if self.law is None else self.law, self.section]
-        if sum(value is not None for value in given) > 1:
-            raise ValueError(
-                "axial_stiffness, area: give either axial_stiffness, or area with law, or section; "
-                "not two of them"
-            )
-        if (self.area is None) != (self.law is None) or not any(v is not None for v in given):
-            raise ValueError(
-                "axial_stiffness: missing; give axial_stiffness, or area with law, or section"
-            )
-        if self.law is not None:
-            uniaxial(self.law, "law")
-        if self.section is not None and not isinstance(self.section, Section):
-            raise ValueError(f"section: {type(self.section).__name__} is not a Section")
-        if self.compliance is not None:
-            self._check_compliance()
-        refuse(self.rules())
-
-    def rules(self) -> list[Rule]:
-        """Rules that the numbers of the group keep, see `common.rules`."""
-        above = ("axial_stiffness", "area", "rest_length", "strength")
-        rules = [positive(name, getattr(self, name)) for name in above]
-        rules += [not_negative(name, getattr(self, name)) for name in ("weight", "compliance")]
-        laws = () if self.compliance is None or self.section is None else self._laws
-        for k, law in enumerate(laws if len(laws) > 1 else ()):
-            stress = law.falls()
-            if stress is not None:
-                text = (
-                    f"section.laws[{k}] falls; a spring in series with it and others would snap "
-                    "back, which has no one force for a strain"
-                )
-                rules.append(Rule("compliance", stress, _falling, text))
-        return rules
-
-    def _check_compliance(self):
-        """Raise ValueError for a compliance beside a law of points in several elements."""
-        if len(self._laws) == 1 and len(self.links) > 1 and self.breaks:
-            raise ValueError(
-                "compliance: beside a law of points only in groups of one element; give the law "
-                "itself the softness: strain + compliance area stress"
-            )
-
-    # --- the cross-section: force from strain, energy from strain, strain from force
-
-    def force(self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Axial force, N, at `strain`."""
-        stiffness, law, area = self._section()
-        return stiffness * strain if law is None else area * law.stress_at(strain, memory)
-
-    def energy_per_length(
-        self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
-    ) -> Scalar:
-        """Stored energy per unstressed length, J/m."""
-        stiffness, law, area = self._section()
-        return 0.5 * stiffness * strain**2 if law is None else area * law.energy_at(strain, memory)
-
-    def strain_at(self, force: Scalar, memory: Float[Array, " n_memory"] | None = None) -> Scalar:
-        """Strain at an axial force, N; NaN above the peak of the law."""
-        stiffness, law, area = self._section()
-        return force / stiffness if law is None else law.strain_at(force / area, memory)
-
-    def _section(self):
-        """Triple (axial stiffness, law, area), softened by the compliance.
-
-        Either the stiffness is None, or law and area are.
-        """
-        area, law = self.area, self.law
-        if self.section is not None:
-            area, law = self.section.axial()
-        if law is None:
-            if self.compliance is None:
-                return self.axial_stiffness, None, None
-            stiffness = self.axial_stiffness / (1 + self.compliance * self.axial_stiffness)
-            return stiffness, None, None
-        return None, law if self.compliance is None else law.softened(self.compliance * area), area
-
-    @property
-    def _laws(self):
-        """Laws of the material; if elements have one each, only static members can be read."""
-        if self.section is not None:
-            return kind(self.section).laws
-        return () if self.law is None else (kind(self.law),)
-
-    @property
-    def remembers(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its law remembers earlier strains."""
-        return any(law.n_memory for law in self._laws)
-
-    @property
-    def breaks(self) -> bool:  # type: ignore[override]  # read only
-        """Whether an element can be strained beyond its curve."""
-        return any(law.breaks for law in self._laws)
-
-    @property
-    def rising(self) -> bool:  # type: ignore[override]  # read only
-        """Whether its force is known not to fall with strain."""
-        return all(law.rising for law in self._laws)
-
-    def softened(self, compliance: Scalar) -> Self:
-        """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
-        present = 0.0 if self.compliance is None else self.compliance
-        return copy(self, compliance=present + jnp.broadcast_to(compliance, len(self.links)))
-
-    # --- the group
-
-    def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:
-        """Memory of elements that have not been strained yet, [n_elem, n_memory], or None."""
-        if not self.remembers:
-            return None
-        area = self.area if self.section is None else kind(self.section).area
-        count = sum(law.n_memory for law in self._laws)
-        return jnp.zeros((len(self.links), count), jnp.asarray(area).dtype)
-
-    def extended(self) -> Self:
-        """The group for an iteration, whose law goes on beyond its ends."""
-        if self.section is not None:
-            return copy(self, section=changed(lambda part: part.reduced(), self.section))
-        if self.law is None:
-            return self
-        return copy(self, law=changed(lambda part: part.extended(), self.law))
-
-    def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
-        """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
-        stiffness = self.axial_stiffness
-        if stiffness is None:
-            if self.law is None or not isinstance(self.law, Elastic):
-                return None
-            stiffness = self.area * self.law.E
-        return (
-            stiffness if self.compliance is None else stiffness / (1 + self.compliance * stiffness)
-        )
-
-    def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
-        """Smallest and largest axial force, N, scalars or [n_elem]."""
-        if not self.breaks:
-            return -jnp.inf, jnp.inf
-        area, law = (self.area, self.law) if self.section is None else self.section.axial()
-        low, high = law.capacity
-        return low * area, high * area
-
-    # --- one element
-
-    def mass_matrix(
-        self,
-        state: AxialState,
-        ends: Ends,
-        motion: Motion,
-        mass: Scalar,
-        distribution: str | None = None,
-    ) -> Float[Array, "6 6"]:
-        """Mass matrix of an element, the same in every direction, kg; see `Element`."""
-        if len(ends) != 2:
-            return super().mass_matrix(state, ends, motion, mass, distribution)
-        same, other = _SHARES[distribution or "mean"]
-        shares = mass * jnp.array([[same, other], [other, same]], mass.dtype)
-        return jnp.kron(shares, jnp.eye(3, dtype=mass.dtype))
-
-    def has_result(self, name: str, state: AxialState) -> bool:
-        """Whether it has a result; strains only with fibres, or a law that ends or remembers."""
-        if name == "section_strain":
-            return self.section is not None or self.breaks or self.remembers
-        return super().has_result(name, state)
-
-    def strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Engineering strain on the unstressed length."""
-        _, _, change, _ = stretch(ends, motion)
-        return (state.elongation + change) / state.rest_length
-
-    def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Axial force, N, tension positive."""
-        return jacked_or(
-            state,
-            state.jack_force,
-            lambda: self.force(self.strain(state, ends, motion), state.memory),
-        )
-
-    def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Stored energy, J; under a jack the work of its force on the change of length."""
-
-        def stored():
-            strain = self.strain(state, ends, motion)
-            return state.rest_length * self.energy_per_length(strain, state.memory)
-
-        work = None if state.jack_force is None else state.jack_force * stretch(ends, motion)[2]
-        return jacked_or(state, work, stored)
-
-    def section_strain(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Strain of the fibres, the same in all; under a jack the strain that gives its force."""
-        jacked = (
-            None if state.jack_force is None else self.strain_at(state.jack_force, state.memory)
-        )
-        return jacked_or(state, jacked, lambda: self.strain(state, ends, motion))
-
-    def size(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Sum of the absolute forces of the law's parts, N: rounding is relative to this sum."""
-        _, law, area = self._section()
-        return area * law.size_at(self.section_strain(state, ends, motion), state.memory)
-
-    def settle(
-        self, strain: Scalar, memory: Float[Array, " n_memory"], duration: float = 0.0
-    ) -> Float[Array, " n_memory"]:
-        """Memory after an increment of a `duration`, s, that ended at `strain`."""
-        return self._section()[1].settle(strain, memory, duration)
-
-    def fibre_stress(
-        self, strain: Scalar, memory: Float[Array, " n_memory"] | None = None
-    ) -> Float[Array, " n_fibre"] | Scalar:
-        """Stress of every fibre, [n_fibre], Pa, equal within a law; scalar without section."""
-        law = self._section()[1]
-        if self.section is None:
-            return law.stress_at(strain, memory)
-        several = isinstance(law, Parallel)
-        stress = law.stresses(strain, memory) if several else [law.stress_at(strain, memory)]
-        counts = self.section.counts
-        return jnp.concatenate([jnp.full(n, s) for n, s in zip(counts, stress, strict=True)])
-
-    def beyond(self, strain: Scalar) -> Bool[Array, ""]:
-        """Whether `strain` is beyond the curve of the law."""
-        return self._section()[1].beyond(strain)
-
-    # --- prestress
-
-    def locked(self, state: AxialState, length: Scalar, change: Scalar) -> AxialState:
-        """State with the jack force at `length`, m, which is `change` above the initial one."""
-        strain = self.strain_at(state.jack_force, state.memory)  # type: ignore[arg-type]  # not None
-        rest_length = length / (1 + strain)
-        pair = jnp.stack([rest_length, rest_length * strain - change])
-        pair = jacked_or(state, pair, lambda: jnp.stack([state.rest_length, state.elongation]))
-        return copy(state, rest_length=pair[0], elongation=pair[1], jack_force=None, jacked=None)
-
-
-class Plain(Straight, Jacked, Secant):
+class Plain(Straight, Jacked, Secant, Rounding):
     """Straight elements whose force depends only on their own strain."""
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State after anchoring the jack: its unstressed length gives the jack force here."""
         _, length, change, _ = stretch(ends, motion)
         return self.locked(state, length, change)
+
+    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
+        vector, length, _, _ = stretch(ends, motion)
+        _, stiffness = self.stretched(state, ends, motion)
+        moved = jnp.max(jnp.abs(motion)) / length
+        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector)
+        return jnp.stack([force, force])
 
     def secant(
         self, state: AxialState, ends: Ends, before: Motion, motion: Motion
@@ -339,7 +65,7 @@ class Plain(Straight, Jacked, Secant):
 
 
 @pytree(indices=("links",))
-class Bars(Plain, Rounding):
+class Bars(Plain):
     """A group of straight two-node bars (struts, ties): tension and compression.
 
     ``N = EA e`` or ``N = A s(e)`` with ``e = (l - L0) / L0``, exact for any displacement and
@@ -378,18 +104,3 @@ class Bars(Plain, Rounding):
         >>> print(solution.status, jnp.round(solution.tension, 6))
         0 [-500. -500.]
     """
-
-    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
-        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
-        vector, length, _, _ = stretch(ends, motion)
-        strain = self.strain(state, ends, motion)
-        one = jnp.ones_like(strain)
-        stiffness = jax.jvp(lambda e: self.force(e, state.memory), (strain,), (one,))[1]
-        moved = jnp.max(jnp.abs(motion)) / length
-        force = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * jnp.abs(vector) / length
-        return jnp.stack([force, force])
-
-
-def _falling(stress):
-    """Whether stresses along a curve, on the last axis, decrease anywhere."""
-    return (stress[..., 1:] < stress[..., :-1]).any()

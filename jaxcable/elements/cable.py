@@ -7,14 +7,16 @@ instead of calling the cable slack.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 
-from ..common.tree import pytree
+from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
-from .bar import Plain, Straight
-from .element import Ends, Motion, Scalar
+from .bar import Plain
+from .element import Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jacked_or
+from .straight import Straight
 
 
 class TensionOnly(Straight):
@@ -53,6 +55,28 @@ class TensionOnly(Straight):
             jnp.zeros((), bool),
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
+
+    def pulled(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[Scalar, Scalar, Scalar, Forces]:
+        """What one evaluation of the length gives.
+
+        Tension, N; its derivative by the length, N/m; strain; and the derivative of the length by
+        the displacements of the ends, [n_end, 3], which are the end forces of a unit tension.
+        """
+        force, slope = self.stretched(state, ends, motion)
+        unit = copy(state, jack_force=jnp.ones_like(force), jacked=None)
+        strain = self.strain(state, ends, motion)
+        return force, slope, strain, self.end_forces(unit, ends, motion)
+
+    def room(self, state: AxialState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
+        """By how much a tension could lengthen the cable beyond a strain, and the derivative of it.
+
+        The length under the tension less that at the strain, m, and by the tension, m/N.
+        """
+        one = jnp.ones_like(tension)
+        under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
+        return state.rest_length * (under - strain), state.rest_length * slope
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether the cable is exactly unstressed, up to rounding: between taut and slack."""

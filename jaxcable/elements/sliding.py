@@ -15,14 +15,14 @@ from ..common import checks
 from ..common.rules import Rule
 from ..common.tree import Indices, plain, pytree
 from ..common.types import Array, ArrayLike, Float
-from .abilities import Jacked
+from .abilities import Jacked, Rounding
 from .cable import TensionOnly
 from .element import Element, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, jacked_or
 
 
 @pytree(indices=("links",))
-class SlidingCables(TensionOnly, Jacked):
+class SlidingCables(TensionOnly, Jacked, Rounding):
     """A group of cables that slide without friction over their nodes; tension only.
 
     Every value per element is one value per cable: one tension, one unstressed length, one weight.
@@ -132,6 +132,15 @@ class SlidingCables(TensionOnly, Jacked):
         work = None if state.jack_force is None else state.jack_force * _change(ends, motion)
         energy = jacked_or(state, work, stored)
         return energy if state.line_load is None else energy + self._lost(state, ends, motion)
+
+    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+        """Error that the rounding of displacements leaves in the end forces, [n_end, 3], N."""
+        piece, length = _moved(ends, motion)
+        unit = jnp.abs(piece) / jnp.where(length > 0, length, 1.0)[:, None]
+        _, stiffness = self.stretched(state, ends, motion)
+        moved = jnp.max(jnp.abs(motion)) * len(piece)
+        pull = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * unit
+        return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
 
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State after anchoring the jack: its unstressed length gives the jack force here."""

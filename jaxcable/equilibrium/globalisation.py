@@ -22,7 +22,7 @@ _SETTLED = 0.1  # relative residual at which the added softness is reduced
 _HARDEN = 0.1  # factor of each reduction
 _STIFF = 0.01  # added strain over elastic strain, below which the softness is set to zero
 _SPRINT = 20  # number of plain Newton steps that are tried first, at most
-_ASTRAY = 10.0  # displacement, in structure sizes, at which a sprint counts as failed
+ASTRAY = 10.0  # displacement, in structure sizes, at which a sprint counts as failed
 
 
 @pytree
@@ -88,7 +88,7 @@ class Sprint:
             extent: size of the structure, m.
             converged: whether the point is an equilibrium.
         """
-        astray = reach > _ASTRAY * extent
+        astray = reach > ASTRAY * extent
         on = self.on & found & ~astray & (steps < _SPRINT)
         return Sprint(on), self.on & ~on & ~converged
 

@@ -16,9 +16,11 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
+from ..mechanics.pulls import Pulls
 from ..numerics.search import Search
-from .globalisation import Shift, Softening, Sprint
+from .globalisation import ASTRAY, Shift, Softening, Sprint
 from .newton_step import direction, largest
+from .tensions import Tensions
 
 _RELEASED = 2.0  # allowed residual, in roundings (eps) of the forces at the start
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
@@ -54,13 +56,15 @@ class Iterate:
 
     Attributes:
         x, residual, scale: last accepted point, R(x), and the force that R is judged by, N.
-        tangents: tangents at x of elements that give them together with their forces
-            (`System.evaluated`).
+        rounding: error that rounding leaves in the residual, N; None if no element states any.
+        elements: what elements give together with their forces at x: `Pulls` of a net, else
+            tangents (`System.evaluated`).
         step, search: the step from x, and which part of it is tried next (`search.Search`).
         arrival: whether the next evaluation is at x itself: at the start, when the iteration
             begins again, when the softness has changed, and when no usable step was found.
         stepless: whether the reason for `arrival` is that no usable step was found.
         shift, sprint, softening: policies of `globalisation`; None where one does not apply.
+        tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
@@ -73,7 +77,8 @@ class Iterate:
     x: Float[Array, "n_row n_motion"]
     residual: Float[Array, " n_free"]
     scale: Float[Array, ""]
-    tangents: PyTree[Float[Array, "n_elem ..."]]
+    rounding: Float[Array, " n_free"] | None
+    elements: PyTree[Float[Array, "n_elem ..."]]
     step: Float[Array, " n_free"]
     search: Search
     arrival: Bool[Array, ""]
@@ -81,10 +86,11 @@ class Iterate:
     shift: Shift
     sprint: Sprint | None
     softening: Softening | None
+    tensions: Tensions | None
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
-    released: Float[Array, ""]
+    released: Float[Array, ""] | None
     came_from: Float[Array, " n_free"] | None
     stable: Bool[Array, ""]
     done: Bool[Array, ""]
@@ -111,7 +117,9 @@ class Task:
         self.begin = system.place(x)
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
-        self.softens, self.judges = system.may_be_convex, not system.always_convex
+        self.net = system.is_net
+        self.softens = system.may_be_convex and not self.net
+        self.judges = not system.always_convex
         self.convex = system.convex
         self.sprints = system.space.rotates or self.softens or system.followers is not None
 
@@ -124,12 +132,16 @@ class Task:
             load = jnp.max(jnp.sqrt(jnp.sum(self.system.load**2, axis=-1)))
             softening = Softening.init(jnp.where(self.convex, load, 0.0).astype(zero.dtype))
         no = jnp.zeros((), bool)
-        *_, tangents = jax.eval_shape(self.system.evaluated, self.begin)
+        *_, rounding, elements = jax.tree.map(
+            lambda a: jnp.zeros(a.shape, a.dtype),
+            jax.eval_shape(lambda x: self._evaluated(self.system, x), self.begin),
+        )
         return Iterate(
             x=self.begin,
             residual=still,
             scale=zero,
-            tangents=jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), tangents),
+            rounding=rounding,
+            elements=elements,
             step=still,
             search=Search.init(zero),
             arrival=~no,
@@ -137,11 +149,12 @@ class Task:
             shift=Shift.init(zero.dtype),
             sprint=Sprint.init() if self.sprints else None,
             softening=softening,
+            tensions=Tensions.init(self.system, self.begin) if self.net else None,
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
-            released=zero,
-            came_from=still if self.system.rounds else None,
+            released=None if self.net else zero,
+            came_from=None if self.net else rounding,
             stable=self.convex,
             done=no,
         )
@@ -167,11 +180,14 @@ class Task:
         """
         x = working.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
-        residual, scale, tangents = working.evaluated(x)
+        residual, scale, rounding, elements = self._evaluated(working, x)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
             fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
+        if self.net:
+            searching = it.tensions.searching
+            fine, again = jnp.where(searching, fine, finite), again & searching
         fine, again = fine | it.arrival, again & ~it.arrival
 
         def keep(new, old):
@@ -182,29 +198,40 @@ class Task:
             x=keep(x, it.x),
             residual=keep(residual, it.residual),
             scale=keep(scale, it.scale),
-            tangents=where(fine, tangents, it.tangents),
+            rounding=where(fine, rounding, it.rounding),
+            elements=where(fine, elements, it.elements),
             search=search,
         )
         return new, it.search.length, fine & ~it.stepless, ~again
+
+    def _evaluated(self, working, x):
+        """Residual, scale, rounding, and what elements give with them (`System.evaluated`)."""
+        if not self.net:
+            return working.evaluated(x)
+        pulls = Pulls.of(working, x)
+        return *pulls.judged(working, x), pulls
 
     def _known(self, it):
         """Note what the first evaluation says, and find out whether x is an equilibrium."""
         first = it.code < 0
         finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
         code = jnp.where(finite, status.OK, status.NONFINITE)
-        eps = jnp.finfo(it.scale.dtype).eps
-        # a structure that is released ends with the rounding of the forces that it began with
-        released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
-        it = copy(
-            it,
-            code=jnp.where(first, code, it.code).astype(jnp.int32),
-            released=jnp.where(first, released, it.released),
-        )
-        allowed = jnp.maximum(self.tol * it.scale, it.released)
-        if self.system.rounds:
-            rounding = self.system.rounding(it.x)
-            it = copy(it, came_from=jnp.where(first, rounding, it.came_from))
-            allowed = jnp.maximum(allowed, jnp.maximum(rounding, it.came_from))
+        it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
+        allowed = self.tol * it.scale
+        if it.released is not None:
+            # a structure that is released ends with the rounding of the forces that it began with
+            eps = jnp.finfo(it.scale.dtype).eps
+            released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
+            it = copy(it, released=jnp.where(first, released, it.released))
+            allowed = jnp.maximum(allowed, it.released)
+        if it.rounding is not None:
+            rounding = it.rounding
+            if self.net:  # an upper bound: go on as long as steps lead further
+                rounding = jnp.where(it.tensions.halved(largest(it.residual)), 0.0, rounding)
+            allowed = jnp.maximum(allowed, rounding)
+        if it.came_from is not None:
+            it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
+            allowed = jnp.maximum(allowed, it.came_from)
         converged = jnp.all(jnp.abs(it.residual) <= allowed)
         if self.softens:
             converged = converged & (it.softening.softness == 0)
@@ -228,6 +255,15 @@ class Task:
             sprint, again = where(moved, new, sprint), moved & again
             x = jnp.where(again, self.begin, x)
             shift = where(again, Shift.init(x.dtype), shift)
+        tensions = it.tensions
+        if self.net:
+            shift = where(tensions.searching, shift, Shift.init(x.dtype))
+            astray = reach > ASTRAY * self.extent
+            size = largest(it.residual), it.scale
+            new, point, elsewhere = tensions.steered(x, self.begin, found, *size, astray)
+            steered = moved & ~converged & ~it.tensions.searching
+            tensions, again = where(steered, new, tensions), steered & elsewhere
+            x = jnp.where(steered, point, x)
         runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
@@ -252,6 +288,7 @@ class Task:
             shift=shift,
             sprint=sprint,
             softening=softening,
+            tensions=tensions,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
             done=stop | (over & converged & ~judging & ~reevaluate),
         )
@@ -261,8 +298,15 @@ class Task:
         """The next step, if `wanted`; at an equilibrium only judge the tangent there."""
 
         def aim(it):
-            matrix = working.tangent(it.x, it.tangents)
+            rhs, tensions, part = -it.residual, it.tensions, 1.0
             shift = it.shift.on(largest(it.residual), self.length)
+            if self.net:
+                equations = tensions.equations(working, it.x, it.elements, it.residual)
+                rhs = equations.rhs
+                matrix = equations.matrix(working, it.x, largest(it.residual), self.length)
+                shift = jnp.where(tensions.searching, shift, 0.0)
+            else:
+                matrix = working.tangent(it.x, it.elements)
             sprinting = jnp.zeros((), bool)
             if self.sprints:
                 sprinting = it.sprint.on & ~converged
@@ -271,7 +315,12 @@ class Task:
             if self.judges:
                 shift = jnp.where(converged, no_stiffness(matrix), shift)
             matrix = linear.plus_diagonal(matrix, shift)
-            step, definite, factored = direction(working, matrix, it, sprinting, self.tol, wanted)
+            step, definite, factored = direction(
+                working, matrix, it, rhs, sprinting, self.tol, wanted
+            )
+            if self.net:
+                tensions, part = equations.taken(working, it.x, step, self.length)
+                step, sprinting = part * step, ~tensions.searching
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
             softening = it.softening
@@ -284,6 +333,7 @@ class Task:
                 arrival=~usable,
                 stepless=~usable,
                 softening=softening,
+                tensions=tensions,
                 steps=it.steps + ~converged,
                 factored=factored,
                 stable=it.stable | (converged & definite),

@@ -21,6 +21,7 @@ def direction(
     working: System,
     matrix: Matrix,
     it: Any,  # an `iteration.Iterate`; that module imports this one
+    rhs: Float[Array, " n_free"],
     sprinting: Bool[Array, ""],
     tol: Float[Array, ""],
     wanted: Bool[Array, ""],
@@ -31,6 +32,7 @@ def direction(
         working: `System`, softened if the iteration softens.
         matrix: its tangent with the Levenberg shift.
         it: `iteration.Iterate`.
+        rhs: right side of the equations, the negative residual or a similar one, [n_free], N.
         sprinting: whether an indefinite tangent is allowed under moments and following loads.
         tol: relative residual that counts as converged.
         wanted: False if the result does not matter (a finished case of a batch).
@@ -43,15 +45,16 @@ def direction(
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
     relative = largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
-    limit = jnp.where(working.convex, WORTH, 0)
-    step, definite, factored = linear.solve_next(
-        matrix, -it.residual, it.factored, forcing, limit, wanted
-    )
+    similar = working.convex
+    if it.tensions is not None:  # matrices of interior steps differ too much from each other
+        similar = similar & ~it.tensions.interior
+    limit = jnp.where(similar, WORTH, 0)
+    step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
     if working.space.rotates or working.followers is not None:
         # Moments and following loads have no potential, so that their tangent need not be definite.
         # In a batch both branches are computed. The barrier puts them one after the other, because
         # batched calls of LAPACK can wait for each other for ever.
-        after, _ = lax.optimization_barrier((-it.residual, step))
+        after, _ = lax.optimization_barrier((rhs, step))
         step, definite = lax.cond(
             sprinting & working.unsymmetric(),
             lambda matrix, rhs, _: linear.solve_general(matrix, rhs),

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import checks
-from ..elements.bar import Straight
+from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same

@@ -13,8 +13,8 @@ from ..common import checks, status
 from ..common.rules import kept, rules_of
 from ..common.selection import Only, Selection
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..elements.bar import Straight
 from ..elements.element import Element
+from ..elements.straight import Straight
 from ..loads import NodalLoads
 from ..model.structure import Structure, place_rules
 

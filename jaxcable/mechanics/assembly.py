@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from .. import linear
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
-from ..elements.abilities import Rounding
+from ..elements.abilities import Jacked, Rounding
 from ..elements.element import Element, ElementState
 from ..elements.prestress import element
 from ..spaces import Space
@@ -160,10 +160,14 @@ class System(Elementwise):
         internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
         return self.space.collected(internal - load, x, spread)
 
-    def evaluated(self, x: Motion) -> tuple[Step, Float[Array, ""], PerGroup]:
-        """`residual_and_scale`, and tangents that elements compute with it, for `tangent`."""
+    def evaluated(self, x: Motion) -> tuple[Step, Float[Array, ""], Step | None, PerGroup]:
+        """Residual, the force it is judged by, its rounding, and tangents that come with it.
+
+        See `residual_and_scale`, `rounding`, which is None if no group has any, and `tangent`.
+        """
         end_forces, tangents = self.linearized(x)
-        return *self.residual_and_scale(x, end_forces), tangents
+        rounding = self.rounding(x) if self.rounds else None
+        return *self.residual_and_scale(x, end_forces), rounding, tangents
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None
@@ -188,7 +192,7 @@ class System(Elementwise):
             if isinstance(group, Rounding):
                 ends = each("rounding", group, state, self.nodes, x)
                 left = left.at[group.links, : ends.shape[-1]].add(ends)
-        return self.space.collected(left, x)
+        return jnp.abs(self.space.collected(left, x))
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
@@ -331,6 +335,12 @@ class System(Elementwise):
         pairs = zip(self.groups, self.states, strict=True)
         loads = [state.line_load for group, state in pairs if group.slides]
         return [load for load in loads if load is not None]
+
+    @property
+    def is_net(self) -> bool:
+        """Whether it is a net of cables under dead loads, each with one tension of its own."""
+        cables = [isinstance(group, Jacked) and group.tension_only for group in self.groups]
+        return all(cables) and self.always_convex and not self.space.rotates
 
     def softened(self, compliance: Float[Array, ""]) -> System:
         """The system with a spring in series with every element, strain per force, 1/N."""

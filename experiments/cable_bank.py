@@ -1,0 +1,83 @@
+"""Does every net of cables under dead load converge, and to what is promised?
+
+Question   Random nets, cut and hung far from where they end, chains, released nets, ropes, jacks
+           and catenaries, EA/N from 1e2 to 1e10 (1e5 in float32), loads from none to ten times the
+           prestress: how many end without the equilibrium that there is, in how many steps?
+Reference  `tests/convex_oracle.py`: equilibrium of the same scenes in extended precision, by an
+           interior-point method on the cone program of least energy; it shares no code.
+Error      missed: no equilibrium, although the reference finds one that rounds to within what the
+           method promises; wrong: status OK, but a residual by the reference beyond that.
+Command    python experiments/cable_bank.py [scenes of a kind] [first seed]   (default 250 0; writes
+           experiments/results/cable_bank.txt; five minutes)
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+import jax
+import numpy as np
+from net_bank import KINDS, drawn, judged
+from record import Record
+
+import jaxcable as jc
+
+jax.config.update("jax_enable_x64", True)
+
+COLUMNS = "{:<11}{:>7}{:>7}{:>7}{:>7}  {:>6}{:>6}{:>6}  {:>8}{:>9}"
+
+
+def ended(kind, seeds, dtype):
+    """`Judged` of every scene of a kind, and the seconds of its analyses without compilation."""
+    results, seconds = [], 0.0
+    for seed in seeds:
+        one = drawn(kind, seed, dtype)
+        if not results:  # the first call compiles
+            jc.solve(one.structure, one.phases).displacement.block_until_ready()
+        begun = time.perf_counter()
+        solution = jc.solve(one.structure, one.phases)
+        solution.displacement.block_until_ready()
+        seconds += time.perf_counter() - begun
+        results.append(judged(one, solution, ask=False))
+    return results, seconds
+
+
+def row(kind, results, seconds):
+    """The table's line of a kind."""
+    steps = np.concatenate([one.steps for one in results])
+    return COLUMNS.format(
+        kind,
+        len(results),
+        sum(one.missed for one in results),
+        sum(one.wrong for one in results),
+        sum(not one.exists for one in results),
+        f"{np.median(steps):.0f}",
+        f"{np.percentile(steps, 99):.0f}",
+        steps.max(),
+        f"{np.mean([one.factorizations for one in results]):.1f}",
+        f"{1e3 * seconds / len(results):.2f}",
+    )
+
+
+def main():
+    count, first = (int(word) for word in (sys.argv[1:] + ["250", "0"][len(sys.argv) - 1 :]))
+    say = Record("cable_bank")
+    say(f"{count} scenes of a kind, seeds from {first}")
+    head = "scenes missed wrong none median 99% max factors ms".split()
+    for dtype in ("float64", "float32"):
+        say(f"\n{dtype}")
+        say(COLUMNS.format("kind", *head))
+        for kind in KINDS:
+            results, seconds = ended(kind, range(first, first + count), dtype)
+            say(row(kind, results, seconds))
+    say("\nnone: the reference finds no equilibrium. Steps are of an increment; factorisations")
+    say("(factors) and ms (time without compilation) are of an analysis, means of the kind.")
+    say.close()
+
+
+if __name__ == "__main__":
+    main()
