@@ -64,7 +64,7 @@ def test_several_arguments_as_pytrees():
 
 @pytest.mark.parametrize("chunk", [0, -1, 2.5, True])
 def test_refuses_a_chunk(chunk):
-    with pytest.raises(ValueError, match=r"chunk = .*: expected a positive integer"):
+    with pytest.raises(ValueError, match=r"chunk = .*: expected a whole number"):
         jc.batched(tension, chunk)
 
 

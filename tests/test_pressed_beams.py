@@ -128,10 +128,15 @@ def test_ring_under_pressure():
 def system_at(structure, phase):
     """The system at the end of a phase of frames, and a point a little out of place."""
     task = prepare(structure, phase, jc.Newton(linear_solver="dense"), None)
-    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays), task.bundles)
-    system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
-    step = 0.1 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
-    return system, system.move(system.place(carry.motion), jnp.asarray(step))
+
+    @jax.jit
+    def built(thawed):
+        nodes, groups, carry, schedule = ready(fill(thawed, task.arrays), task.bundles)
+        system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
+        step = 0.1 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
+        return system, system.move(system.place(carry.motion), jnp.asarray(step))
+
+    return built(task.thawed)
 
 
 @pytest.mark.parametrize(
@@ -151,12 +156,17 @@ def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(per, h
     structure = jc.Structure(nodes, beams, jc.clamped(held))
     phase = jc.Phase(loads=jc.CablePressure(50.0, (0.3, -1.0, 0.2), per=per))
     system, point = system_at(structure, phase)
-    tangent = np.asarray(system.tangent(point))
-    residual, zero, _ = system.chart(point)
-    jacobian = np.asarray(jax.jacfwd(residual)(zero))
+
+    @jax.jit
+    def tangents(system, point):
+        """Of all, as the Jacobian of the residual, and without the load."""
+        residual, zero, _ = system.chart(point)
+        unpressed = [copy(state, pressed=None) for state in system.states]
+        bare = copy(system, followers=None, states=unpressed)
+        return system.tangent(point), jax.jacfwd(residual)(zero), bare.tangent(point)
+
+    tangent, jacobian, dead = map(np.asarray, tangents(system, point))
     assert np.abs(tangent - jacobian).max() < 1e-13 * np.abs(jacobian).max()
-    unpressed = [copy(state, pressed=None) for state in system.states]
-    dead = np.asarray(copy(system, followers=None, states=unpressed).tangent(point))
     load = np.abs(tangent - dead).max()
     apart = np.abs(tangent - tangent.T).max() / load
     assert apart < 1e-12 if symmetric else apart > 0.01  # eps of the beams over that of the load

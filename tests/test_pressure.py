@@ -65,28 +65,31 @@ def test_pressure_is_in_balance_with_the_reactions():
     assert np.asarray(solution.reactions.sum(0)) == pytest.approx([0, 0, -400.0], abs=1e-9)
 
 
-def system_at(structure, phase):
-    """The system at the end of a phase, and a point a little out of place."""
-    task = prepare(structure, phase, jc.Newton(linear_solver="dense"), None)
-    nodes, groups, carry, schedule = ready(fill(task.thawed, task.arrays), task.bundles)
-    system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
-    step = 0.05 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
-    return system, system.move(system.place(carry.motion), jnp.asarray(step))
-
-
 def dense(matrix):
     return np.asarray(matrix.dense() if hasattr(matrix, "dense") else matrix)
 
 
+def tangents(structure, phase):
+    """At the end of a phase, a little out of place: as assembled, as Jacobian of the residual."""
+    task = prepare(structure, phase, jc.Newton(linear_solver="dense"), None)
+
+    @jax.jit
+    def both(thawed):
+        nodes, groups, carry, schedule = ready(fill(thawed, task.arrays), task.bundles)
+        system = Ramp.build(nodes, groups, carry, schedule.phase(0)).at(1.0)
+        step = 0.05 * np.random.default_rng(0).normal(size=len(system.freedoms.free))
+        x = system.move(system.place(carry.motion), jnp.asarray(step))
+        residual, zero, _ = system.chart(x)
+        return system.tangent(x), jax.jacfwd(residual)(zero)
+
+    return map(dense, both(task.thawed))
+
+
 def asymmetry(structure, phase):
     """Of the assembled tangent, relative to what the load has in it."""
-    system, x = system_at(structure, phase)
-    tangent = dense(system.tangent(x))
-    residual, zero, _ = system.chart(x)
-    jacobian = np.asarray(jax.jacfwd(residual)(zero))
+    tangent, jacobian = tangents(structure, phase)
     assert np.abs(tangent - jacobian).max() < 1e-13 * np.abs(jacobian).max()
-    none = jc.replace(phase, loads=phase.loads.scaled(0.0))
-    dead = dense(system_at(structure, none)[0].tangent(x))
+    dead, _ = tangents(structure, jc.replace(phase, loads=phase.loads.scaled(0.0)))
     load = np.abs(tangent - dead).max()
     assert load > 0
     return np.abs(tangent - tangent.T).max() / load

@@ -124,6 +124,7 @@ def test_transformations():
     """jit and vmap give the same; derivatives are NaN, not zero."""
     structure = two_links()
 
+    @jax.jit
     def low(P, T):
         form = dynamic_relaxation(
             structure, T, loads=jc.NodalLoads([2], jnp.array([0, 0, -1.0]) * P)

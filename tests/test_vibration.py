@@ -75,6 +75,34 @@ def test_derivative_by_the_pretension():
     assert abs(float(slope / value) / share - 1) < 1e-8
 
 
+def test_derivative_of_a_shape_by_a_mass():
+    """Two masses on a string, 1 and m > 1: ``(1 / (2 - k), 1)``, k the root of ``det(K - k M)``."""
+    n, mask = 3, np.zeros((4, 3), bool)
+    mask[[0, n]], mask[:, 1] = True, True
+    structure = jc.replace(string(n, 1000.0)[0], supports=jc.Supports(mask))
+    solution = jc.solve(structure, [jc.Phase(pretension=1000.0)])
+    assert int(solution.status) == 0
+
+    def shape(mass):
+        masses = jnp.array([0.0, 1e3, 1e3, 0.0]) * jnp.stack([1.0, 1.0, mass, 1.0])
+        return frequencies(structure, solution, n=1, masses=masses).shapes[0, :, 2]
+
+    def exact(mass):
+        half = 1 + mass
+        least = (half - jnp.sqrt(half**2 - 3 * mass)) / mass
+        return jnp.stack([jnp.zeros(()), 1 / (2 - least), jnp.ones(()), jnp.zeros(())])
+
+    mass = jnp.asarray(2.0)
+    wanted = jax.jacfwd(exact)(mass)
+    assert abs(wanted[1]) > 0.1
+    ways = (shape, jax.jacfwd(shape), jax.jacrev(shape))
+    found, *slopes = jax.jit(lambda mass: [way(mass) for way in ways])(mass)
+    # the string itself has a mass of 1.7e-3 of those on it
+    assert np.allclose(found, exact(mass), atol=1e-3)
+    for slope in slopes:
+        assert np.allclose(slope, wanted, atol=1e-3)
+
+
 def test_added_masses_and_an_unstable_state():
     structure, phases = jc.scenes.von_mises_truss(load=100.0)
     solution = jc.solve(structure, phases)

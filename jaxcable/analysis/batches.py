@@ -15,6 +15,7 @@ import numpy as np
 from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
+from ..common import checks
 from ..common.types import Array, PyTree
 
 _AXIS = "cases"
@@ -51,21 +52,19 @@ def batched(
             common leading axis.
 
     Example:
-        Heights of a net's node under three loads, ``3 - F / 2 q``:
+        How far three loads push the middle of a saddle down, ``F / 4 q``:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 3.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> nodes = [[1.0, 0, 1], [-1, 0, 1], [0, 1, -1], [0, -1, -1], [0, 0, 0]]
+        >>> cables = jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
         >>> def height(force):
-        ...     return jc.force_density(structure, 100.0, jc.NodalLoads([1], force))[1, 2]
-        >>> forces = jnp.array([[0.0, 0.0, -300.0], [0.0, 0.0, -500.0], [0.0, 0.0, -900.0]])  # N
+        ...     return jc.force_density(structure, 100.0, jc.NodalLoads([4], force))[4, 2]
+        >>> forces = jnp.array([[0.0, 0.0, -40.0], [0.0, 0.0, -80.0], [0.0, 0.0, -200.0]])  # N
         >>> print(jnp.round(jc.batched(height, chunk=2)(forces), 6))  # m
-        [ 1.5  0.5 -1.5]
+        [-0.1 -0.2 -0.5]
     """
-    if chunk is not None and (
-        isinstance(chunk, bool) or not isinstance(chunk, int | np.integer) or chunk < 1
-    ):
-        raise ValueError(f"chunk = {chunk!r}: expected a positive integer, or None")
+    if chunk is not None:
+        checks.whole(chunk, "chunk")
     if devices is not None and len(devices) == 0:
         raise ValueError("devices: expected at least one, or None")
     one_by_one = jax.vmap(function)

@@ -22,7 +22,7 @@ from ..mechanics.ramp import Carry, Ramp, knowing
 from ..mechanics.reading import Reading, read
 from ..model import plausibility
 from ..model.structure import Structure
-from ..numerics import implicit
+from ..numerics import implicit, scaled
 from .one_phase import run_phase
 from .phases import Phase
 from .preparation import exact, prepare, ready, verdicts
@@ -216,7 +216,6 @@ def _teller(listen, phases):
     """The function `tell` of `newton.march`, which reports increments to the listener."""
 
     def news(number, count, factor, outcome):
-        relative = outcome.residual / jnp.where(outcome.scale > 0, outcome.scale, 1.0)
         traced = {
             "phase": number + 1,
             "count": count,
@@ -224,7 +223,7 @@ def _teller(listen, phases):
             "load_factor": factor,
             "iterations": outcome.steps,
             "residual": outcome.residual,
-            "relative_residual": relative,
+            "relative_residual": scaled.relative(outcome.residual, outcome.scale),
             "status": outcome.code,
         }
         tell(listen, Increment, {"phases": phases}, lax.stop_gradient(traced))

@@ -149,6 +149,12 @@ def integers(
     return array.astype(np.int32)
 
 
+def whole(value: Any, name: str, least: int = 1) -> None:
+    """Raise ValueError unless `value` is a whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise ValueError(f"{name} = {value!r}: expected a whole number of at least {least}")
+
+
 def holds_boolean(value: Any) -> bool:
     """Whether a list, at any depth, contains a boolean, which NumPy would take as 0 or 1."""
     if isinstance(value, list | tuple):

@@ -174,6 +174,5 @@ def checked_call(
         raise ValueError(f"{name}: expected a function, got {type(function).__name__}")
     if not isinstance(args, tuple | list):
         raise ValueError(f"args: expected a tuple of arguments, got {type(args).__name__}")
-    if isinstance(steps, bool) or not isinstance(steps, int | np.integer) or steps < 1:
-        raise ValueError(f"steps = {steps!r}: expected a positive integer")
+    checks.whole(steps, "steps")
     return tuple(args)

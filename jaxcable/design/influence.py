@@ -66,15 +66,16 @@ def influence(
     Forward mode if `wrt` has at most as many numbers as `of`, else reverse mode.
 
     Example:
-        The deflection of a node between two cables (14600 N/m, see `stiffness.tangent_of`):
+        The force in every leg of a tripod by the load on its top, ``1 / (3 * 0.8)`` of it:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> hung = jc.Phase(pretension=500.0, loads=jc.NodalLoads([1], (0.0, 0.0, -600.0)))
-        >>> matrix = jc.influence(structure, hung, of="displacement", wrt="load")  # m/N
-        >>> print(f"{1 / matrix[1, 2, 1, 2]:.3f} N/m")
-        14600.000 N/m
+        >>> around = 2 * np.pi * np.arange(3) / 3
+        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
+        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
+        >>> weight = jc.Phase(loads=jc.NodalLoads([3], (0.0, 0.0, -1e-3)))
+        >>> matrix = jc.influence(structure, weight, of="tension", wrt="load")
+        >>> print(jnp.round(matrix[:, 3, 2], 6))
+        [0.416667 0.416667 0.416667]
     """
     if not callable(of) and of not in _OF:
         raise ValueError(f"of = {of!r}: expected one of {', '.join(_OF)}, or a function")

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..common.tree import copy
+from ..common.tree import fill, thaw
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..mechanics.elementwise import each
 from ..model.structure import Structure
@@ -54,18 +54,22 @@ def slack_distance(
         return implicit.nan_unless(solution.status == status.OK, found, found)
     rows, groups = structure.rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
-    found = [
-        _above_slack(group, state, nodes, solution.carry.motion) if group.tension_only else None
-        for group, state in zip(groups, solution.carry.states, strict=True)
-    ]
-    return structure.arrange(found)
+    thawed, arrays = thaw((groups, solution.carry.states, nodes, solution.carry.motion))
+    return structure.arrange(_above_slack(thawed, arrays))
 
 
-def _above_slack(group, state, nodes, motion):
-    """Strains of the cables of a group, less their strains of zero force, [n_elem]."""
-    group = copy(group, links=group.links.array)
-    strain = each("section_strain", group, state, nodes, motion)
-    return strain - group.strain_at(jnp.zeros_like(strain), state.memory)
+@jax.jit
+def _above_slack(thawed, arrays):
+    """Strains of the cables of every group, less their strains of zero force, [n_elem] or None."""
+    groups, states, nodes, motion = fill(thawed, arrays)
+    found = []
+    for group, state in zip(groups, states, strict=True):
+        if not group.tension_only:
+            found.append(None)
+            continue
+        strain = each("section_strain", group, state, nodes, motion)
+        found.append(strain - group.strain_at(jnp.zeros_like(strain), state.memory))
+    return found
 
 
 def slack_margin(

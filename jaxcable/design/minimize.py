@@ -153,14 +153,15 @@ def minimize(
     the loss has no digits left, its slope decides (Hager and Zhang, *Algorithm 851*, 2006).
 
     Example:
-        The force density at which 600 N hang 3 m under their supports, ``2 q 3 = 600``:
+        The force density of four cables at which 40 N push the middle of a saddle down by 0.1 m,
+        ``4 q 0.1 = 40``:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 3.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> loads = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> nodes = [[1.0, 0, 1], [-1, 0, 1], [0, 1, -1], [0, -1, -1], [0, 0, 0]]
+        >>> cables = jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
+        >>> loads = jc.NodalLoads([4], (0.0, 0.0, -40.0))
         >>> def loss(q):  # m2
-        ...     return jc.force_density(structure, q, loads)[1, 2] ** 2
+        ...     return (jc.force_density(structure, q, loads)[4, 2] + 0.1) ** 2
         >>> found = jc.minimize(loss, jnp.array(150.0), bounds=(50.0, 400.0))
         >>> print(f"{jc.describe(found.status)}: {found.params:.1f} N/m")
         converged: 100.0 N/m

@@ -37,6 +37,12 @@ def smooth_max(
         >>> print(f"{jc.design.smooth_max(jnp.ones(3), width=0.1):.4f}")  # 1 + 0.1 log(3)
         1.1099
     """
+    return _smooth_max(values, width)
+
+
+@jax.jit
+def _smooth_max(values, width):
+    """The compiled core."""
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(values)])
     return width * jax.nn.logsumexp(flat / width)
 

@@ -44,16 +44,19 @@ def solve_cases(
         ValueError: cases that differ in more than numbers.
 
     Example:
-        Two small loads on a node between two cables (14600 N/m, see `stiffness.tangent_of`):
+        A small push on a tripod with legs of 5 m, downward and sideways; its stiffness is
+        ``3 EA/l 0.8^2`` = 384 kN/m and ``3/2 EA/l 0.6^2`` = 108 kN/m:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> hung = jc.Phase(pretension=500.0, loads=jc.NodalLoads([1], (0.0, 0.0, -600.0)))
-        >>> cases = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -load))) for load in (1.46, 2.92)]
-        >>> solutions = jc.design.solve_cases(structure, hung, cases)
-        >>> print(solutions.status, jnp.round(1e3 * solutions.displacement[:, 1, 2], 4))  # mm
-        [0 0] [-0.1 -0.2]
+        >>> around = 2 * np.pi * np.arange(3) / 3
+        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
+        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
+        >>> pushes = (0.0, 0.0, -38.4), (10.8, 0.0, 0.0)
+        >>> cases = [jc.Phase(loads=jc.NodalLoads([3], push)) for push in pushes]
+        >>> solutions = jc.design.solve_cases(structure, jc.Phase(), cases)
+        >>> print(solutions.status, jnp.round(1e3 * solutions.displacement[:, 3], 3) + 0.0)  # mm
+        [0 0] [[ 0.   0.  -0.1]
+         [ 0.1  0.   0. ]]
     """
     first = solve(structure, phases, method, start=start)
     if not isinstance(cases, Phase):
@@ -149,13 +152,10 @@ def utilisation(
         >>> print(solution.status, f"{used[0]:.3f}, by the mean {mean[0]:.3f}")
         0 0.190, by the mean 0.116
 
-        Given forces:
+        A given force:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, strength=2e3)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> print(jc.design.utilisation(structure, jnp.array([500.0, 1000.0])))
-        [0.25 0.5 ]
+        >>> print(jc.design.utilisation(structure, jnp.array([250e3])))
+        [0.25]
     """
     groups = structure.groups
     forces = getattr(tension, "peak_tension", tension)

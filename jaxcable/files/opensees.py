@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.solution import Solution
+from ..common import checks
 from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
@@ -61,8 +62,7 @@ def save_opensees(
     one_case(solution)
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; there is no state to compute again")
-    if int(steps) != steps or steps < 1:
-        raise ValueError(f"steps = {steps}: expected a whole number from 1")
+    checks.whole(steps, "steps")
     require_exportable(structure)
     require_same(structure, solution.last.topology, "solution")
     if solution.last.fixed[-1].axes is not None:

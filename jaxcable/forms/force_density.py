@@ -77,15 +77,15 @@ def force_density(
     Source: Schek (1974), after Linkwitz.
 
     Example:
-        600 N on two cables of 100 N/m: ``2 q (3 - z) = 600`` gives z = 0.
+        Equal loads on equal force densities hang in a parabola, ``z = -F / 2 q k (4 - k)``:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 3.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> loads = jc.NodalLoads([1], (0.0, 0.0, -600.0))
+        >>> nodes = [[k, 0.0, 0.0] for k in range(5)]
+        >>> cables = jc.Cables([[0, 1], [1, 2], [2, 3], [3, 4]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 4]))
+        >>> loads = jc.NodalLoads([1, 2, 3], (0.0, 0.0, -100.0))
         >>> positions = jc.force_density(structure, 100.0, loads)
-        >>> print(f"{abs(positions[1, 2]):.9f} m")
-        0.000000000 m
+        >>> print(jnp.round(positions[:, 2], 9))
+        [ 0.  -1.5 -2.  -1.5  0. ]
     """
     check_members(structure)
     plausibility.precision(structure.nodes)

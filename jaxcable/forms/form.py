@@ -12,7 +12,7 @@ from ..common.tree import pytree
 from ..common.types import Array, Float, Int, PyTree
 from ..elements.bar import Straight
 from ..model.structure import Structure
-from ..numerics import implicit
+from ..numerics import implicit, scaled
 from .along import carries
 
 
@@ -39,19 +39,18 @@ class Form:
         iterations: number of linear solves, or of time steps of a relaxation.
 
     Example:
-        600 N on two cables of 500 N: a 3-4-5 triangle, found from any start.
+        A saddle of four cables with 500 N each, whose middle ends halfway, from any start:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> form = jc.find_form(structure, tension=500.0, loads=weight)
-        >>> jc.describe(form.status)
-        'converged'
-        >>> print(jnp.round(form.length, 6), jnp.round(form.force_density, 6))  # m, N/m
-        [5. 5.] [100. 100.]
-        >>> print(jnp.round(form.rest_length, 6))  # 5 m / (1 + 500 / 1e5)
-        [4.975124 4.975124]
+        >>> nodes = [[1.0, 0, 1], [-1, 0, 1], [0, 1, -1], [0, -1, -1], [0.3, 0.1, 0.2]]
+        >>> cables = jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
+        >>> form = jc.find_form(structure, tension=500.0)
+        >>> print(jc.describe(form.status), jnp.round(form.positions[4], 6) + 0.0)
+        converged [0. 0. 0.]
+        >>> print(f"{form.length[0]:.6f} m, {form.force_density[0]:.3f} N/m")  # sqrt(2), N / l
+        1.414214 m, 353.553 N/m
+        >>> print(f"{form.rest_length[0]:.6f} m")  # l / (1 + 500 / 1e5)
+        1.407178 m
     """
 
     positions: Float[Array, "n_node 3"]
@@ -107,7 +106,7 @@ def make_form(
     rests = cut if rests is None else rests
     values = positions, tensions, lengths, rests, densities
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
-    relative = residual / jnp.where(scale > 0, scale, 1.0)
+    relative = scaled.relative(residual, scale)
     arrays = positions, tensions, lengths, rests, densities
     return Form(*arrays, code, residual, relative, iterations)
 

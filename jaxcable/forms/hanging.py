@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -84,15 +86,20 @@ def end_tensions(
 
 def _of_catenaries(structure, solution, method, *arguments):
     """Results of a method of the catenaries, in the shape of `elements`; None for other groups."""
-    catenaries = [isinstance(group, Sagging) for group in structure.groups]
-    if not any(catenaries):
+    if not any(isinstance(group, Sagging) for group in structure.groups):
         raise ValueError("structure: has no catenaries")
     thawed, arrays, _ = prepared(structure, solution)
+    return structure.arrange(_of_groups(thawed, arrays, *arguments, method=method))
+
+
+@functools.partial(jax.jit, static_argnames=("method",))
+def _of_groups(thawed, arrays, *arguments, method):
+    """The compiled core: results of a method for every group, or None."""
     nodes, groups, carry = filled(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
     results = []
-    for group, state, hangs in zip(groups, states, catenaries, strict=True):
-        if not hangs:
+    for group, state in zip(groups, states, strict=True):
+        if not isinstance(group, Sagging):
             results.append(None)
             continue
         call = jax.vmap(
@@ -102,7 +109,7 @@ def _of_catenaries(structure, solution, method, *arguments):
         )
         ends, motion = nodes[group.links], motion_of(group, carry.motion)
         results.append(call(group.properties(), state, ends, motion))
-    return structure.arrange(results)
+    return results
 
 
 def hanging_chain(
@@ -156,10 +163,11 @@ def hanging_chain(
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
-    relative, rest_length = _chain(chord, sag, weight, stiffness, n)
+    relative, rest_length = _chain(chord, sag, weight, stiffness, n=n)
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
 
 
+@functools.partial(jax.jit, static_argnames=("n",))
 def _chain(chord, sag, weight, stiffness, n):
     """Positions relative to the first node, [n + 1, 3], and the unstressed length of the chain.
 

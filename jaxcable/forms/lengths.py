@@ -23,6 +23,7 @@ from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..elements.prestress import stretch
 from ..mechanics.assembly import System
+from ..numerics import scaled
 from ..spaces.freedoms import number_freedoms
 
 _HALVINGS = 12  # how often a step is tried: whole, then halved
@@ -248,7 +249,7 @@ def settle(
 
     def worst(z):
         residual, scale, gaps = saddle.judged(z)
-        forces = jnp.max(jnp.abs(residual), initial=0.0) / jnp.where(scale > 0, scale, 1.0)
+        forces = scaled.relative(jnp.max(jnp.abs(residual), initial=0.0), scale)
         return jnp.maximum(forces, jnp.max(jnp.abs(gaps), initial=0.0))
 
     def iterate(state):

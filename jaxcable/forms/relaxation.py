@@ -34,7 +34,7 @@ from ..elements.prestress import element
 from ..loads import Load
 from ..model import plausibility
 from ..model.structure import Structure
-from ..numerics import implicit
+from ..numerics import implicit, scaled
 from .along import split
 from .form import Form, arranged, make_form
 from .members import check_members, stated, total, verdict
@@ -87,15 +87,15 @@ def dynamic_relaxation(
     Source: Day (1965); Cundall (1976) for the damping; Barnes (1999).
 
     Example:
-        600 N on two cables of 500 N: a 3-4-5 triangle, found from any start.
+        Three cables with one tension meet at 120 degrees, in the Fermat point of their supports. It
+        is ``1 / sqrt(3)`` above the middle of a base of 2 m, however high the third support is:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [1.0, 0.0, 2.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> form = jc.forms.dynamic_relaxation(structure, tension=500.0, loads=weight)
-        >>> print(f"{jc.describe(form.status)}: {form.length[0]:.6f} m")
-        converged: 5.000000 m
+        >>> nodes = [[-1.0, 0, 0], [1, 0, 0], [0, 3, 0], [0.4, 1, 0.2]]
+        >>> cables = jc.Cables([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2]))
+        >>> form = jc.forms.dynamic_relaxation(structure, tension=500.0)
+        >>> print(f"{jc.describe(form.status)}: {form.positions[3, 1]:.6f} m")
+        converged: 0.577350 m
     """
     check_members(structure)
     plausibility.precision(structure.nodes)
@@ -267,7 +267,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
         # a node without stiff elements gets some mass, too
         mass = 0.5 * jnp.maximum(stiffness, 1e-6 * jnp.max(stiffness))[:, None]
         mass = jnp.where(mass > 0, mass, 1.0)
-        worst = jnp.max(jnp.abs(force)) / jnp.where(scale > 0, scale, 1.0)
+        worst = scaled.relative(jnp.max(jnp.abs(force)), scale)
         return force, worst, scale, mass
 
     def stopped(motion, x):

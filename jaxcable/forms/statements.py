@@ -71,14 +71,15 @@ def statements(structure: Structure, solution: Solution | State) -> Statements:
         `Statements`; differentiable like the solution.
 
     Example:
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> found = jc.forms.statements(structure, solution)
-        >>> print(solution.status, jnp.round(found.force_density, 6), jnp.round(found.prestrain, 6))
-        0 [100. 100.] [0.005 0.005]
+        A tensegrity of three struts: ``1 / sqrt(3)`` in triangles, 1 in verticals, -1 in struts.
+
+        >>> structure, phases = jc.scenes.simplex()
+        >>> solution = jc.solve(structure, phases[:1])
+        >>> density = jc.forms.statements(structure, solution).force_density
+        >>> one = density["verticals"][0]
+        >>> ratio = {kind: round(float(q[0] / one), 6) for kind, q in density.items()}
+        >>> print(solution.status, ratio)
+        0 {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
     thawed, arrays, _ = prepared(structure, solution)
     per_group = _say(thawed, arrays)

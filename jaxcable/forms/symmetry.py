@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..common import checks
 from ..common.types import Int, PyTree
 from ..model.structure import Structure
 from ._balance import arranged, host_nodes, members
@@ -46,8 +47,7 @@ def symmetric_groups(
         >>> {kind: number.tolist() for kind, number in groups.items()}
         {'struts': [0, 0, 0], 'triangles': [1, 1, 1, 2, 2, 2], 'verticals': [3, 3, 3]}
     """
-    if isinstance(fold, bool) or int(fold) != fold or fold < 1:
-        raise ValueError(f"fold = {fold!r}: expected a whole number of at least 1")
+    checks.whole(fold, "fold")
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

@@ -79,6 +79,7 @@ def spectrum(
     return number, value * nan, right * nan, left * nan
 
 
+@jax.jit
 def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
     """Whether a tangent [n, n] is symmetric up to rounding; one with NaN counts as symmetric."""
     size = jnp.sqrt(jnp.abs(jnp.diagonal(matrix)))

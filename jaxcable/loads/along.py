@@ -16,6 +16,7 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element
 from ..model.structure import Structure
+from ..numerics import scaled
 from .groups import Key, bundled, check_elements, partly, selected, settled
 from .load import Bundles, Dead, Measured, OwnState
 
@@ -145,15 +146,16 @@ class LineLoads(Measured):
             does not have.
 
     Example:
-        Snow of 100 N per metre in plan on two cables that span 4 m each in plan:
+        Snow of 100 N per metre in plan on the legs of a tripod, each 3 m long in plan:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+        >>> around = 2 * np.pi * np.arange(3) / 3
+        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
+        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
         >>> snow = jc.LineLoads((0.0, 0.0, -100.0), per="projected")
         >>> solution = jc.solve(structure, jc.Phase(loads=snow))
-        >>> print(solution.status, solution.load[:, 2])
-        0 [-200. -400. -200.]
+        >>> print(solution.status, jnp.round(solution.load[:, 2], 6))
+        0 [-150. -150. -150. -450.]
     """
 
     forces: Float[ArrayLike, " 3"]
@@ -249,9 +251,7 @@ class LineLoads(Measured):
             square = self.forces @ self.forces
             along = pieces @ self.forces / jnp.where(square > 0, square, 1.0)
             pieces = pieces - jnp.tensordot(along, self.forces, axes=0)
-        square = jnp.sum(pieces**2, axis=-1)
-        # a piece along the force has no projected length: its derivative is set to zero
-        return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+        return scaled.length(pieces)  # a piece along the force has no projected length
 
 
 def check_geometry(geometry: str, per: str) -> None:

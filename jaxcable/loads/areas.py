@@ -12,6 +12,7 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
 from ..model.structure import Structure
+from ..numerics import scaled
 from . import faces as _faces
 from .along import check_geometry, padded, room
 from .load import Measured, OwnState
@@ -100,13 +101,10 @@ class AreaLoads(Measured):
         total = jnp.zeros((shape[0], 3), dtype)
         for numbers, vector in _faces.area_vectors(corners):
             if self.per == "projected":
-                square = jnp.sum(per_area**2, axis=-1)
-                safe = jnp.where(square > 0, square, 1.0)
-                area = jnp.abs(jnp.sum(vector * per_area, axis=-1)) / jnp.sqrt(safe)
+                along = jnp.abs(jnp.sum(vector * per_area, axis=-1))
+                area = scaled.relative(along, scaled.length(per_area))
             else:
-                square = jnp.sum(vector**2, axis=-1)
-                safe = jnp.where(square > 0, square, 1.0)
-                area = jnp.where(square > 0, jnp.sqrt(safe), 0.0)
+                area = scaled.length(vector)
             force = (area / 3)[:, None] * per_area
             for k in numbers:
                 total = total.at[self.faces[:, k]].add(force)

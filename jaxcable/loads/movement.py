@@ -28,18 +28,15 @@ class SupportMovement(Moving):
             freedom that is not held, or a rotation of a node that is not clamped.
 
     Example:
-        Both supports move down by 0.5 m, and the structure moves with them:
+        Two ropes of 1 m in a line, one end of which is pulled by 10 mm, 5 mm for each of them:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> settling = jc.SupportMovement([0, 2], (0.0, 0.0, -0.5))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=[weight, settling]))
-        >>> print(solution.status, jnp.round(solution.displacement[:, 2], 6))
-        0 [-0.5 -0.5 -0.5]
-        >>> print(jnp.round(solution.tension, 6))
-        [500. 500.]
+        >>> nodes = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+        >>> ropes = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+        >>> structure = jc.Structure(nodes, ropes, supports=jc.pinned([0, 2]))
+        >>> pull = jc.SupportMovement([2], (0.01, 0.0, 0.0))
+        >>> solution = jc.solve(structure, jc.Phase(loads=pull))
+        >>> print(solution.status, solution.tension.round(6), solution.displacement[:, 0].round(6))
+        0 [500. 500.] [0.    0.005 0.01 ]
     """
 
     nodes: Int[ArrayLike, " n"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 
 from ..analysis.solution import Path
@@ -75,11 +76,16 @@ class TracedPath(Path):
             >>> print(path.status, f"{500 * path.failure_load:.6f} N")
             0 381.087190 N
         """
-        kind = jnp.asarray(self.events.kind)
-        fails = jnp.isin(kind, jnp.asarray(FAILURES))
-        if kind.shape[0] == 0:
-            return jnp.nan * jnp.sum(self.load_factor)
-        first = self.events.load_factor[jnp.argmax(fails)]
-        # without a failure: NaN from the path, whose derivatives are NaN, and not zero
-        nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * self.load_factor[0]
-        return jnp.where(jnp.any(fails), first, 0.0) + nothing
+        return _first_failure(self.events.kind, self.events.load_factor, self.load_factor)
+
+
+@jax.jit
+def _first_failure(kind, of_events, of_points):
+    """The first load factor of an event that is a failure; NaN if there is none."""
+    fails = jnp.isin(kind, jnp.asarray(FAILURES))
+    if kind.shape[0] == 0:
+        return jnp.nan * jnp.sum(of_points)
+    first = of_events[jnp.argmax(fails)]
+    # without a failure: NaN from the path, whose derivatives are NaN, and not zero
+    nothing = jnp.where(jnp.any(fails), 0.0, jnp.nan) * of_points[0]
+    return jnp.where(jnp.any(fails), first, 0.0) + nothing

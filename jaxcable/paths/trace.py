@@ -17,7 +17,7 @@ from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..analysis.states import on_nodes, per_element, with_peaks
 from ..analysis.told import named
-from ..common import status
+from ..common import checks, status
 from ..common.compilation import program
 from ..common.rules import refuse
 from ..common.tree import copy, fill
@@ -25,7 +25,7 @@ from ..common.types import ArrayLike, Bool, Float
 from ..equilibrium.newton import Newton
 from ..mechanics.ramp import Ramp
 from ..model.structure import Structure
-from ..numerics import implicit
+from ..numerics import implicit, scaled
 from .continuation import march
 from .events import BIFURCATION, LIMIT_POINT, Events
 from .inertia import alignment
@@ -116,9 +116,7 @@ def trace_path(
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
     settings = _settings(structure, until, down_to, step, largest, tol, through)
     for name, count in (("steps", steps), ("events", events)):
-        whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
-        if not whole or count < 2:
-            raise ValueError(f"{name} = {count!r}: expected a whole number of at least 2")
+        checks.whole(count, name, least=2)
     if len(phases) > 1:
         start = solve(structure, phases[:-1], method, start=start)
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
@@ -129,10 +127,15 @@ def trace_path(
     happened = on_nodes(structure, path.events, ("displacement", "mode"))
     happened = copy(happened, elements=structure.arrange(happened.elements))
     if not isinstance(n_row, jax.core.Tracer):
-        happened = jax.tree.map(lambda a: a[: int(n_event)], happened)
-        cut = jax.tree.map(lambda a: a[: int(n_row)], copy(path, status=None, events=None))
-        path = copy(cut, status=path.status)
+        happened = _first(happened, int(n_event))
+        path = copy(_first(copy(path, status=None, events=None), int(n_row)), status=path.status)
     return copy(path, events=happened)
+
+
+@functools.partial(jax.jit, static_argnames=("count",))
+def _first(tree, count):
+    """The first entries of all arrays."""
+    return jax.tree.map(lambda a: a[:count], tree)
 
 
 def _settings(structure, until, down_to, step, largest, tol, through):
@@ -197,7 +200,7 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
         iterations=known(steps, reached),
         factorizations=None,
         residual=known(residual, reached),
-        relative_residual=known(residual / jnp.where(scale > 0, scale, 1.0), reached),
+        relative_residual=known(scaled.relative(residual, scale), reached),
         n_slack=known(jnp.asarray(n_slack, jnp.int32), reached),
         n_loose=known(jnp.asarray(n_loose, jnp.int32), reached),
         equilibrated=None,
@@ -232,11 +235,7 @@ def _shape(ramp, point):
         return space.spread(point.x, step)[:, :3]
 
     shape = jax.jvp(moved, (jnp.zeros_like(point.phi),), (point.phi,))[1]
-    size = jnp.linalg.norm(shape, axis=-1)
-    largest = jnp.max(size)
-    flat = shape.reshape(-1)
-    sign = jnp.sign(flat[jnp.argmax(jnp.abs(flat))])
-    return shape * jnp.where(largest > 1e-12, sign / jnp.maximum(largest, 1e-12), 0.0)
+    return scaled.unit_shapes(shape[None], point.phi[None])[0]
 
 
 def _load_factor(kind, factor, point, null, ramp, problem, parameters):

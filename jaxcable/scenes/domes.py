@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common import checks
 from ..common.types import ArrayLike, Float, Int
 from ..elements import Bars, Cables
 from ..forms.feasible import feasible_prestress
@@ -137,9 +138,8 @@ def levy_dome(
 
 def _dome(span, rise, sectors, rings, struts, staggered):
     """`DomeParts` of either kind."""
-    for name, value, minimum in (("sectors", sectors, 3), ("rings", rings, 1)):
-        if isinstance(value, bool) or int(value) != value or value < minimum:
-            raise ValueError(f"{name} = {value!r}: expected a whole number of at least {minimum}")
+    checks.whole(sectors, "sectors", least=3)
+    checks.whole(rings, "rings")
     for name, value in (("span", span), ("rise", rise)):
         if not value > 0:
             raise ValueError(f"{name} = {value}: must be positive")

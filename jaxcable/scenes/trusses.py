@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common import checks
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
 from ..model.structure import Structure
@@ -85,8 +86,7 @@ def cable_truss(
     for name, value, known in (("form", form, FORMS), ("loaded", loaded, LOADED)):
         if value not in known:
             raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
-    if isinstance(panels, bool) or int(panels) != panels or panels < 3:
-        raise ValueError(f"panels = {panels!r}: expected a whole number of at least 3")
+    checks.whole(panels, "panels", least=3)
     concave = form == "biconcave"
     for name, size in (("span", span), ("sags[0]", sags[0]), ("sags[1]", sags[1])):
         if not size > 0:

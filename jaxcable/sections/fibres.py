@@ -68,15 +68,7 @@ class Fibres:
             >>> print(f"{EA:.0f} MN, {EIy:.2f} MN m2, {EIz:.2f} MN m2")
             4000 MN, 13.33 MN m2, 3.33 MN m2
         """
-        lever = self._levers()
-        modulus = self._per_fibre([law.modulus for law in self.laws])
-        total = lever.T @ ((self.area * modulus)[:, None] * lever)
-        if self.own is None or not self.is_elastic:
-            return total
-        z2, y2, yz = modulus @ self.own
-        zero = jnp.zeros_like(z2)
-        bending = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
-        return total + jnp.stack([jnp.stack(line) for line in bending])
+        return _stiffness(self)
 
     def initial_memory(self, shape: tuple[int, ...] = ()) -> Memory:
         """Memory of an unused section, per law [*shape, n_fibre, n_memory] or None."""
@@ -291,3 +283,17 @@ class Fibres:
             (law, strain[..., part], remembered)
             for law, part, remembered in zip(self.laws, parts, memory, strict=True)
         ]
+
+
+@jax.jit
+def _stiffness(section):
+    """Initial stiffness, see `Fibres.stiffness`."""
+    lever = section._levers()
+    modulus = section._per_fibre([law.modulus for law in section.laws])
+    total = lever.T @ ((section.area * modulus)[:, None] * lever)
+    if section.own is None or not section.is_elastic:
+        return total
+    z2, y2, yz = modulus @ section.own
+    zero = jnp.zeros_like(z2)
+    bending = [[zero, zero, zero], [zero, z2, -yz], [zero, -yz, y2]]
+    return total + jnp.stack([jnp.stack(line) for line in bending])

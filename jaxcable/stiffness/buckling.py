@@ -6,7 +6,6 @@ import functools
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .. import linear
 from ..analysis.solution import Solution, State
@@ -16,6 +15,7 @@ from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..mechanics.ramp import make_system, unloaded
 from ..model.structure import Structure
+from ..numerics.scaled import unit_shapes
 from .tangent import displaced_by, filled, prepared, tangent_at
 
 _ROUNDING = 64  # an eigenvalue below this, times eps and the sums it is a difference of, is zero
@@ -112,8 +112,7 @@ def buckling_factor(
         >>> print(solution.status, jnp.round(found.factor, 5), found.shapes[0, 1])
         0 [4.] [0. 1. 0.]
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    checks.whole(n, "n")
     thawed, arrays, freedoms = prepared(structure, state, fixed)
     _refuse_following(thawed[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
@@ -148,7 +147,8 @@ def buckling_factor(
     factor, vectors = _solve(before, after, min(n, len(after)))
     factor = jnp.where(alike & symmetric, factor, jnp.nan)
     moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
-    return Buckling(factor, _shapes(jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)))
+    shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
+    return Buckling(factor, unit_shapes(shapes, vectors.T))
 
 
 def _refuse_following(carry, name):
@@ -224,15 +224,3 @@ def _solve(before, after, n):
     factor = jnp.where(first, 0.0, 1.0) - 1 / jnp.where(softens, kappa, -1.0)
     factor = jnp.where(softens, factor, jnp.inf)
     return jnp.where(known, factor, jnp.nan), modes
-
-
-def _shapes(shapes):
-    """Displacements [n, n_node, 3], scaled to 1 at the node that moves most.
-
-    The largest component of each shape is positive.
-    """
-    flat = shapes.reshape(len(shapes), -1)
-    size = jnp.max(jnp.sqrt(jnp.sum(jax.lax.stop_gradient(shapes) ** 2, axis=-1)), axis=1)
-    largest = jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1)[:, 0]
-    scale = jnp.sign(largest) / jnp.where(size > 0, size, 1.0)
-    return shapes * scale[:, None, None]

@@ -43,16 +43,17 @@ def flexibility(
         ValueError: unknown nodes or axes.
 
     Example:
-        The vertical stiffness at a node between two cables (14600 N/m, see `tangent_of`):
+        A tripod with legs of 5 m has ``3/2 EA/l 0.6^2`` = 108 kN/m sideways and ``3 EA/l 0.8^2`` =
+        384 kN/m downward:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> given = jc.stiffness.flexibility(structure, solution, [1], axes="z")
-        >>> print(solution.status, f"{1 / given[0, 0]:.3f} N/m")
-        0 14600.000 N/m
+        >>> around = 2 * np.pi * np.arange(3) / 3
+        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
+        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
+        >>> solution = jc.solve(structure, jc.Phase())
+        >>> given = jc.stiffness.flexibility(structure, solution, [3])
+        >>> print(solution.status, jnp.round(1 / jnp.diagonal(given), 3))  # N/m
+        0 [108000. 108000. 384000.]
     """
     nodes = checks.integers(nodes, "nodes")
     checks.known(nodes, structure.n_node, "nodes")
@@ -60,7 +61,12 @@ def flexibility(
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
     moved = displaced_by(*prepared(structure, state, fixed))
     unit = moved[nodes][:, np.array([AXES[a] for a in axes])].reshape(-1, moved.shape[2])
-    stiffness = tangent_of(structure, state, fixed)
+    return _flexibility(tangent_of(structure, state, fixed), unit)
+
+
+@jax.jit
+def _flexibility(stiffness, unit):
+    """The compiled core; `unit` has the displacements asked about per unknown, [m, n_free]."""
     factor = linear.factorize(stiffness)
     given = jax.vmap(lambda b: factor.solve(b, lambda v: stiffness @ v), out_axes=1)(unit)
     free = jnp.any(unit != 0, axis=1)

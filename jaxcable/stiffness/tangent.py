@@ -69,6 +69,7 @@ def tangent_at(thawed, arrays, freedoms):
     return system.tangent(carry.motion)
 
 
+@jax.jit
 def displaced_by(
     thawed: _Frame, arrays: _Indices, freedoms: Freedoms
 ) -> Float[Array, "n_row 3 n_free"]:

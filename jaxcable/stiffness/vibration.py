@@ -21,6 +21,7 @@ from ..elements.prestress import element
 from ..mechanics.elementwise import each, motion_of
 from ..mechanics.ramp import make_system
 from ..model.structure import Structure
+from ..numerics.scaled import unit_shapes
 from .tangent import displaced_by, filled, prepared, tangent_at
 
 _SLOW = 1e-6  # smallest w^2, over a mean w^2, for which no shift is needed
@@ -43,14 +44,16 @@ class Vibration:
         shapes: displacements, scaled to 1 at the node that moves most, [n, n_node, 3].
 
     Example:
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=50.0)  # kg
-        >>> print(solution.status, jnp.round(found.squared, 6))  # K / m: 200, 14600, 25800 N/m
-        0 [  4. 292. 516.]
+        12 kg on a tripod of 108, 108 and 384 kN/m, see `flexibility`:
+
+        >>> around = 2 * np.pi * np.arange(3) / 3
+        >>> feet = np.column_stack([3 * np.cos(around), 3 * np.sin(around), 0 * around])
+        >>> legs = jc.Bars([[0, 3], [1, 3], [2, 3]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([*feet, [0.0, 0.0, 4.0]], legs, supports=jc.pinned([0, 1, 2]))
+        >>> solution = jc.solve(structure, jc.Phase())
+        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=12.0)
+        >>> print(solution.status, jnp.round(found.squared, 6))  # K / m
+        0 [ 9000.  9000. 32000.]
     """
 
     frequency: Float[Array, " n"]
@@ -108,19 +111,19 @@ def natural_frequencies(
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
 
     Example:
-        50 kg between two cables swing out of their plane with ``sqrt(2 N / l m) / 2 pi``:
+        A seconds pendulum, ``sqrt(g / l) / 2 pi`` = 1/2 Hz, stiff by its weight:
 
-        >>> nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
-        >>> cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
-        >>> structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
-        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -600.0))
-        >>> solution = jc.solve(structure, jc.Phase(pretension=500.0, loads=weight))
-        >>> found = jc.stiffness.natural_frequencies(structure, solution, masses=50.0)
-        >>> print(solution.status, f"{found.frequency[0]:.6f} Hz, {2 / (2 * np.pi):.6f} Hz")
-        0 0.318310 Hz, 0.318310 Hz
+        >>> gravity, mass = 9.80665, 2.0
+        >>> length = gravity / np.pi**2  # 0.9936 m
+        >>> rope = jc.Cables([[0, 1]], axial_stiffness=1e6)
+        >>> structure = jc.Structure([[0.0, 0, 0], [0, 0, -length]], rope, supports=jc.pinned([0]))
+        >>> weight = jc.NodalLoads([1], (0.0, 0.0, -mass * gravity))
+        >>> solution = jc.solve(structure, jc.Phase(pretension=mass * gravity, loads=weight))
+        >>> found = jc.stiffness.natural_frequencies(structure, solution, n=2, masses=mass)
+        >>> print(solution.status, jnp.round(found.frequency, 6))  # Hz, in x and in y
+        0 [0.5 0.5]
     """
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < 1:
-        raise ValueError(f"n = {n!r}: expected a whole number of at least 1")
+    checks.whole(n, "n")
     if distribution is not None and distribution not in _DISTRIBUTIONS:
         names = ", ".join(map(repr, _DISTRIBUTIONS))
         raise ValueError(f"distribution = {distribution!r}: expected one of {names}")
@@ -141,7 +144,7 @@ def natural_frequencies(
             "frequencies may be complex, and this solves symmetric problems only"
         )
     moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
-    mass = _mass(thawed, arrays, freedoms, gravity, distribution)
+    mass = _mass(thawed, arrays, freedoms, gravity, distribution=distribution)
     if masses is not None:
         mass = mass + jnp.einsum("nci,n,ncj->ij", moved, masses.astype(mass.dtype), moved)
     if not (checks.concrete(jnp.trace(mass)) is None or jnp.trace(mass) > 0):
@@ -155,6 +158,7 @@ def natural_frequencies(
     return found
 
 
+@functools.partial(jax.jit, static_argnames=("distribution",))
 def _mass(thawed, arrays, freedoms, gravity, distribution):
     """Mass matrix of the elements, [n_free, n_free], kg."""
     nodes, groups, carry = filled(thawed, arrays)
@@ -166,7 +170,6 @@ def _mass(thawed, arrays, freedoms, gravity, distribution):
     return system.assembled(parts, carry.motion)
 
 
-@functools.partial(jax.jit, static_argnames=("distribution",))
 def _blocks(thawed, arrays, gravity, distribution):
     """Mass matrices of the elements, [n_elem, d, d] per group; None for a group without weight."""
     nodes, groups, carry = filled(thawed, arrays)
@@ -216,6 +219,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
             )
 
 
+@functools.partial(jax.jit, static_argnames=("n",))
 def _solve(stiffness, mass, moved, n):
     """The slowest `n` modes; `moved` has the displacements of nodes per unknown.
 
@@ -246,11 +250,7 @@ def _solve(stiffness, mass, moved, n):
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
     squared = jnp.where(massive, 1 / jnp.where(massive, mu, 1.0) - shift, jnp.inf)
     modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)
-    shapes = jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0)
-    size = jnp.max(jnp.linalg.norm(shapes, axis=-1), axis=1)
-    flat = shapes.reshape(n, -1)
-    sign = jnp.sign(jnp.take_along_axis(flat, jnp.argmax(jnp.abs(flat), axis=1)[:, None], axis=1))
-    shapes = shapes * (sign[:, 0] / size)[:, None, None]
+    shapes = unit_shapes(jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0), modes.T)
     positive = squared > 0
     frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
     frequency = jnp.where(positive, frequency, jnp.nan)
