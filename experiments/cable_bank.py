@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import jax
 import numpy as np
-from net_bank import KINDS, drawn, judged
+from net_bank import KINDS, derivative, drawn, judged, slope
 from record import Record
 
 import jaxcable as jc
@@ -63,6 +63,24 @@ def row(kind, results, seconds):
     )
 
 
+def slopes(kind, seeds):
+    """Derivatives by a factor of all loads against differences of the reference, a line."""
+    errors, absent = [], 0
+    for seed in seeds:
+        one = drawn(kind, seed)
+        reference = slope(one)
+        if reference is None:
+            continue
+        found, value = derivative(one)
+        absent += not np.isfinite(found)
+        errors.append(abs(found - reference[0]) / max(abs(reference[0]), abs(value), 1e-30))
+    errors = np.array(errors)[np.isfinite(errors)]
+    return (
+        f"{kind:<11}{len(errors):>9}{absent:>6}  "
+        f"{np.median(errors):>8.0e}{np.percentile(errors, 90):>8.0e}{errors.max():>8.0e}"
+    )
+
+
 def main():
     count, first = (int(word) for word in (sys.argv[1:] + ["250", "0"][len(sys.argv) - 1 :]))
     say = Record("cable_bank")
@@ -74,6 +92,14 @@ def main():
         for kind in KINDS:
             results, seconds = ended(kind, range(first, first + count), dtype)
             say(row(kind, results, seconds))
+    say(
+        "\nDerivative of a weighted sum of tensions by a factor of all loads, float64: error relative"
+    )
+    say("to the larger of derivative and sum; NaN where a cable is exactly unstressed")
+    say(f"{'kind':<11}{'compared':>9}{'NaN':>6}  {'median':>8}{'90%':>8}{'max':>8}")
+    for kind in KINDS:
+        if kind != "catenaries":
+            say(slopes(kind, range(first, first + min(count, 35))))
     say("\nnone: the reference finds no equilibrium. Steps are of an increment; factorisations")
     say("(factors) and ms (time without compilation) are of an analysis, means of the kind.")
     say.close()

@@ -10,6 +10,8 @@ lengths are about 1 m.
 
 import dataclasses
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from convex_oracle import WIDE, Element, Scene, check, find
 from fuzz_scenes import CORNERS, FREE, GRID
@@ -263,6 +265,56 @@ KINDS = {
 def drawn(kind, seed, dtype="float64"):
     """The scene of a kind with a seed."""
     return KINDS[kind](Numbers(seed, kind, dtype))
+
+
+# --- derivatives
+
+
+def scaled(one, factor):
+    """Phases of a scene with all its nodal loads times a factor, which can be traced."""
+    return [
+        jc.replace(phase, loads=jc.replace(phase.loads, forces=factor * phase.loads.forces))
+        if isinstance(phase.loads, jc.NodalLoads)
+        else phase
+        for phase in one.phases
+    ]
+
+
+def weights(one):
+    """A weight for every element, [n], so that a sum of tensions has no symmetry."""
+    return np.random.default_rng(1).uniform(0.5, 2, len(one.oracle.elements))
+
+
+def slope(one, step=WIDE("1e-5")):
+    """Derivative of the weighted sum of tensions by a factor of the loads, by the oracle, N.
+
+    Returns:
+        The central difference over half a `step`, and how far that of a whole step is from it; None
+        where a cable slackens within the step, so that there is no derivative.
+    """
+    found = []
+    for shift in (step, -step, step / 2, -step / 2):
+        scene = dataclasses.replace(one.oracle, load=one.oracle.load * (1 + shift))
+        found.append(find(scene))
+    taut = [np.array(each.tension) > 1e-9 * float(each.scale) for each in found]
+    if not all(each.found for each in found) or any((t != taut[0]).any() for t in taut):
+        return None
+    sums = [np.array(each.tension) @ weights(one) for each in found]
+    wide, narrow = (sums[0] - sums[1]) / (2 * step), (sums[2] - sums[3]) / step
+    return float(narrow), float(abs(wide - narrow))
+
+
+def derivative(one):
+    """As `slope`, by the package, and the sum itself, N."""
+
+    def total(factor):
+        solution = jc.solve(one.structure, scaled(one, factor))
+        tension = jnp.concatenate(jax.tree.leaves(solution.tension))
+        # slack cables at a loose node have no derivative, by convention
+        return weights(one) @ jnp.where(tension > 0, tension, 0.0)
+
+    value, found = jax.jvp(total, (1.0,), (1.0,))
+    return float(found), float(value)
 
 
 # --- judgement
