@@ -236,6 +236,21 @@ def valid_scenes():
     return re.search(r"valid scenes: (\d+), of which (\d+) % end NOT_CONVERGED", text).groups()
 
 
+def bank():
+    """Nets of the bank but catenaries, float64: count, missed, steps in the median and at most.
+
+    The median and the largest are those of the kind where they are largest.
+    """
+    text = (RESULTS / "cable_bank.txt").read_text().split("float32")[0]
+    pattern = r"^(\w[\w ]+?) +(\d+) +(\d+) +(\d+) +(\d+) +\d+ +(\d+) +\d+ +(\d+) "
+    rows = [row[1:] for row in re.findall(pattern, text, re.M) if row[0] != "catenaries"]
+    count, missed, hidden, wrong, median, most = zip(
+        *([int(n) for n in row] for row in rows), strict=True
+    )
+    assert sum(wrong) == 0
+    return tuple(str(n) for n in (sum(count), sum(missed) + sum(hidden), max(median), max(most)))
+
+
 STUDIES = "experiments/README.md"
 CLAIMS = [
     *(
@@ -251,7 +266,12 @@ CLAIMS = [
     Claim("README.md", r"jaxcable is (\d+) to (\d+) times faster in batches", batch_ratios),
     Claim("README.md", r"and (\d+) to (\d+) times on single nets", ahead_of_opensees),
     Claim("README.md", r"costs\s(\d+) to\s(\d+) % of an analysis more", gradient_share),
-    Claim("README.md", r"of (\d+) random scenes (\d+) % end", valid_scenes),
+    Claim(
+        "README.md",
+        r"of\s(\d+) random ones.+,\s(\d+) end\s.+in\s(\d+) steps in the median and\s(\d+) at",
+        bank,
+    ),
+    Claim("README.md", r"Of (\d+) random scenes.+,\s(\d+) % end", valid_scenes),
     Claim(STUDIES, r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),
     Claim(
         STUDIES,

@@ -6,10 +6,11 @@ equations of a bar, a cable, a polygonal law, Besseling's parallel model, a rope
 and the elastic catenary (Irvine's integrals, solved in two unknowns; the package solves one).
 
 What `Newton` promises at a free freedom (see its docstring): a residual of at most `tol`, not below
-64 eps, times the largest over nodes of (sum of the absolute end forces + load); and where there
-are bars, at least what the rounding of their displacements leaves, 8 eps u/L EA. `Verdict.ratio`
-is the residual over that. Beyond it a residual cannot be known better than the arithmetic of the
-state evaluates it: that noise, ``NOISE eps (EA w/L + N)``, is in `Verdict.excess` too.
+64 eps, times the largest over nodes of (sum of the absolute end forces + load); and at least what
+the rounding of displacements leaves, 8 eps u/L EA; cables are granted that as noise, see below.
+`Verdict.ratio` is the residual over that. Beyond it a residual cannot be known better than the
+arithmetic of the state evaluates it: that noise, ``NOISE eps (EA w/L + N)``, is in `Verdict.excess`
+too.
 """
 
 import dataclasses

@@ -19,6 +19,7 @@ from fuzz_scenes import CORNERS, FREE, GRID
 import jaxcable as jc
 
 STIFFEST = {"float64": 10, "float32": 5}  # log10 of the largest EA/N
+STEP = WIDE("1e-5")  # of the loads, for differences
 NOISE = 8  # roundings of a displacement in a length, as the method promises
 
 
@@ -285,7 +286,7 @@ def weights(one):
     return np.random.default_rng(1).uniform(0.5, 2, len(one.oracle.elements))
 
 
-def slope(one, step=WIDE("1e-5")):
+def slope(one, step=STEP):
     """Derivative of the weighted sum of tensions by a factor of the loads, by the oracle, N.
 
     Returns:
@@ -327,6 +328,7 @@ class Judged:
     Attributes:
         exists: whether the oracle finds an equilibrium.
         ok: whether the analysis says so.
+        hidden: whether it says that rounding hides the forces.
         excess: residual of its displacements and tensions, by the oracle, over what is promised.
         steps: Newton steps of every increment.
         factorizations: of all increments.
@@ -335,6 +337,7 @@ class Judged:
 
     exists: bool
     ok: bool
+    hidden: bool
     excess: float
     steps: np.ndarray
     factorizations: int
@@ -347,20 +350,21 @@ class Judged:
 
     @property
     def missed(self):
-        """Whether there is an equilibrium that the analysis has not found."""
-        return self.exists and not self.ok
+        """Whether there is an equilibrium that the analysis has not found, nor says why not."""
+        return self.exists and not self.ok and not self.hidden
 
 
 def judged(one, solution, ask=True):
     """`Judged` of a solution; `ask` the oracle also where the analysis has found an equilibrium."""
     ok = int(solution.status) == jc.status.OK
+    hidden = int(solution.status) == jc.status.AT_ROUNDING
     paths = [phase.path for phase in solution.phases]
     steps = np.concatenate([np.asarray(path.iterations) for path in paths])
     found = find(one.oracle) if ask or not ok else None
     excess = _excess(one, solution) if ok else np.nan
     count = sum(int(np.sum(path.factorizations)) for path in paths)
     exists, why = (True, "") if found is None else (found.found, found.why)
-    return Judged(exists, ok, excess, steps, count, why)
+    return Judged(exists, ok, hidden, excess, steps, count, why)
 
 
 def _excess(one, solution):

@@ -363,7 +363,7 @@ def test_starting_from_a_failed_solution_stays_failed():
 
 def test_describe_knows_every_code_and_no_other():
     codes = [getattr(status, n) for n in dir(status) if n.isupper() and not n.startswith("_")]
-    assert len({jc.describe(c) for c in codes}) == len(codes) == 16
+    assert len({jc.describe(c) for c in codes}) == len(codes) == 18
     with pytest.raises(ValueError, match="code = 99"):
         jc.describe(99)
 
@@ -411,3 +411,36 @@ def test_derivative_of_bars_without_force():
     ways = np.array([0, 0, 1.0]) - feet
     exact = np.linalg.solve(ways, -np.diag(np.linalg.norm(ways, axis=1)))
     assert np.asarray(found) == pytest.approx(exact, abs=1e-12)
+
+
+def test_two_nodes_that_meet():
+    """A jack draws a node onto its support: the text says what helps."""
+    cable = jc.Cables([[0, 1]], axial_stiffness=1e4)
+    structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], cable, jc.pinned([0]))
+    phase = jc.Phase(jacking=0.9, loads=jc.NodalLoads([1], (0.5, 0, 0)))
+    solution = jc.solve(structure, phase)
+    check_failed(solution, status.COLLAPSED, 0, 0)
+    assert "join the nodes" in jc.describe(solution.status)
+    # with a load above the force of the jack it runs away instead
+    away = jc.solve(
+        structure, jc.replace(phase, loads=jc.NodalLoads([1], (1.5, 0, 0))), jc.Newton(max_steps=50)
+    )
+    assert int(away.status) in (status.MECHANISM, status.NOT_CONVERGED)
+
+
+def test_forces_that_rounding_hides():
+    """In float32 a slack chain of EA/N = 1e9: its forces are the rounding of its displacements."""
+    n = 8
+    nodes = np.array([[k, 0.3 * np.sin(k), 0] for k in range(n + 1)])
+    forces = np.random.default_rng(1).normal(size=(n - 1, 3))
+    codes = []
+    for dtype in (np.float32, np.float64):
+        cables = jc.Cables(
+            [[k, k + 1] for k in range(n)], axial_stiffness=dtype(1e9), rest_length=dtype(1.3)
+        )
+        structure = jc.Structure(nodes.astype(dtype), cables, jc.pinned([0, n]))
+        loads = jc.NodalLoads(range(1, n), forces.astype(dtype))
+        solution = jc.solve(structure, jc.Phase(loads=loads))
+        codes.append(int(solution.status))
+    assert codes == [status.AT_ROUNDING, status.OK]
+    assert "float64" in jc.describe(codes[0])

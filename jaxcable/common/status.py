@@ -26,13 +26,25 @@ LIMIT_POINT = 12
 BIFURCATION = 13
 INVALID_INPUT = 14
 EXCESSIVE_DEFORMATION = 15
+AT_ROUNDING = 16
+COLLAPSED = 17
 
 _TEXTS = {
     OK: "converged",
     NOT_CONVERGED: (
-        "no equilibrium found within the allowed Newton steps; try more increments, a larger "
-        "max_steps, or check that the residual is not already at rounding level (then raise tol); "
-        "a frame of beams may also be a mechanism that turns without limit: look at its hinges"
+        "no equilibrium found within the allowed Newton steps, with forces far from balance: "
+        "there may be none near (a load beyond a limit point: look with trace_path), or it is "
+        "far away (more increments, a larger max_steps); a frame of beams may also be a "
+        "mechanism that turns without limit: look at its hinges"
+    ),
+    AT_ROUNDING: (
+        "the residual falls no more: it is as small as the rounding of the displacements leaves "
+        "it. EA is too large for these forces: use float64, begin nearer to the equilibrium "
+        "(nodes, start), make the stiffest members softer, or allow more by tol"
+    ),
+    COLLAPSED: (
+        "two nodes of an element have met: a rope or a jack draws them together and nothing keeps "
+        "them apart; join the nodes, hold one, or lower the force"
     ),
     MECHANISM: (
         "the structure moves without limit under its loads: a part is not held by any taut "

@@ -32,7 +32,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     over to where it hangs lower, and is not convex. Line loads per initial or projected length stay
     with the pieces for which they are stated. Two free nodes that the cable pulls onto each other
     leave a piece without length and an equilibrium without a tangent: the status then is
-    NOT_CONVERGED (join the nodes).
+    COLLAPSED (join the nodes).
 
     Args:
         links: the nodes of each cable in order, a list of lists, or [n_elem, n_end]. A closed loop

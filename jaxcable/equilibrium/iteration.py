@@ -16,7 +16,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
-from ..mechanics.pulls import Pulls
+from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
 from .globalisation import ASTRAY, Shift, Softening, Sprint
 from .newton_step import direction, largest
@@ -24,6 +24,7 @@ from .tensions import Tensions
 
 _RELEASED = 2.0  # allowed residual, in roundings (eps) of the forces at the start
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
+_KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 
 
@@ -120,6 +121,7 @@ class Task:
         self.net = system.is_net
         self.softens = system.may_be_convex and not self.net
         self.judges = not system.always_convex
+        self.loaded = loaded(system) if self.net else None
         self.convex = system.convex
         self.sprints = system.space.rotates or self.softens or system.followers is not None
 
@@ -225,7 +227,9 @@ class Task:
             it = copy(it, released=jnp.where(first, released, it.released))
             allowed = jnp.maximum(allowed, it.released)
         if self.net:
-            bound = jnp.maximum(allowed, it.rounding)
+            # forces that rounding hides are not found; without any load they may all be lost
+            known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
+            bound = jnp.maximum(allowed, jnp.minimum(it.rounding, known))
             within = jnp.all(jnp.abs(it.residual) <= bound)
             tensions, settled = it.tensions.noted(it.x, largest(it.residual), within)
             it = copy(it, tensions=tensions)

@@ -1,25 +1,25 @@
 """Newton's method for one state of loading, globalised so that cable nets converge from anywhere.
 
-Each iteration factorises at most once (see 5):
+Each iteration factorises at most once (see 5). Nets of cables under dead loads (straight, sliding,
+with jacks; `System.is_net`) carry their tensions as unknowns beside the displacements, because
+stiff cables that swing let plain Newton steps creep: see `tensions`. For all other structures:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. The shift
    vanishes with the residual, so that convergence stays quadratic even where loose nodes leave
    ``K`` singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not
    positive definite, the iteration only enlarges ``kappa``.
 2. Line search on the directional derivative (`search`), which needs no energy. Along any line the
-   energy of a cable-only structure is convex.
+   energy of a structure of tension-only elements is convex.
 3. Sprint: a full Newton step often stretches members that should only bend or swing, or slackens
    cables that the next step tightens. The energy rises, although the next full step corrects this;
-   a line search would allow tiny steps only. Nets of cables, structures with rotations and those
+   a line search would allow tiny steps only. Hanging cables, structures with rotations and those
    under following loads therefore start with up to 20 full Newton steps. If these fail, the
    iteration begins again with line search. (Where nodal moments or following loads act, which have
-   no potential, a sprint may pass an indefinite tangent.) A slack saddle of 30 000 unknowns takes
-   18 steps instead of 142.
-4. Stiff cables that swing: a step sideways lengthens a cable in second order, and at EA/N = 1e5
-   the search then allows tiny steps only. After 15 short steps a tension-only structure is softened
-   by a spring in series with every element (strain 1 under the largest load), which keeps the
-   energy convex; the softness is divided by ten each time the residual has become small. Ordinary
-   nets are not affected.
+   no potential, a sprint may pass an indefinite tangent.)
+4. Stiff hanging cables that swing: a step sideways lengthens a cable in second order, and the
+   search then allows tiny steps only. After 15 short steps a tension-only structure is softened by
+   a spring in series with every element (strain 1 under the largest load), which keeps the energy
+   convex; the softness is divided by ten each time the residual has become small.
 5. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method leaves anyway. A new factor
    is made where they do not reach it in a few steps (`linear.solve_next`).
@@ -27,8 +27,7 @@ Each iteration factorises at most once (see 5):
    the tangent without a step.
 
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
-of lengths). Hence the iteration converges from any start, down to the residual that the rounding of
-the displacements leaves (EA eps).
+of lengths), so that its equilibria are its minima.
 """
 
 from __future__ import annotations
@@ -52,6 +51,9 @@ from ..mechanics.reading import Reading, read
 from .iteration import Method, Task, limit, no_stiffness
 from .newton_step import WORTH, largest
 
+_MET = 1e-6  # length over initial length at which two nodes have met
+_NEARLY = 8.0  # residual over its rounding up to which it is at rounding
+
 
 @pytree(static=("linear_solver", "watch"))
 class Newton:
@@ -59,11 +61,13 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); at least 64 eps, and in cable nets under dead load at least
-            2 eps of that force at the start of the increment. Default 1e-10, in float32 1e-5. Bars
-            and beams may move far without force: the residual that the rounding of their
-            displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too.
-        max_steps: steps allowed per increment; after them the status is NOT_CONVERGED.
+            absolute end forces + load); at least 64 eps, and under hanging cables at least 2 eps of
+            that force at the start of the increment. Default 1e-10, in float32 1e-5. The residual
+            that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
+            across)``, is allowed, too. Nets of cables go on below it as long as steps halve it, and
+            end with the status AT_ROUNDING where it is more than 1 % of the forces.
+        max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
+            more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
             None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
             some hundred, else PARDISO where installed, else SuperLU.
@@ -177,7 +181,7 @@ def equilibrate(
     end = _iterated(system, x, method, active, factored, judge)
     # the iteration may pass beyond the end of a law's curve, the equilibrium must not be there
     broken = system.breaks and system.beyond(end.x)
-    return _outcome(end, x, active, broken, factored), end.factored
+    return _outcome(system, end, x, active, broken, factored), end.factored
 
 
 def _iterated(system, x, method, active, factored, judge):
@@ -186,9 +190,25 @@ def _iterated(system, x, method, active, factored, judge):
     return lax.while_loop(lambda it: active & ~it.done, task.iterate, task.start(factored))
 
 
-def _outcome(end, x, active, broken, factored):
+def _cause(system, end):
+    """Status of an iteration that has ended: what `NOT_CONVERGED` means is told apart."""
+    ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
+    pieces = [jnp.diff(at, axis=1) for at, _ in ends], [jnp.diff(sum(at), axis=1) for at in ends]
+    before, after = (
+        jnp.concatenate([jnp.sum(piece**2, axis=-1).reshape(-1) for piece in of]) for of in pieces
+    )
+    met = jnp.any((before > 0) & (after <= _MET**2 * before))
+    stuck = end.code == status.NOT_CONVERGED
+    code = jnp.where(stuck & met, status.COLLAPSED, end.code)
+    if end.rounding is not None:
+        near = largest(end.residual) <= _NEARLY * largest(end.rounding)
+        code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
+    return code
+
+
+def _outcome(system, end, x, active, broken, factored):
     """`Outcome` of an iteration from `x`; `broken`: whether it ended beyond the curve of a law."""
-    code = jnp.maximum(end.code, status.OK)
+    code = jnp.maximum(_cause(system, end), status.OK)
     broken = active & (code != status.NONFINITE) & broken
     code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
@@ -265,7 +285,7 @@ def march(
         )
         if system.breaks:
             broken = jnp.any(system.broken(new.strains))
-        outcome = _outcome(end, x, active, broken, factored)
+        outcome = _outcome(system, end, x, active, broken, factored)
         if system.breaks:
             new = where(begins | outcome.equilibrated, new, seen)
         code = status.first_failure(code, outcome.code)

@@ -143,6 +143,14 @@ def held(system: System) -> Bool[Array, " n"]:
     return jnp.concatenate(found)
 
 
+def loaded(system: System) -> Bool[Array, ""]:
+    """Whether any load or jack acts."""
+    jacks = [
+        jnp.any(state.jack_force != 0) for state in system.states if state.jack_force is not None
+    ]
+    return jnp.any(jnp.stack([jnp.any(system.load != 0), *jacks]))
+
+
 def _split(system, values):
     """An array for all cables [n] as a list with an array per group."""
     ends = [0]
