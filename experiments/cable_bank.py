@@ -49,7 +49,7 @@ def ended(kind, seeds, dtype):
 
 def row(kind, results, seconds):
     """The table's line of a kind."""
-    steps = np.concatenate([one.steps for one in results])
+    steps = np.concatenate([one.steps for one in results if one.exists])
     return COLUMNS.format(
         kind,
         len(results),
@@ -91,16 +91,21 @@ def main():
     for dtype in ("float64", "float32"):
         say(f"\n{dtype}")
         say(COLUMNS.format("kind", *head))
+        nets, time_of_nets = [], 0.0
         for kind in KINDS:
             results, seconds = ended(kind, range(first, first + count), dtype)
             say(row(kind, results, seconds))
+            if kind != "catenaries":
+                nets, time_of_nets = nets + results, time_of_nets + seconds
+        say(row("nets", nets, time_of_nets))
     say("\nDerivative of a weighted sum of tensions by a factor of all loads, float64: error over")
     say("the larger of derivative and sum; NaN where a cable is exactly unstressed")
     say(f"{'kind':<11}{'compared':>9}{'NaN':>6}  {'median':>8}{'90%':>8}{'max':>8}")
     for kind in KINDS:
         if kind != "catenaries":
             say(slopes(kind, range(first, first + min(count, 35))))
-    say("\nhidden: status AT_ROUNDING, the rounding of the displacements hides the forces.")
+    say("\nnets: all kinds but catenaries.")
+    say("hidden: status AT_ROUNDING, the rounding of the displacements hides the forces.")
     say("none: the reference finds no equilibrium. Steps are of an increment; factorisations")
     say("(factors) and ms (time without compilation) are of an analysis, means of the kind.")
     say.close()

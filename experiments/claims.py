@@ -237,18 +237,12 @@ def valid_scenes():
 
 
 def bank():
-    """Nets of the bank but catenaries, float64: count, missed, steps in the median and at most.
-
-    The median and the largest are those of the kind where they are largest.
-    """
+    """Nets of the bank but catenaries, float64: count, missed, steps in the median and at most."""
     text = (RESULTS / "cable_bank.txt").read_text().split("float32")[0]
-    pattern = r"^(\w[\w ]+?) +(\d+) +(\d+) +(\d+) +(\d+) +\d+ +(\d+) +\d+ +(\d+) "
-    rows = [row[1:] for row in re.findall(pattern, text, re.M) if row[0] != "catenaries"]
-    count, missed, hidden, wrong, median, most = zip(
-        *([int(n) for n in row] for row in rows), strict=True
-    )
-    assert sum(wrong) == 0
-    return tuple(str(n) for n in (sum(count), sum(missed) + sum(hidden), max(median), max(most)))
+    row = re.search(r"^nets +(\d+) +(\d+) +(\d+) +(\d+) +\d+ +(\d+) +\d+ +(\d+) ", text, re.M)
+    count, missed, hidden, wrong, median, most = (int(number) for number in row.groups())
+    assert wrong == hidden == 0
+    return tuple(str(number) for number in (count, missed, median, most))
 
 
 STUDIES = "experiments/README.md"
