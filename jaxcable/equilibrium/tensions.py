@@ -10,9 +10,9 @@ system of the size of the tangent per step,
 
 with the length l of a cable (over all pieces of a sliding one) and its elastic law N = D(l).
 
-*Mixed*: ``B = D(l)``, ``k = D'(l)``: Newton's method, but with the geometric stiffness of the
-tension that the step before predicts (Magisano, Leonetti, Garcea 2017). Few steps, often; no
-guarantee.
+*Mixed*: ``B = D(l)``, ``k = D'(l)``: Newton's method, but where D(l) exceeds it by far with the
+geometric stiffness of the tension that the step before predicts (Magisano, Leonetti, Garcea 2017).
+Few steps, often; no guarantee.
 
 *Interior*: a cable is a bound on its length, ``l <= L(N)`` with the length L(N) that it has under
 the tension N, and the room y that is left: ``N >= 0, y >= 0, N y = 0``. An interior-point method
@@ -49,6 +49,8 @@ _PATIENCE = 8, 4  # evaluations within which the residual must halve: mixed, and
 _LONGEST = 60, 20  # mixed steps, and at the end
 _INTERIOR = 100  # interior steps
 _TRIES = 5  # how often the end is tried
+_PLAIN = 3.0  # tension over (predicted tension + load) up to which it makes the stiffness itself
+_BEGINNING = 2  # first steps, whose residuals begin anew: what starts in balance must leave it
 _NEAR = 1e-5  # relative residual from which the end is tried
 _SHIFT = 1e-6  # Levenberg shift over tension per length
 _INSIDE = 0.9995  # part of the way to the bound that a step may go
@@ -189,7 +191,7 @@ class Tensions:
         mixed, last, interior = self.mode == MIXED, self.mode == LAST, self.mode == INTERIOR
         back = self.settled & ~self.halved(residual)
         halved = found & self.halved(residual)
-        best = jnp.where(halved, residual, self.best)
+        best = jnp.where(halved | (mixed & (self.count <= _BEGINNING)), residual, self.best)
         since = jnp.where(halved, 0, self.since + 1)
         patience, longest = (jnp.where(mixed, *pair) for pair in (_PATIENCE, _LONGEST))
         lost = (mixed | last) & ((since >= patience) | (self.count >= longest) | astray | ~found)
@@ -249,6 +251,7 @@ class Tensions:
         inner = self.interior & ~jacked
         base = jnp.where(inner, tension + (target - tension * gap) / width, pulls.force)
         guess = jnp.where(self.fresh | self.searching, pulls.force, self.guess)
+        guess = jnp.where(pulls.force <= _PLAIN * (guess + load), pulls.force, guess)
         best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
         # mixed steps have the residual of the structure on the right side
         across = pulls.residual(system, x, base)
