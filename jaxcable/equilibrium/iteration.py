@@ -26,6 +26,7 @@ _RELEASED = 2.0  # allowed residual, in roundings (eps) of the forces at the sta
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
+_ADRIFT = 1e4  # the same for nets, whose mixed steps end at a part of it
 
 
 class Method(Protocol):
@@ -271,7 +272,8 @@ class Task:
             steered = moved & ~converged & ~it.tensions.searching
             tensions, again = where(steered, new, tensions), steered & elsewhere
             x = jnp.where(steered, point, x)
-        runaway = over & (self.system.reach(x) > _RUNAWAY * self.extent)
+        far = _ADRIFT if self.net else _RUNAWAY
+        runaway = over & (self.system.reach(x) > far * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
         reevaluate = again & ~stop
