@@ -241,6 +241,7 @@ class Tensions:
         load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.force, 0.0)))
         first = jnp.maximum(load, _UNLOADED * jnp.max(pulls.force))
         least, most = (part * first for part in _FORCE)
+        # a first guess only: steps change it freely
         tension = jnp.where(begins, jnp.clip(pulls.force, least, most), self.tension)
         gap, compliance = pulls.room(system, tension)
         room = jnp.where(begins, jnp.maximum(gap, _ROOM * rest_lengths(system)), self.room)

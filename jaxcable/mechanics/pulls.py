@@ -127,7 +127,7 @@ class Pulls:
 
 def rest_lengths(system: System) -> Float[Array, " n"]:
     """Unstressed lengths of all cables, m."""
-    lengths: list[Array] = [state.rest_length for state in system.states]  # type: ignore[misc]
+    lengths: list[Array] = [state.rest_length for state in system.states]  # type: ignore[misc]  # all have one
     return jnp.concatenate(lengths)
 
 
