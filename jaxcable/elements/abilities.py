@@ -20,7 +20,8 @@ from typing import ClassVar
 import jax
 import jax.numpy as jnp
 
-from ..common.types import Array, ArrayLike, Float
+from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Float, PyTree
 from .element import Element, ElementState, Ends, Forces, Motion, OwnState, Scalar
 from .stated import Stated
 
@@ -104,25 +105,70 @@ class Secant(Element):
         """Symmetric matrix, in the shape of `tangent`, with ``K (u - u0) = f(u) - f(u0)``."""
 
 
+@pytree
+class Pull:
+    """What a cable does at a point.
+
+    Attributes:
+        tension: the unknown of the cable, N: its axial force, or for one that sags the smaller of
+            the tensions of two straight halves, see `Pulling`.
+        slope: its derivative by the length, N/m.
+        along: change of the length by the displacements of the ends, [n_end, 3].
+        forces: end forces, [n_end, 3], N.
+        shape: what `Pulling.room` needs to know of the point.
+    """
+
+    tension: Scalar
+    slope: Scalar
+    along: Forces
+    forces: Forces
+    shape: PyTree[Array]
+
+
+@pytree
+class Room:
+    """What a tension would do to a cable at a point; the cable is in balance where gap = sag.
+
+    Attributes:
+        gap: length that the tension allows a straight cable less the present one, m.
+        compliance: its derivative by the tension, m/N.
+        sag: length that the sag takes, m; None for a cable that cannot sag.
+        less: minus the derivative of `sag` by the tension, m/N, or None.
+        along, forces: as of `Pull`, but under the tension; None where `along` does not depend on
+            it, so that `forces` is ``tension * along``.
+    """
+
+    gap: Scalar
+    compliance: Scalar
+    sag: Scalar | None = None
+    less: Scalar | None = None
+    along: Forces | None = None
+    forces: Forces | None = None
+
+
 class Pulling(Element):
-    """Elements with one tension along one length, as long as no load acts along them."""
+    """Cables whose state at a point follows from one number, their tension.
+
+    A net of them is solved with these tensions as unknowns, see `equilibrium.tensions`.
+    """
+
+    def pulls(self, state: OwnState) -> bool:
+        """Whether the elements have such a number in this state."""
+        return True
 
     @abc.abstractmethod
-    def pulled(
-        self, state: OwnState, ends: Ends, motion: Motion
-    ) -> tuple[Scalar, Scalar, Scalar, Forces]:
-        """What one evaluation of the length gives.
-
-        Tension, N; its derivative by the length, N/m; strain; and the derivative of the length by
-        the displacements of the ends, [n_end, 3], which are the end forces of a unit tension.
-        """
+    def pulled(self, state: OwnState, ends: Ends, motion: Motion) -> Pull:
+        """The `Pull` at a point."""
 
     @abc.abstractmethod
-    def room(self, state: OwnState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
-        """By how much a tension could lengthen the cable beyond a strain, and the derivative of it.
+    def room(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> Room:
+        """The `Room` under a tension, N, at the point of a `Pull` that has this shape."""
 
-        The length under the tension less that at the strain, m, and by the tension, m/N.
-        """
+    @abc.abstractmethod
+    def bent(
+        self, state: OwnState, ends: Ends, motion: Motion, tension: Scalar
+    ) -> Float[Array, "n_end 3 n_end 3"]:
+        """Stiffness that a tension gives by itself, as the ends move, N/m."""
 
 
 class Rounding(Element):

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
-from .abilities import Pulling
+from .abilities import Pull, Pulling, Room
 from .bar import Plain
-from .element import Ends, Forces, Motion, Scalar
+from .element import Ends, Motion, Scalar
 from .prestress import AxialState, jacked_or
 from .straight import Straight
 
@@ -57,20 +57,24 @@ class TensionOnly(Straight, Pulling):
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
-    def pulled(
-        self, state: AxialState, ends: Ends, motion: Motion
-    ) -> tuple[Scalar, Scalar, Scalar, Forces]:
-        """Tension, slope, strain and unit end forces, see `Pulling`."""
-        force, slope = self.stretched(state, ends, motion)
-        unit = copy(state, jack_force=jnp.ones_like(force), jacked=None)
-        strain = self.strain(state, ends, motion)
-        return force, slope, strain, self.end_forces(unit, ends, motion)
+    def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
+        """Tension and what belongs to it at a point, see `Pulling`."""
+        tension, slope = self.stretched(state, ends, motion)
+        along = self.end_forces(_under_unit(state), ends, motion)
+        shape = self.strain(state, ends, motion)
+        return Pull(tension, slope, along, tension * along, shape)
 
-    def room(self, state: AxialState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
-        """Length under a tension less that at a strain, m, and its derivative, m/N."""
+    def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:
+        """Length under a tension less that at a strain, `shape`."""
         one = jnp.ones_like(tension)
         under, slope = jax.jvp(lambda n: self.strain_at(n, state.memory), (tension,), (one,))
-        return state.rest_length * (under - strain), state.rest_length * slope
+        return Room(state.rest_length * (under - shape), state.rest_length * slope)
+
+    def bent(
+        self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
+    ) -> Float[Array, "n_end 3 n_end 3"]:
+        """Stiffness of a tension: it times the second derivative of the length."""
+        return tension * self.tangent(_under_unit(state), ends, motion)
 
     def at_kink(self, state: AxialState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether the cable is exactly unstressed, up to rounding: between taut and slack."""
@@ -98,6 +102,11 @@ class TensionOnly(Straight, Pulling):
     def _section(self):
         stiffness, law, area = super()._section()
         return stiffness, None if law is None else law.tension_only(), area
+
+
+def _under_unit(state):
+    """The state of an element whose force is 1 N."""
+    return copy(state, jack_force=jnp.ones_like(state.rest_length), jacked=None)
 
 
 @pytree(indices=("links",))

@@ -26,6 +26,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
+from ..common.tree import pytree
 from ..common.types import Array, Float
 from ..numerics.roots import rising_root
 from .element import Scalar
@@ -52,28 +53,135 @@ def hang(
         F [3], N; tau, the mean of the tensions at the ends, N; theta. All zero where a cable
         without load is slack.
     """
-    weight2 = load @ load
-    heavy = weight2 > 0
-    weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
-    unit = load / jnp.where(heavy, weight, 1.0)
+    weight, unit = _directed(load)
     across = chord - (chord @ unit) * unit
     # for a chord along the load: negligible elsewhere, and its square does not underflow
     tiny = jnp.finfo(chord.dtype).tiny ** 0.45
     across2 = across @ across / rest_length**2 + tiny
     excess = excess / rest_length**2
     omega = weight * rest_length / stiffness
-    empty = ~heavy & (excess < 0)
-    tip = jnp.where(empty, 0.0, excess)
-    least = _least_tension(omega, across2, tip)
-    theta = 0.5 * jnp.log1p(omega / least)
-    strain = least + 0.5 * omega
-    bend = _grown(theta)
-    # the two springs between chord and force, across the load and along it
-    across_spring = stiffness * strain / rest_length / (strain + 1 + bend)
-    further = across_spring * bend / (strain + 1)
-    pull = across_spring * chord + further * (chord @ unit) * unit
+    empty = (omega == 0) & (excess < 0)
+    least = _least_tension(omega, across2, jnp.where(empty, 0.0, excess))
+    strain, theta = _strained(least, omega)
+    spring, further = _springs(strain, theta)
+    pull = stiffness / rest_length * (spring * chord + further * (chord - across))
     none = jnp.where(empty, 0.0, 1.0)
     return none * pull, none * stiffness * strain, theta
+
+
+def least_tension(
+    chord: Float[Array, " 3"],
+    excess: Scalar,
+    load: Float[Array, " 3"],
+    rest_length: Scalar,
+    stiffness: Scalar,
+) -> Scalar:
+    """``tau - |q| L0/2``, N, the number that `under` takes; arguments as of `hang`."""
+    _, tau, theta = hang(chord, excess, load, rest_length, stiffness)
+    weight, _ = _directed(load)
+    heavy = weight > 0
+    deep = weight * rest_length / jnp.expm1(2 * jnp.where(heavy, theta, 1.0))
+    return jnp.where(heavy, deep, tau)
+
+
+@pytree
+class Under:
+    """A hanging cable between given ends under a given tension, which need not be in balance.
+
+    The potential of the cable is the largest over tau of
+
+        Psi = c_along d_along^2/2 + c_across d_across^2/2 - L0 tau/2
+
+    with the springs ``c_along = tau/(L0 (1 + e))``, ``c_across = tau/(L0 (A + e))`` between chord
+    and force. Its derivative by the chord is the force, linear in the chord, and its derivative by
+    tau is minus the equation of the module: ``gap = sag``.
+
+    Attributes:
+        force: tension vector in the middle, [3], N.
+        along: its derivative by the tension, [3].
+        gap: ``(L0/2) (1 - d^2 / (L0 (1 + e))^2)``, m: how much longer a straight cable could be.
+        compliance: derivative of the gap by the tension, m/N.
+        sag: what the sag takes of this, m.
+        less: minus the derivative of `sag` by the tension, m/N.
+    """
+
+    force: Float[Array, " 3"]
+    along: Float[Array, " 3"]
+    gap: Scalar
+    compliance: Scalar
+    sag: Scalar
+    less: Scalar
+
+
+def under(
+    tension: Scalar,
+    chord: Float[Array, " 3"],
+    excess: Scalar,
+    load: Float[Array, " 3"],
+    rest_length: Scalar,
+    stiffness: Scalar,
+) -> Under:
+    """`Under` for ``tau - |q| L0/2``, the other arguments as of `hang`."""
+    weight, unit = _directed(load)
+    across = chord - (chord @ unit) * unit
+    omega, excess = weight * rest_length / stiffness, excess / rest_length**2
+    strain, theta = _strained(tension / stiffness, omega)
+    spring, further = _springs(strain, theta)
+
+    def rise(least):
+        more = _more(*_strained(least, omega))
+        return more * (2 + more) / (1 + least + 0.5 * omega) ** 2
+
+    one = jnp.ones_like(tension)
+    rising, falling = jax.jvp(rise, (tension / stiffness,), (one,))
+    half = 0.5 * across @ across / rest_length
+    return Under(
+        stiffness / rest_length * (spring * chord + further * (chord - across)),
+        (chord / (1 + strain) ** 2 + rising * across) / rest_length,
+        0.5 * rest_length * (strain * (2 + strain) - excess) / (1 + strain) ** 2,
+        rest_length * (1 + excess) / (stiffness * (1 + strain) ** 3),
+        half * rising,
+        -half * falling / stiffness,
+    )
+
+
+def springs(
+    tension: Scalar, load: Float[Array, " 3"], rest_length: Scalar, stiffness: Scalar
+) -> Float[Array, "3 3"]:
+    """Derivative of ``force`` of `Under` by the chord, [3, 3], N/m."""
+    weight, unit = _directed(load)
+    strain, theta = _strained(tension / stiffness, weight * rest_length / stiffness)
+    spring, further = _springs(strain, theta)
+    along = further * jnp.outer(unit, unit)
+    return stiffness / rest_length * (spring * jnp.eye(3, dtype=load.dtype) + along)
+
+
+def _directed(load):
+    """Size of a load, and its direction; zero without load."""
+    weight2 = load @ load
+    heavy = weight2 > 0
+    weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
+    return weight, load / jnp.where(heavy, weight, 1.0)
+
+
+def _strained(least, omega):
+    """Mean strain and theta from ``(tau - |q| L0/2) / EA`` and ``|q| L0 / EA``."""
+    positive = least > 0  # it is zero only in a slack cable without load, where theta is zero
+    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, least, 1.0))
+    return least + 0.5 * omega, theta
+
+
+def _springs(strain, theta):
+    """Spring across the load, and by how much that along it is stiffer, times L0/EA."""
+    bend = _grown(theta)
+    spring = strain / (strain + 1 + bend)
+    return spring, spring * bend / (strain + 1)
+
+
+def _more(strain, theta):
+    """``r - 1``, computed without this subtraction."""
+    s, c = _sinhc_less_1(theta), _cosh_less_1(theta)
+    return (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
 
 
 def _least_tension(omega, across2, excess):
@@ -92,12 +200,8 @@ def _least_tension(omega, across2, excess):
 
     def balance(u):
         added = jnp.exp(u)
-        least = base + added
-        strain = least + 0.5 * omega
-        theta = 0.5 * jnp.log1p(omega / least)
-        s, c = _sinhc_less_1(theta), _cosh_less_1(theta)
-        # r - 1, computed without this subtraction
-        more = (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
+        strain, theta = _strained(base + added, omega)
+        more = _more(strain, theta)
         left = jnp.where(
             excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
         )

@@ -122,6 +122,10 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         share = self.at_ends(jnp.ones((1,), length.dtype), ends[None])[0]
         return state.rest_length * state.line_load @ (share @ motion - now)
 
+    def pulls(self, state: AxialState) -> bool:
+        """Whether the tension alone describes it: no load slides along."""
+        return state.line_load is None
+
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy and potential of the sliding load, J; under a jack its work."""
 

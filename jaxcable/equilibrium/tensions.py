@@ -41,7 +41,7 @@ from ..common.tree import copy, pytree, where
 from ..common.types import Array, Bool, Float, Int
 from ..linear import Matrix
 from ..mechanics.assembly import System
-from ..mechanics.pulls import Pulls, held, rest_lengths
+from ..mechanics.pulls import Pulls, held, moved, rest_lengths, stiffness
 
 MIXED, INTERIOR, LAST, SEARCH = range(4)
 
@@ -238,32 +238,40 @@ class Tensions:
         """
         begins, jacked = self.fresh & self.interior, held(system)
         load = jnp.max(jnp.abs(system.load), initial=0.0)
-        load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.force, 0.0)))
-        first = jnp.maximum(load, _UNLOADED * jnp.max(pulls.force))
+        load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.tension, 0.0)))
+        first = jnp.maximum(load, _UNLOADED * jnp.max(pulls.tension))
         least, most = (part * first for part in _FORCE)
         # a first guess only: steps change it freely
-        tension = jnp.where(begins, jnp.clip(pulls.force, least, most), self.tension)
-        gap, compliance = pulls.room(system, tension)
-        room = jnp.where(begins, jnp.maximum(gap, _ROOM * rest_lengths(system)), self.room)
-        product = jnp.where(jacked, 0.0, tension * room)
-        target = self.centring * jnp.sum(product) / jnp.maximum(jnp.sum(~jacked), 1)
-        width = room + tension * compliance
+        tension = jnp.where(begins, jnp.clip(pulls.tension, least, most), self.tension)
+        under = pulls.under(system, tension)
+        wide = jnp.maximum(under.gap, _ROOM * rest_lengths(system))
+        wide = wide if under.sag is None else jnp.maximum(wide, under.sag)
+        room = jnp.where(begins, wide, self.room)
+        product = jnp.where(jacked, 0.0, tension * under.spare(room))
+        target, falls = under.aim(
+            self.centring * jnp.sum(product) / jnp.maximum(jnp.sum(~jacked), 1)
+        )
+        width = falls * room + tension * under.compliance
         width = jnp.where(width > 0, width, 1.0)
         inner = self.interior & ~jacked
-        base = jnp.where(inner, tension + (target - tension * gap) / width, pulls.force)
-        guess = jnp.where(self.fresh | self.searching, pulls.force, self.guess)
-        guess = jnp.where(pulls.force <= _PLAIN * (guess + load), pulls.force, guess)
+        base = tension + (target - tension * under.gap) / width
+        base = jnp.where(inner, base, pulls.tension)
+        guess = jnp.where(self.fresh | self.searching, pulls.tension, self.guess)
+        guess = jnp.where(pulls.tension <= _PLAIN * (guess + load), pulls.tension, guess)
         best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
         # mixed steps have the residual of the structure on the right side
-        across = pulls.residual(system, x, base)
+        across = under.residual(system, x, base)
         return Equations(
             base=base,
             slope=jnp.where(inner, tension / width, pulls.slope),
-            pulls=pulls,
+            along=[
+                now if now is then else jnp.where(self.interior, then, now)
+                for now, then in zip(pulls.along, under.along, strict=True)
+            ],
             jacked=jacked,
             rhs=-jnp.where(self.interior, across, residual),
-            gap=gap,
-            compliance=compliance,
+            gap=under.gap,
+            compliance=under.compliance,
             load=load,
             policy=copy(self, guess=guess, tension=tension, room=room, best=best),
         )
@@ -275,7 +283,7 @@ class Equations:
 
     Attributes:
         base, slope: B and k of every cable, [n], N and N/m.
-        pulls: `Pulls` at the point.
+        along: change of the lengths by the ends, per group [n_elem, n_end, 3].
         jacked: which cables a jack holds, [n].
         rhs: right side, [n_free], N.
         gap, compliance: L(N) - l and L'(N), [n], m and m/N.
@@ -285,7 +293,7 @@ class Equations:
 
     base: Float[Array, " n"]
     slope: Float[Array, " n"]
-    pulls: Pulls
+    along: list[Float[Array, "n_elem n_end 3"]]
     jacked: Bool[Array, " n"]
     rhs: Float[Array, " n_free"]
     gap: Float[Array, " n"]
@@ -303,7 +311,7 @@ class Equations:
         """Matrix of the equations, regularised; `residual` the largest, `length` of elements."""
         policy = self.policy
         tensions = jnp.where(policy.interior, policy.tension, policy.guess)
-        matrix = system.tangent(x, [*self.pulls.stiffness(system, x, self.slope, tensions)])
+        matrix = system.tangent(x, [*stiffness(system, x, self.along, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         rounding = jnp.finfo(x.dtype).eps * size + jnp.finfo(x.dtype).tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / length
@@ -324,7 +332,7 @@ class Equations:
             length: of elements, m.
         """
         policy, interior = self.policy, self.policy.interior
-        longer, turned = self.pulls.moved(system, system.space.spread(x, step))
+        longer, turned = moved(system, self.along, system.space.spread(x, step))
         now = self.base + self.slope * longer
         change = jnp.where(self.jacked, 0.0, now - policy.tension)
         room = self.gap + self.compliance * change - longer

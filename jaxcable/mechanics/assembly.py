@@ -340,7 +340,7 @@ class System(Elementwise):
     def is_net(self) -> bool:
         """Whether it is a net of cables under dead loads, each with one tension of its own."""
         pairs = zip(self.groups, self.states, strict=True)
-        cables = [isinstance(g, Pulling) and s.line_load is None for g, s in pairs]
+        cables = [isinstance(g, Pulling) and g.pulls(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
 
     def softened(self, compliance: Float[Array, ""]) -> System:

@@ -11,31 +11,34 @@ from itertools import pairwise
 
 import jax.numpy as jnp
 
-from ..common.tree import copy, pytree
-from ..common.types import Array, Bool, Float
+from ..common.tree import pytree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..elements.abilities import Room
 from ..elements.prestress import of_each
 from ..spaces.space import Forces, Motion, Step
 from .assembly import System
-from .elementwise import each
+from .elementwise import each, motion_of
 
 _ROUNDINGS = 8  # of a displacement, in a length: of chord, products, sum, root, quotient
 
 
 @pytree
 class Pulls:
-    """What the cables of a net do at a point, those of all groups in one array, [n].
+    """What the cables of a net do at a point, see `abilities.Pull`; [n] for those of all groups.
 
     Attributes:
-        force, slope: tension, and its derivative by the length, N and N/m.
-        strain: on the unstressed length.
+        tension, slope: tension, and its derivative by the length, [n], N and N/m.
         along: derivative of the length by the displacements of the ends, per group
             [n_elem, n_end, 3].
+        forces: end forces, per group, likewise, N.
+        shapes: `shape` of every group.
     """
 
-    force: Float[Array, " n"]
+    tension: Float[Array, " n"]
     slope: Float[Array, " n"]
-    strain: Float[Array, " n"]
     along: list[Float[Array, "n_elem n_end 3"]]
+    forces: list[Float[Array, "n_elem n_end 3"]]
+    shapes: list[PyTree[Array]]
 
     @classmethod
     def of(cls, system: System, x: Motion) -> Pulls:
@@ -44,15 +47,13 @@ class Pulls:
             each("pulled", group, state, system.nodes, x)
             for group, state in zip(system.groups, system.states, strict=True)
         ]
-        force, slope, strain, along = zip(*found, strict=True)
-        join = jnp.concatenate
-        return cls(join(force), join(slope), join(strain), list(along))
-
-    def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
-        """Unbalanced force [n_free] at `x` under stated tensions, N."""
-        pulls = zip(_split(system, tensions), self.along, strict=True)
-        rows = _at_rows(system, [n[:, None, None] * g for n, g in pulls])
-        return system.space.collected(rows - system.load, x)
+        return cls(
+            jnp.concatenate([pull.tension for pull in found]),
+            jnp.concatenate([pull.slope for pull in found]),
+            [pull.along for pull in found],
+            [pull.forces for pull in found],
+            [pull.shape for pull in found],
+        )
 
     def judged(self, system: System, x: Motion) -> tuple[Step, Float[Array, ""], Step]:
         """Unbalanced force, the force it is judged by, and the part of it that is rounding.
@@ -61,68 +62,137 @@ class Pulls:
             Residual [n_free]; largest sum of absolute end forces and load at a row; error that the
             rounding of displacements leaves in the residual, [n_free]; N.
         """
-        forces, slopes = _split(system, self.force), _split(system, self.slope)
+        slopes = _split(system, self.slope)
         eps, pulls, unsure = jnp.finfo(x.dtype).eps, [], []
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
-            n, g = forces[k][:, None], self.along[k]
-            sizes = n * system.space.size(g)
+            sizes = system.space.size(self.forces[k])
             if group.remembers:
                 sizes = sizes + system.part_sizes(group, state, x)
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
-            unsure.append((_ROUNDINGS * eps * moved * slopes[k])[:, None, None] * jnp.abs(g))
-            pulls.append(jnp.concatenate([n[..., None] * g, sizes[..., None]], axis=-1))
+            error = _ROUNDINGS * eps * moved * slopes[k]
+            unsure.append(error[:, None, None] * jnp.abs(self.along[k]))
+            pulls.append(jnp.concatenate([self.forces[k], sizes[..., None]], axis=-1))
         rows, collected = _at_rows(system, pulls), system.space.collected
         scale = jnp.max(rows[:, 3] + system.space.size(system.load))
         residual = collected(rows[:, :3] - system.load, x)
         return residual, scale, jnp.abs(collected(_at_rows(system, unsure), x))
 
-    def stiffness(
-        self, system: System, x: Motion, slopes: Float[Array, " n"], tensions: Float[Array, " n"]
-    ) -> list[Float[Array, "n_elem d d"]]:
-        """Matrices of the elements: slope times g g^T plus tension times the Hessian of length."""
-        found = []
-        slopes, tensions = _split(system, slopes), _split(system, tensions)
-        for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
-            unit = copy(state, jack_force=jnp.ones_like(tensions[k]), jacked=None)
-            bend = each("tangent", group, unit, system.nodes, x)
-            g = self.along[k].reshape(len(bend), -1)
-            bend = bend.reshape(*g.shape, g.shape[1])
-            along = slopes[k][:, None, None] * g[:, :, None] * g[:, None, :]
-            found.append(along + tensions[k][:, None, None] * bend)
-        return found
-
-    def room(
-        self, system: System, tensions: Float[Array, " n"]
-    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """Lengths under `tensions` less present lengths, m, and their derivative, m/N."""
-        pairs = [
-            of_each("room", group, state, tension, strain)
-            for group, state, tension, strain in zip(
-                system.groups,
-                system.states,
-                _split(system, tensions),
-                _split(system, self.strain),
-                strict=True,
+    def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
+        """What `tensions` would do to the cables here, N."""
+        split = _split(system, tensions)
+        rooms: list[Room] = [
+            of_each("room", group, state, tension, shape)
+            for group, state, tension, shape in zip(
+                system.groups, system.states, split, self.shapes, strict=True
             )
         ]
-        rooms, compliances = zip(*pairs, strict=True)
-        return jnp.concatenate(rooms), jnp.concatenate(compliances)
+        sags = _filled([room.sag for room in rooms], rooms)
+        less = _filled([room.less for room in rooms], rooms)
+        return Under(
+            tensions,
+            jnp.concatenate([room.gap for room in rooms]),
+            jnp.concatenate([room.compliance for room in rooms]),
+            sags,
+            less,
+            [g if r.along is None else r.along for r, g in zip(rooms, self.along, strict=True)],
+            [room.forces for room in rooms],
+        )
 
-    def moved(
-        self, system: System, spread: Forces
-    ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-        """How a step of all rows changes the lengths, to first order, m, and how far it leads.
 
-        The second result is the largest relative motion of two nodes in succession, over the
-        unstressed length between them.
+@pytree
+class Under:
+    """What stated tensions would do to the cables of a net at a point, see `abilities.Room`.
+
+    Attributes:
+        tension: stated tensions, [n], N.
+        gap, compliance: how much longer the tensions allow straight cables to be, [n], m, and its
+            derivative by them, m/N.
+        sag, less: what sags take of this, [n], m, and minus its derivative by the tensions, m/N;
+            None if no cable can sag.
+        along: derivatives of the end forces by the tensions, per group [n_elem, n_end, 3].
+        forces: end forces, per group, likewise, N; None where they are tension times `along`.
+    """
+
+    tension: Float[Array, " n"]
+    gap: Float[Array, " n"]
+    compliance: Float[Array, " n"]
+    sag: Float[Array, " n"] | None
+    less: Float[Array, " n"] | None
+    along: list[Float[Array, "n_elem n_end 3"]]
+    forces: list[Float[Array, "n_elem n_end 3"] | None]
+
+    def spare(self, room: Float[Array, " n"]) -> Float[Array, " n"]:
+        """What sags leave of a `room` [n], m."""
+        return room if self.sag is None else jnp.maximum(room - self.sag, 0.0)
+
+    def aim(self, product: Float[Array, ""]) -> tuple[Float[Array, " n"], Float[ArrayLike, " n"]]:
+        """The product of tension and room that a step aims at, and how its room falls.
+
+        Args:
+            product: of the tension and the room that is not for the sag, N m.
+
+        Returns:
+            Product, [n], N m; minus the derivative of its logarithm less that of the tension, by
+            the logarithm of the tension, [n].
         """
-        longer, turned = [], []
-        for group, g in zip(system.groups, self.along, strict=True):
-            ends = spread[group.links][..., :3]
-            longer.append(jnp.sum(g * ends, axis=(1, 2)))
-            apart = jnp.max(jnp.sum(jnp.diff(ends, axis=1) ** 2, axis=-1), axis=1)
-            turned.append(jnp.sqrt(apart) * (g.shape[1] - 1))
-        return jnp.concatenate(longer), jnp.concatenate(turned) / rest_lengths(system)
+        if self.sag is None or self.less is None:
+            return jnp.broadcast_to(product, self.tension.shape), 1.0
+        whole = product + self.tension * self.sag
+        falls = (product + self.tension**2 * self.less) / jnp.where(whole > 0, whole, 1.0)
+        return whole, jnp.where(whole > 0, falls, 1.0)
+
+    def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
+        """Unbalanced force [n_free] at `x` under other tensions [n], to first order, N."""
+        ends = []
+        pairs = zip(self.along, self.forces, strict=True)
+        split = _split(system, tensions), _split(system, tensions - self.tension)
+        for (along, forces), whole, change in zip(pairs, *split, strict=True):
+            if forces is None:
+                ends.append(whole[:, None, None] * along)
+            else:
+                ends.append(forces + change[:, None, None] * along)
+        return system.space.collected(_at_rows(system, ends) - system.load, x)
+
+
+def stiffness(
+    system: System,
+    x: Motion,
+    along: Sequence[Float[Array, "n_elem n_end 3"]],
+    slopes: Float[Array, " n"],
+    tensions: Float[Array, " n"],
+) -> list[Float[Array, "n_elem d d"]]:
+    """Matrices of the elements of a net.
+
+    Slopes [n], N/m, times ``g g^T`` with g = `along`, and what tensions [n], N, give by themselves.
+    """
+    found = []
+    split = _split(system, slopes), _split(system, tensions)
+    for group, state, g, slope, tension in zip(
+        system.groups, system.states, along, *split, strict=True
+    ):
+        at = system.nodes[group.links], motion_of(group, x)
+        bent = of_each("bent", group, state, *at, tension)
+        g = g.reshape(len(g), -1)
+        bent = bent.reshape(*g.shape, g.shape[1])
+        found.append(bent + slope[:, None, None] * g[:, :, None] * g[:, None, :])
+    return found
+
+
+def moved(
+    system: System, along: Sequence[Float[Array, "n_elem n_end 3"]], spread: Forces
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """How a step of all rows changes the lengths, to first order, m, and how far it leads.
+
+    The second result is the largest relative motion of two nodes in succession, over the unstressed
+    length between them.
+    """
+    longer, turned = [], []
+    for group, g in zip(system.groups, along, strict=True):
+        ends = spread[group.links][..., :3]
+        longer.append(jnp.sum(g * ends, axis=(1, 2)))
+        apart = jnp.max(jnp.sum(jnp.diff(ends, axis=1) ** 2, axis=-1), axis=1)
+        turned.append(jnp.sqrt(apart) * (g.shape[1] - 1))
+    return jnp.concatenate(longer), jnp.concatenate(turned) / rest_lengths(system)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:
@@ -157,6 +227,14 @@ def _split(system, values):
     for group in system.groups:
         ends.append(ends[-1] + len(group.links))
     return [values[i:j] for i, j in pairwise(ends)]
+
+
+def _filled(values, rooms):
+    """Arrays of all groups in one, with zeros for None; None if all are None."""
+    if all(value is None for value in values):
+        return None
+    pairs = zip(values, rooms, strict=True)
+    return jnp.concatenate([jnp.zeros_like(r.gap) if v is None else v for v, r in pairs])
 
 
 def _at_rows(system: System, values: Sequence[Float[Array, "n_elem n_end d"]]) -> Array:
