@@ -84,8 +84,7 @@ class Bars(Plain):
         expansion: thermal expansion coefficient, scalar or [n_elem], 1/K.
         strength: breaking force, scalar or [n_elem], N; kept with the group for reports.
         compliance: strain per force of a spring in series with every element, scalar or [n_elem],
-            1/N (soft end fittings). The equilibrium iteration uses it, too, to soften a net for
-            some iterations.
+            1/N (soft end fittings).
 
     Raises:
         ValueError: wrong shapes, equal ends, repeated links, non-positive stiffness or length,

@@ -214,10 +214,6 @@ class Element(abc.ABC):
         """The group for an iteration, with laws that go on beyond their ends."""
         return self
 
-    def softened(self, compliance: Scalar) -> Self:
-        """The group with a spring in series with every element, strain per force, 1/N."""
-        return self
-
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Smallest and largest axial force, N."""
         return -jnp.inf, jnp.inf

@@ -161,11 +161,6 @@ class Straight(Axial, Prestressed):
         """Whether its force is known not to fall with strain."""
         return all(law.rising for law in self._laws)
 
-    def softened(self, compliance: Scalar) -> Self:
-        """The group with a spring of `compliance`, scalar, 1/N, added to every element."""
-        present = 0.0 if self.compliance is None else self.compliance
-        return copy(self, compliance=present + jnp.broadcast_to(compliance, len(self.links)))
-
     # --- the group
 
     def initial_memory(self) -> Float[Array, "n_elem n_memory"] | None:

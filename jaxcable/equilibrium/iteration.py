@@ -18,11 +18,10 @@ from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
-from .globalisation import ASTRAY, Shift, Softening, Sprint
+from .globalisation import ASTRAY, Shift, Sprint
 from .newton_step import direction, largest
 from .tensions import Tensions
 
-_RELEASED = 2.0  # allowed residual, in roundings (eps) of the forces at the start
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
@@ -63,15 +62,15 @@ class Iterate:
             tangents (`System.evaluated`).
         step, search: the step from x, and which part of it is tried next (`search.Search`).
         arrival: whether the next evaluation is at x itself: at the start, when the iteration
-            begins again, when the softness has changed, and when no usable step was found.
+            begins again, and when no usable step was found.
         stepless: whether the reason for `arrival` is that no usable step was found.
-        shift, sprint, softening: policies of `globalisation`; None where one does not apply.
+        shift, sprint: policies of `globalisation`; None where one does not apply.
         tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
-        released, came_from: residuals that rounding at the first point allows, a scalar for all
-            unknowns and one for each (`System.rounding`).
+        came_from: what rounding was at the first point, N: a structure that is released ends with
+            the rounding of the forces that it began with. None for nets.
         stable: whether the tangent at the end is definite.
         done: whether the iteration has ended.
     """
@@ -87,12 +86,10 @@ class Iterate:
     stepless: Bool[Array, ""]
     shift: Shift
     sprint: Sprint | None
-    softening: Softening | None
     tensions: Tensions | None
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
-    released: Float[Array, ""] | None
     came_from: Float[Array, " n_free"] | None
     stable: Bool[Array, ""]
     done: Bool[Array, ""]
@@ -120,24 +117,20 @@ class Task:
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.net = system.is_net
-        self.softens = system.may_be_convex and not self.net
         self.judges = not system.always_convex
         self.loaded = loaded(system) if self.net else None
         self.convex = system.convex
-        self.sprints = system.space.rotates or self.softens or system.followers is not None
+        tension_only = system.may_be_convex and not self.net
+        self.sprints = system.space.rotates or tension_only or system.followers is not None
 
     def start(self, factored: Factored | None) -> Iterate:
         """The `Iterate` before the first evaluation, which is at the start itself."""
         zero = jnp.zeros((), self.begin.dtype)
         still = jnp.zeros(self.system.freedoms.free.shape[0], zero.dtype)
-        softening = None
-        if self.softens:
-            load = jnp.max(jnp.sqrt(jnp.sum(self.system.load**2, axis=-1)))
-            softening = Softening.init(jnp.where(self.convex, load, 0.0).astype(zero.dtype))
         no = jnp.zeros((), bool)
         *_, rounding, elements = jax.tree.map(
             lambda a: jnp.zeros(a.shape, a.dtype),
-            jax.eval_shape(lambda x: self._evaluated(self.system, x), self.begin),
+            jax.eval_shape(lambda x: self._evaluated(x), self.begin),
         )
         return Iterate(
             x=self.begin,
@@ -151,12 +144,10 @@ class Task:
             stepless=no,
             shift=Shift.init(zero.dtype),
             sprint=Sprint.init() if self.sprints else None,
-            softening=softening,
             tensions=Tensions.init(self.system, self.begin) if self.net else None,
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
-            released=None if self.net else zero,
             came_from=None if self.net else rounding,
             stable=self.convex,
             done=no,
@@ -164,15 +155,12 @@ class Task:
 
     def iterate(self, it: Iterate) -> Iterate:
         """Evaluate the point that is tried, decide whether to accept it, and make the next step."""
-        working = self.system
-        if self.softens:
-            working = working.softened(it.softening.softness)
-        it, taken, found, over = self._tried(working, it)
+        it, taken, found, over = self._tried(it)
         it, converged = self._known(it)
         it, reevaluate = self._steered(it, taken, found, over, converged)
-        return self._aimed(working, it, over & ~it.done & ~reevaluate, converged)
+        return self._aimed(it, over & ~it.done & ~reevaluate, converged)
 
-    def _tried(self, working, it):
+    def _tried(self, it):
         """The evaluation of an iteration, at `search.length` of the step.
 
         Returns:
@@ -181,9 +169,9 @@ class Task:
             found: whether a step was taken.
             over: whether the search along the step has ended.
         """
-        x = working.move(it.x, it.search.length * it.step)
+        x = self.system.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
-        residual, scale, rounding, elements = self._evaluated(working, x)
+        residual, scale, rounding, elements = self._evaluated(x)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
@@ -207,12 +195,12 @@ class Task:
         )
         return new, it.search.length, fine & ~it.stepless, ~again
 
-    def _evaluated(self, working, x):
+    def _evaluated(self, x):
         """Residual, scale, rounding, and what elements give with them (`System.evaluated`)."""
         if not self.net:
-            return working.evaluated(x)
-        pulls = Pulls.of(working, x)
-        return *pulls.judged(working, x), pulls
+            return self.system.evaluated(x)
+        pulls = Pulls.of(self.system, x)
+        return *pulls.judged(self.system, x), pulls
 
     def _known(self, it):
         """Note what the first evaluation says, and find out whether x is an equilibrium."""
@@ -221,12 +209,6 @@ class Task:
         code = jnp.where(finite, status.OK, status.NONFINITE)
         it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
         allowed = self.tol * it.scale
-        if it.released is not None:
-            # a structure that is released ends with the rounding of the forces that it began with
-            eps = jnp.finfo(it.scale.dtype).eps
-            released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
-            it = copy(it, released=jnp.where(first, released, it.released))
-            allowed = jnp.maximum(allowed, it.released)
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
@@ -241,8 +223,6 @@ class Task:
             it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
             allowed = jnp.maximum(allowed, it.came_from)
         converged = jnp.all(jnp.abs(it.residual) <= allowed)
-        if self.softens:
-            converged = converged & (it.softening.softness == 0)
         return it, converged
 
     def _steered(self, it, taken, found, over, converged):
@@ -256,7 +236,7 @@ class Task:
         spent = over & ~converged & (it.steps >= self.method.max_steps)
         again = jnp.zeros((), bool)
         shift = where(moved, it.shift.update(found, taken), it.shift)
-        x, sprint, softening = it.x, it.sprint, it.softening
+        x, sprint = it.x, it.sprint
         reach = self.system.reach(x)
         if self.sprints:
             new, again = sprint.update(found, reach, it.steps, self.extent, converged)
@@ -277,16 +257,6 @@ class Task:
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
         reevaluate = again & ~stop
-        if self.softens:
-            softening = where(moved, softening.update(found, taken), softening)
-            new, changed = softening.change(largest(it.residual), it.scale)
-            changed = changed & over & ~reevaluate & ~stop & ~converged
-            softening = where(changed, new, softening)
-            shift = where(changed, Shift.init(x.dtype), shift)
-            # stopped while softened: evaluate once more, for the residual of the structure itself
-            still_soft = stop & (softening.softness > 0)
-            softening = copy(softening, softness=jnp.where(still_soft, 0.0, softening.softness))
-            reevaluate, stop = reevaluate | changed | still_soft, stop & ~still_soft
         stuck = stop & (code == status.OK)
         judging = converged & self.judge & ~self.convex
         after = copy(
@@ -296,52 +266,47 @@ class Task:
             stepless=jnp.zeros((), bool),
             shift=shift,
             sprint=sprint,
-            softening=softening,
             tensions=tensions,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
             done=stop | (over & converged & ~judging & ~reevaluate),
         )
         return after, reevaluate
 
-    def _aimed(self, working, it, wanted, converged):
+    def _aimed(self, it, wanted, converged):
         """The next step, if `wanted`; at an equilibrium only judge the tangent there."""
 
         def aim(it):
             rhs, tensions, part = -it.residual, it.tensions, 1.0
             shift = it.shift.on(largest(it.residual), self.length)
             if self.net:
-                equations = tensions.equations(working, it.x, it.elements, it.residual)
+                equations = tensions.equations(self.system, it.x, it.elements, it.residual)
                 rhs = equations.rhs
-                matrix = equations.matrix(working, it.x, largest(it.residual), self.length)
+                matrix = equations.matrix(self.system, it.x, largest(it.residual), self.length)
                 shift = jnp.where(tensions.searching, shift, 0.0)
             else:
-                matrix = working.tangent(it.x, it.elements)
+                matrix = self.system.tangent(it.x, it.elements)
             sprinting = jnp.zeros((), bool)
             if self.sprints:
                 sprinting = it.sprint.on & ~converged
-            if working.space.rotates:
+            if self.system.space.rotates:
                 shift = jnp.where(sprinting, 0.0, shift)
             if self.judges:
                 shift = jnp.where(converged, no_stiffness(matrix), shift)
             matrix = linear.plus_diagonal(matrix, shift)
             step, definite, factored = direction(
-                working, matrix, it, rhs, sprinting, self.tol, wanted
+                self.system, matrix, it, rhs, sprinting, self.tol, wanted
             )
             if self.net:
-                tensions, part = equations.taken(working, it.x, step, self.length)
+                tensions, part = equations.taken(self.system, it.x, step, self.length)
                 step, sprinting = part * step, ~tensions.searching
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
-            softening = it.softening
-            if self.softens:
-                softening = softening.seen(matrix, self.length)
             return copy(
                 it,
                 step=jnp.where(usable, step, 0.0),
                 search=Search.init(slope),
                 arrival=~usable,
                 stepless=~usable,
-                softening=softening,
                 tensions=tensions,
                 steps=it.steps + ~converged,
                 factored=factored,

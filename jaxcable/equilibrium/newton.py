@@ -1,8 +1,8 @@
 """Newton's method for one state of loading, globalised so that cable nets converge from anywhere.
 
-Each iteration factorises at most once (see 5). Nets of cables under dead loads (straight, sliding,
-with jacks; `System.is_net`) carry their tensions as unknowns beside the displacements, because
-stiff cables that swing let plain Newton steps creep: see `tensions`. For all other structures:
+Each iteration factorises at most once (see 4). Nets of cables under dead loads (straight, hanging,
+sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside the displacements,
+because stiff cables that swing let plain Newton steps creep: see `tensions`. For all others:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. The shift
    vanishes with the residual, so that convergence stays quadratic even where loose nodes leave
@@ -12,18 +12,14 @@ stiff cables that swing let plain Newton steps creep: see `tensions`. For all ot
    energy of a structure of tension-only elements is convex.
 3. Sprint: a full Newton step often stretches members that should only bend or swing, or slackens
    cables that the next step tightens. The energy rises, although the next full step corrects this;
-   a line search would allow tiny steps only. Hanging cables, structures with rotations and those
-   under following loads therefore start with up to 20 full Newton steps. If these fail, the
-   iteration begins again with line search. (Where nodal moments or following loads act, which have
-   no potential, a sprint may pass an indefinite tangent.)
-4. Stiff hanging cables that swing: a step sideways lengthens a cable in second order, and the
-   search then allows tiny steps only. After 15 short steps a tension-only structure is softened by
-   a spring in series with every element (strain 1 under the largest load), which keeps the energy
-   convex; the softness is divided by ten each time the residual has become small.
-5. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
+   a line search would allow tiny steps only. Structures with rotations, those under following
+   loads, and cables along which loads slide therefore start with up to 20 full Newton steps. If
+   these fail, the iteration begins again with line search. (Where nodal moments or following loads
+   act, which have no potential, a sprint may pass an indefinite tangent.)
+4. Sparse matrices: the factor of an earlier step, increment or phase serves as preconditioner of
    conjugate gradients, which stop at the residual that Newton's method leaves anyway. A new factor
    is made where they do not reach it in a few steps (`linear.solve_next`).
-6. Stability: where the energy need not be convex, one more iteration at the equilibrium factorises
+5. Stability: where the energy need not be convex, one more iteration at the equilibrium factorises
    the tangent without a step.
 
 The energy of a tension-only structure under dead load is convex (a non-decreasing convex function
@@ -61,9 +57,8 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); at least 64 eps, and under hanging cables at least 2 eps of
-            that force at the start of the increment. Default 1e-10, in float32 1e-5. The residual
-            that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
+            absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. The
+            residual that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
             across)``, is allowed, too. Nets of cables go on below it as long as steps halve it, and
             end with the status AT_ROUNDING where it is more than 1 % of the forces.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says

@@ -18,7 +18,7 @@ _INEXACT = 1e-2  # largest relative residual that conjugate gradients may leave
 
 
 def direction(
-    working: System,
+    system: System,
     matrix: Matrix,
     it: Any,  # an `iteration.Iterate`; that module imports this one
     rhs: Float[Array, " n_free"],
@@ -29,7 +29,7 @@ def direction(
     """The step of Newton's method.
 
     Args:
-        working: `System`, softened if the iteration softens.
+        system: `System`.
         matrix: its tangent with the Levenberg shift.
         it: `iteration.Iterate`.
         rhs: right side of the equations, the negative residual or a similar one, [n_free], N.
@@ -45,18 +45,18 @@ def direction(
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
     relative = largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
-    similar = working.convex
+    similar = system.convex
     if it.tensions is not None:  # matrices of interior steps differ too much from each other
         similar = similar & ~it.tensions.interior
     limit = jnp.where(similar, WORTH, 0)
     step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
-    if working.space.rotates or working.followers is not None:
+    if system.space.rotates or system.followers is not None:
         # Moments and following loads have no potential, so that their tangent need not be definite.
         # In a batch both branches are computed. The barrier puts them one after the other, because
         # batched calls of LAPACK can wait for each other for ever.
         after, _ = lax.optimization_barrier((rhs, step))
         step, definite = lax.cond(
-            sprinting & working.unsymmetric(),
+            sprinting & system.unsymmetric(),
             lambda matrix, rhs, _: linear.solve_general(matrix, rhs),
             lambda matrix, rhs, found: found,
             matrix,

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 
 from .. import linear
-from ..common.tree import copy, pytree
+from ..common.tree import pytree
 from ..common.types import Array, Bool, Float
 from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element, ElementState
@@ -342,7 +342,3 @@ class System(Elementwise):
         pairs = zip(self.groups, self.states, strict=True)
         cables = [isinstance(g, Pulling) and g.pulls(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
-
-    def softened(self, compliance: Float[Array, ""]) -> System:
-        """The system with a spring in series with every element, strain per force, 1/N."""
-        return copy(self, groups=[group.softened(compliance) for group in self.groups])

@@ -15,7 +15,7 @@ from jax import lax
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
 
-SHORT = 0.5  # a step shorter than 1 is too short while g(a) is below this part of g(0)
+_SHORT = 0.5  # a step shorter than 1 is too short while g(a) is below this part of g(0)
 _OVERSHOOT = 0.25  # beyond the minimum accept g(a) up to this part of |g(0)|
 _MAX_SEARCH = 60  # evaluations per line search: 60 bisections exhaust float64
 
@@ -54,7 +54,7 @@ class Search:
         """
         g = jnp.where(jnp.isfinite(g), g, jnp.inf)
         too_far = g > -_OVERSHOOT * self.slope
-        too_short = (self.length < 1) & (g < SHORT * self.slope)
+        too_short = (self.length < 1) & (g < _SHORT * self.slope)
         again = (too_far | too_short) & (self.count < _MAX_SEARCH) & (self.high > self.low)
         below = g <= 0
         low, g_low = jnp.where(below, self.length, self.low), jnp.where(below, g, self.g_low)
