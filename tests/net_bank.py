@@ -233,22 +233,35 @@ def jacks(one):
     return Drawn(structure, phases, scene, one.ratio)
 
 
+def _hung(one, nodes, start, weights, bare, signs):
+    """Catenaries cut to length, with decades of `weights`; up to a share `bare` has none."""
+    ea, forces, rest = one.stiffness(12), one.forces(5), one.cut(nodes, GRID)
+    weight = 10 ** one.rng.uniform(*weights) * one.rng.uniform(0.5, 2, 12)
+    weight = (weight * (one.rng.random(12) >= one.rng.uniform(0, bare))).astype(one.dtype)
+    cables = jc.Catenaries(GRID, axial_stiffness=ea, rest_length=rest, weight=weight)
+    structure = jc.Structure(start, cables, jc.pinned(CORNERS))
+    phases = [jc.Phase(loads=jc.SelfWeight())]
+    phases += [jc.Phase(loads=jc.NodalLoads(FREE, sign * forces)) for sign in signs]
+    elements = _cables(GRID, _as_stored(ea, one.dtype), _as_stored(rest, one.dtype))
+    for k in np.flatnonzero(weight):
+        load = (0.0, 0.0, -float(weight[k]))
+        elements[k] = dataclasses.replace(elements[k], kind="catenary", load=load)
+    scene = _oracle(start, elements, CORNERS, dict(zip(FREE, forces, strict=True)))
+    return Drawn(structure, phases, scene, one.ratio, stated=True)
+
+
 def catenaries(one):
     """Catenaries under their weight, then loads."""
-    nodes, ea, forces = one.grid(), one.stiffness(12), one.forces(5)
-    rest = one.cut(nodes, GRID)
-    weight = (10 ** one.rng.uniform(-4, 1) * one.rng.uniform(0.5, 2, 12)).astype(one.dtype)
-    cables = jc.Catenaries(GRID, axial_stiffness=ea, rest_length=rest, weight=weight)
-    structure = jc.Structure(nodes, cables, jc.pinned(CORNERS))
-    phases = [jc.Phase(loads=jc.SelfWeight()), jc.Phase(loads=jc.NodalLoads(FREE, forces))]
-    elements = [
-        Element("catenary", tuple(link), float(stiffness), WIDE(l0), load=(0.0, 0.0, -float(w)))
-        for link, stiffness, l0, w in zip(
-            GRID, _as_stored(ea, one.dtype), _as_stored(rest, one.dtype), weight, strict=True
-        )
-    ]
-    scene = _oracle(nodes, elements, CORNERS, dict(zip(FREE, forces, strict=True)))
-    return Drawn(structure, phases, scene, one.ratio, stated=True)
+    nodes = one.grid()
+    return _hung(one, nodes, nodes, (-4, 1), 0, [1])
+
+
+def far_catenaries(one):
+    """As `catenaries`, far from where they belong, some without weight; loads reverse, too."""
+    nodes = one.grid()
+    away = 10 ** one.rng.uniform(-2, 0.5) * one.rng.normal(size=nodes.shape)
+    away[CORNERS] = 0
+    return _hung(one, nodes, (nodes + away).astype(one.dtype), (-6, 2), 0.5, [1, -2, 2])
 
 
 KINDS = {
@@ -260,6 +273,7 @@ KINDS = {
     "sliding": sliding,
     "jacks": jacks,
     "catenaries": catenaries,
+    "far hung": far_catenaries,
 }
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from . import hanging
+from . import hanging, hanging_springs
 from .abilities import Pull, Room, Sagging
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Ends, Motion, Scalar
@@ -103,7 +103,7 @@ class Catenaries(TensionOnly, Sagging):
         shape = (ends[1] - ends[0]) + (motion[1] - motion[0]), excess(state, ends, motion)
         span = (*shape, state.line_load, state.rest_length, self._stiffness)
         tension = hanging.least_tension(*span)
-        at = hanging.under(tension, *span)
+        at = hanging_springs.under(tension, *span)
         give = at.compliance + at.less
         # a slack cable without load has no stiffness
         slope = jnp.where((tension > 0) | (shape[1] >= 0), 1 / give, 0.0)
@@ -111,22 +111,22 @@ class Catenaries(TensionOnly, Sagging):
         return Pull(tension, slope, along, forces, shape)
 
     def room(self, state: AxialState, tension: Scalar, shape: PyTree[Array]) -> Room:
-        """What a tension would do to a hanging cable, see `hanging.Under`."""
+        """What a tension would do to a hanging cable, see `hanging_springs`."""
         if state.line_load is None:
             return super().room(state, tension, shape)
         chord, above = shape
         load, rest_length = state.line_load, state.rest_length
-        at = hanging.under(tension, chord, above, load, rest_length, self._stiffness)
+        at = hanging_springs.under(tension, chord, above, load, rest_length, self._stiffness)
         along, forces = jnp.stack([-at.along, at.along]), jnp.stack([-at.force, at.force])
         return Room(at.gap, at.compliance, at.sag, at.less, along, forces)
 
     def bent(
         self, state: AxialState, ends: Ends, motion: Motion, tension: Scalar
     ) -> Float[Array, "2 3 2 3"]:
-        """Stiffness of a tension; under a load that of the two springs of `hanging.Under`."""
+        """Stiffness of a tension; under a load that of the two springs of `hanging_springs`."""
         if state.line_load is None:
             return super().bent(state, ends, motion, tension)
-        block = hanging.springs(tension, state.line_load, state.rest_length, self._stiffness)
+        block = hanging_springs.matrix(tension, state.line_load, state.rest_length, self._stiffness)
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:

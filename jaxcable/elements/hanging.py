@@ -26,10 +26,10 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..common.tree import pytree
 from ..common.types import Array, Float
 from ..numerics.roots import rising_root
 from .element import Scalar
+from .hanging_terms import directed, grown, ratio_less_1, strained, two_springs
 
 
 @jax.jit  # traced once, although a program calls it many times
@@ -53,7 +53,7 @@ def hang(
         F [3], N; tau, the mean of the tensions at the ends, N; theta. All zero where a cable
         without load is slack.
     """
-    weight, unit = _directed(load)
+    weight, unit = directed(load)
     across = chord - (chord @ unit) * unit
     # for a chord along the load: negligible elsewhere, and its square does not underflow
     tiny = jnp.finfo(chord.dtype).tiny ** 0.45
@@ -62,8 +62,8 @@ def hang(
     omega = weight * rest_length / stiffness
     empty = (omega == 0) & (excess < 0)
     least = _least_tension(omega, across2, jnp.where(empty, 0.0, excess))
-    strain, theta = _strained(least, omega)
-    spring, further = _springs(strain, theta)
+    strain, theta = strained(least, omega)
+    spring, further = two_springs(strain, theta)
     pull = stiffness / rest_length * (spring * chord + further * (chord - across))
     none = jnp.where(empty, 0.0, 1.0)
     return none * pull, none * stiffness * strain, theta
@@ -76,112 +76,12 @@ def least_tension(
     rest_length: Scalar,
     stiffness: Scalar,
 ) -> Scalar:
-    """``tau - |q| L0/2``, N, the number that `under` takes; arguments as of `hang`."""
+    """``tau - |q| L0/2``, N, the number that `hanging_springs` takes; arguments as of `hang`."""
     _, tau, theta = hang(chord, excess, load, rest_length, stiffness)
-    weight, _ = _directed(load)
+    weight, _ = directed(load)
     heavy = weight > 0
     deep = weight * rest_length / jnp.expm1(2 * jnp.where(heavy, theta, 1.0))
     return jnp.where(heavy, deep, tau)
-
-
-@pytree
-class Under:
-    """A hanging cable between given ends under a given tension, which need not be in balance.
-
-    The potential of the cable is the largest over tau of
-
-        Psi = c_along d_along^2/2 + c_across d_across^2/2 - L0 tau/2
-
-    with the springs ``c_along = tau/(L0 (1 + e))``, ``c_across = tau/(L0 (A + e))`` between chord
-    and force. Its derivative by the chord is the force, linear in the chord, and its derivative by
-    tau is minus the equation of the module: ``gap = sag``.
-
-    Attributes:
-        force: tension vector in the middle, [3], N.
-        along: its derivative by the tension, [3].
-        gap: ``(L0/2) (1 - d^2 / (L0 (1 + e))^2)``, m: how much longer a straight cable could be.
-        compliance: derivative of the gap by the tension, m/N.
-        sag: what the sag takes of this, m.
-        less: minus the derivative of `sag` by the tension, m/N.
-    """
-
-    force: Float[Array, " 3"]
-    along: Float[Array, " 3"]
-    gap: Scalar
-    compliance: Scalar
-    sag: Scalar
-    less: Scalar
-
-
-def under(
-    tension: Scalar,
-    chord: Float[Array, " 3"],
-    excess: Scalar,
-    load: Float[Array, " 3"],
-    rest_length: Scalar,
-    stiffness: Scalar,
-) -> Under:
-    """`Under` for ``tau - |q| L0/2``, the other arguments as of `hang`."""
-    weight, unit = _directed(load)
-    across = chord - (chord @ unit) * unit
-    omega, excess = weight * rest_length / stiffness, excess / rest_length**2
-    strain, theta = _strained(tension / stiffness, omega)
-    spring, further = _springs(strain, theta)
-
-    def rise(least):
-        more = _more(*_strained(least, omega))
-        return more * (2 + more) / (1 + least + 0.5 * omega) ** 2
-
-    one = jnp.ones_like(tension)
-    rising, falling = jax.jvp(rise, (tension / stiffness,), (one,))
-    half = 0.5 * across @ across / rest_length
-    return Under(
-        stiffness / rest_length * (spring * chord + further * (chord - across)),
-        (chord / (1 + strain) ** 2 + rising * across) / rest_length,
-        0.5 * rest_length * (strain * (2 + strain) - excess) / (1 + strain) ** 2,
-        rest_length * (1 + excess) / (stiffness * (1 + strain) ** 3),
-        half * rising,
-        -half * falling / stiffness,
-    )
-
-
-def springs(
-    tension: Scalar, load: Float[Array, " 3"], rest_length: Scalar, stiffness: Scalar
-) -> Float[Array, "3 3"]:
-    """Derivative of ``force`` of `Under` by the chord, [3, 3], N/m."""
-    weight, unit = _directed(load)
-    strain, theta = _strained(tension / stiffness, weight * rest_length / stiffness)
-    spring, further = _springs(strain, theta)
-    along = further * jnp.outer(unit, unit)
-    return stiffness / rest_length * (spring * jnp.eye(3, dtype=load.dtype) + along)
-
-
-def _directed(load):
-    """Size of a load, and its direction; zero without load."""
-    weight2 = load @ load
-    heavy = weight2 > 0
-    weight = jnp.where(heavy, jnp.sqrt(jnp.where(heavy, weight2, 1.0)), 0.0)
-    return weight, load / jnp.where(heavy, weight, 1.0)
-
-
-def _strained(least, omega):
-    """Mean strain and theta from ``(tau - |q| L0/2) / EA`` and ``|q| L0 / EA``."""
-    positive = least > 0  # it is zero only in a slack cable without load, where theta is zero
-    theta = 0.5 * jnp.log1p(omega / jnp.where(positive, least, 1.0))
-    return least + 0.5 * omega, theta
-
-
-def _springs(strain, theta):
-    """Spring across the load, and by how much that along it is stiffer, times L0/EA."""
-    bend = _grown(theta)
-    spring = strain / (strain + 1 + bend)
-    return spring, spring * bend / (strain + 1)
-
-
-def _more(strain, theta):
-    """``r - 1``, computed without this subtraction."""
-    s, c = _sinhc_less_1(theta), _cosh_less_1(theta)
-    return (s / (1 + s) + strain * c / (1 + c)) / (1 / (1 + s) + strain / (1 + c))
 
 
 def _least_tension(omega, across2, excess):
@@ -200,8 +100,8 @@ def _least_tension(omega, across2, excess):
 
     def balance(u):
         added = jnp.exp(u)
-        strain, theta = _strained(base + added, omega)
-        more = _more(strain, theta)
+        strain, theta = strained(base + added, omega)
+        more = ratio_less_1(strain, theta)
         left = jnp.where(
             excess > 0, (added + gap) * (2 + strain + straight), strain * (2 + strain) - excess
         )
@@ -252,28 +152,6 @@ def _first_guess(omega, across2, excess):
     return theta, strain, k / strain / strain
 
 
-def _sinhc_less_1(t):
-    """``sinh(t)/t - 1``."""
-    t2 = t * t
-    series = 1 + t2 / 342
-    for k in (272, 210, 156, 110, 72, 42, 20):
-        series = 1 + t2 / k * series
-    big = jnp.where(t < 1, 1.0, t)
-    return jnp.where(t < 1, t2 / 6 * series, jnp.sinh(big) / big - 1)
-
-
-def _cosh_less_1(t):
-    """``cosh(t) - 1``."""
-    return 2 * jnp.sinh(0.5 * t) ** 2
-
-
-def _grown(t):
-    """``t coth(t) - 1``."""
-    s = _sinhc_less_1(t)
-    small = (_cosh_less_1(t) - s) / (1 + s)
-    return jnp.where(t < 1, small, t / jnp.tanh(jnp.where(t < 1, 1.0, t)) - 1)
-
-
 def stored_energy(
     force: Float[Array, " 3"],
     tau: Scalar,
@@ -295,7 +173,7 @@ def stored_energy(
     along2 = along**2 / jnp.where(heavy, weight2, 1.0)
     across2 = jnp.maximum(force @ force - along2, 0.0)
     some = jnp.where(tau > 0, tau, 1.0)
-    integral = 0.5 * (tau + along2 / some + across2 * (1 + _grown(theta)) / some)
+    integral = 0.5 * (tau + along2 / some + across2 * (1 + grown(theta)) / some)
     square = force @ force + weight2 * rest_length**2 / 12
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
@@ -347,7 +225,7 @@ def places(
     theta = jnp.arctanh(jnp.minimum(c, 1 - jnp.finfo(c.dtype).eps))
     stretched = mean / stiffness
     straight = 2 / jnp.where(both > 0, both, 1.0)
-    return arc * (stretched + straight * (along + (1 + _grown(theta)) * (mean - along)))
+    return arc * (stretched + straight * (along + (1 + grown(theta)) * (mean - along)))
 
 
 def _norm(vector):
