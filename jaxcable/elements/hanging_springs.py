@@ -43,6 +43,7 @@ class Under:
     less: Scalar
 
 
+@jax.jit  # traced once, although a program calls it many times
 def under(
     tension: Scalar,
     chord: Float[Array, " 3"],
