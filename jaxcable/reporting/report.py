@@ -253,7 +253,8 @@ def _summary(structure, solution, failed):
         if good.any():
             k = np.flatnonzero(good)[-1]
             text += (
-                f", residual {float(path.residual[k]):.1e} N, "
+                f", residual {float(path.residual[k]):.1e} N "
+                f"(rounding leaves up to {float(path.rounding[k]):.1e} N), "
                 f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
                 f"{int(path.n_slack[k])} slack"
             )
