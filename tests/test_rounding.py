@@ -270,3 +270,7 @@ def test_tables_and_reports_have_it(tmp_path):
     assert column == [float(phase.path.rounding[0]) for phase in solution.phases]
     text = jc.report(two_links(), solution).text()
     assert f"(rounding leaves up to {column[-1]:.1e} N)" in text
+    structure, phases = membrane()
+    none = jc.solve(structure, phases)
+    assert int(none.status) == 0
+    assert "rounding" not in jc.report(structure, none).text()  # where none is stated
