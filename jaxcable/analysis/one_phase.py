@@ -33,7 +33,7 @@ class Ended(NamedTuple):
         point: (motion of the carry, marks) as `bare` and `marks` of `implicit.attach_apart`.
         factor: load factor of the last good increment, 0 if there is none.
         seen: `Reading` of the last good increment.
-        path, log: `Path`, and the numbers `LOG` of every increment, [n_inc, 9].
+        path, log: `Path`, and the numbers `LOG` of every increment, [n_inc, 10].
         factored: the last matrix that a sparse solve has factorised.
     """
 
@@ -44,7 +44,7 @@ class Ended(NamedTuple):
     factor: Float[Array, ""]
     seen: Reading | None
     path: Path
-    log: Float[Array, "n_inc 9"]
+    log: Float[Array, "n_inc 10"]
     factored: Factored | None
 
 

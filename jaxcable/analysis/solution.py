@@ -132,6 +132,8 @@ class Path(Told):
         residual: largest unbalanced force at a free freedom, [n_inc], N.
         relative_residual: `residual` over the force that it is judged by (see `Newton.tol`),
             [n_inc].
+        rounding: largest residual that the rounding of displacements leaves, [n_inc], N (0 where no
+            element states any): of those at the end or, if more, at the start; see `Newton.tol`.
         n_slack: number of slack elements, [n_inc]; -1 from a failure on.
         n_loose: number of nodes that touch only slack elements, [n_inc]; -1 from a failure on.
         equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
@@ -170,6 +172,7 @@ class Path(Told):
     factorizations: Int[Array, " n_inc"]
     residual: Float[Array, " n_inc"]
     relative_residual: Float[Array, " n_inc"]
+    rounding: Float[Array, " n_inc"]
     n_slack: Int[Array, " n_inc"]
     n_loose: Int[Array, " n_inc"]
     equilibrated: Bool[Array, " n_inc"]
@@ -231,6 +234,7 @@ LOG = (
     "factorizations",
     "residual",
     "scale",
+    "rounding",
     "equilibrated",
     "stable",
     "n_slack",
@@ -238,7 +242,7 @@ LOG = (
 )
 """Columns of the log of increments: one array, because many small ones take long to compile."""
 
-_KINDS = {"residual": None, "scale": None, "equilibrated": bool, "stable": bool}
+_KINDS = dict.fromkeys(("residual", "scale", "rounding")) | {"equilibrated": bool, "stable": bool}
 """Types of the columns that are not int32; None: float, as in the log."""
 
 
@@ -251,7 +255,7 @@ class PhaseResults(Sequence[PhaseResult]):
             batches.
         paths: one `Path` of all that is not in the log, likewise with axes [n_phase, n_inc]; phases
             with fewer increments are padded.
-        log: the numbers `LOG` of every increment, [n_phase, n_inc, 9].
+        log: the numbers `LOG` of every increment, [n_phase, n_inc, 10].
         increments: number of increments of every phase, a tuple.
         watched: whether the stability of every increment was judged (`Newton.watch`).
 
@@ -264,7 +268,7 @@ class PhaseResults(Sequence[PhaseResult]):
 
     ends: PhaseResult
     paths: Path
-    log: Float[Array, "n_phase n_inc 9"]
+    log: Float[Array, "n_phase n_inc 10"]
     increments: tuple[int, ...]
     watched: bool
 
@@ -324,7 +328,7 @@ def _taken(tree, at):
 
 
 def _factors(np, log):
-    """Load factors of increments, from their log [..., n_inc, 9]."""
+    """Load factors of increments, from their log [..., n_inc, 10]."""
     count = log.shape[-2]
     return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
 

@@ -118,7 +118,7 @@ def march(
         def pass_by(x, code, memory):
             zero, none = jnp.zeros((), x.dtype), jnp.int32(0)
             no = jnp.zeros((), bool)
-            return Outcome(x, code, none, none, zero, zero, no, no), memory
+            return Outcome(x, code, none, none, zero, zero, zero, no, no), memory
 
         outcome, memory = lax.cond(live, go, pass_by, x, code, memory)
         return (outcome.x, outcome.code, memory), (outcome.x, outcome.log)
@@ -170,7 +170,10 @@ def _increment(ramp, factor, x, method, code, memory, first):
     x = jnp.where(good, x, begin)
     steps = jnp.where(active, steps, 0)
     # where the energy is not convex, `one_phase` judges stability at the end of the phase
-    outcome = Outcome(x, code, steps, steps, largest, scale, settled, good & system.convex)
+    # no increment is judged by it; but what of the residual is rounding no correction takes away
+    rounding = jnp.max(frozen.rounding(reached), initial=0.0)
+    whether = settled, good & system.convex
+    outcome = Outcome(x, code, steps, steps, largest, scale, rounding, *whether)
     if memory is not None:
         memory = ramp.settle(system, system.strains(x), good, memory)
     return outcome, memory

@@ -59,8 +59,9 @@ class Newton:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
             absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. The
             residual that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
-            across)``, is allowed, too. Nets of cables go on below it as long as steps halve it, and
-            end with the status AT_ROUNDING where it is more than 1 % of the forces.
+            across)``, is allowed, too (`path.rounding`). Nets of cables go on below it as long as
+            steps halve it, and end with the status AT_ROUNDING where it is more than 1 % of the
+            forces.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
@@ -117,6 +118,8 @@ class Outcome:
         factorizations: of the tangent; with sparse matrices there can be fewer than steps.
         residual: largest unbalanced force at a free freedom, N.
         scale: the force that the residual is judged by, N.
+        rounding: largest residual that the rounding of displacements leaves at a free freedom, N;
+            0 if no element states any (`abilities.Rounding`).
         equilibrated: whether the increment was iterated to equilibrium.
         stable: whether the tangent at x is known to have no negative eigenvalue.
     """
@@ -127,15 +130,16 @@ class Outcome:
     factorizations: Int[Array, ""]
     residual: Float[Array, ""]
     scale: Float[Array, ""]
+    rounding: Float[Array, ""]
     equilibrated: Bool[Array, ""]
     stable: Bool[Array, ""]
 
     @property
     def log(self) -> Float[Array, " n_log"]:
-        """The first seven numbers of `solution.LOG`, an array: all fields but the point."""
+        """The first eight numbers of `solution.LOG`, an array: all fields but the point."""
         noted = (self.code, self.steps, self.factorizations, self.residual, self.scale)
-        whether = (self.equilibrated, self.stable)
-        return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *whether)])
+        rest = (self.rounding, self.equilibrated, self.stable)
+        return jnp.stack([jnp.asarray(x, self.x.dtype) for x in (*noted, *rest)])
 
 
 def adjoint_effort(
@@ -185,8 +189,11 @@ def _iterated(system, x, method, active, factored, judge):
     return lax.while_loop(lambda it: active & ~it.done, task.iterate, task.start(factored))
 
 
-def _cause(system, end):
-    """Status of an iteration that has ended: what `NOT_CONVERGED` means is told apart."""
+def _cause(system, end, residual, rounding):
+    """Status of an iteration that has ended: what `NOT_CONVERGED` means is told apart.
+
+    `residual` and `rounding` are the largest, N.
+    """
     ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
     pieces = [jnp.diff(at, axis=1) for at, _ in ends], [jnp.diff(sum(at), axis=1) for at in ends]
     before, after = (
@@ -196,22 +203,38 @@ def _cause(system, end):
     stuck = end.code == status.NOT_CONVERGED
     code = jnp.where(stuck & met, status.COLLAPSED, end.code)
     if end.rounding is not None:
-        near = largest(end.residual) <= _NEARLY * largest(end.rounding)
+        near = residual <= _NEARLY * rounding
         code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
     return code
 
 
 def _outcome(system, end, x, active, broken, factored):
     """`Outcome` of an iteration from `x`; `broken`: whether it ended beyond the curve of a law."""
-    code = jnp.maximum(_cause(system, end), status.OK)
-    broken = active & (code != status.NONFINITE) & broken
-    code = jnp.where(broken, status.MATERIAL_FAILURE, code)
+    forces = largest(end.residual), _rounding(end)
+    code = jnp.maximum(_cause(system, end, *forces), status.OK)
+    if system.breaks:
+        broken = active & (code != status.NONFINITE) & broken
+        code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
     x = jnp.where(good, end.x, x)
     count = end.steps if factored is None else end.factored.count - factored.count
     # after an earlier failure nothing was evaluated
-    residual = jnp.where(active, largest(end.residual), jnp.nan)
-    return Outcome(x, code, end.steps, count, residual, end.scale, good, good & end.stable)
+    residual, rounding = (jnp.where(active, force, jnp.nan) for force in forces)
+    whether = good, good & end.stable
+    return Outcome(x, code, end.steps, count, residual, end.scale, rounding, *whether)
+
+
+def _rounding(end):
+    """Largest residual that the rounding of displacements leaves in an `Iterate`, N.
+
+    Of the displacements at its end or, where that is more, of those that it came from.
+    """
+    if end.rounding is None:
+        return jnp.zeros_like(end.scale)
+    rounding = end.rounding
+    if end.came_from is not None:
+        rounding = jnp.maximum(rounding, end.came_from)
+    return jnp.max(rounding, initial=0.0)
 
 
 def is_stable(system: System, x: Float[Array, "n_row n_motion"]) -> Bool[Array, ""]:

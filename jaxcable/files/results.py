@@ -25,7 +25,7 @@ FORMAT = "jaxcable result"
 _PER_NODE = ("positions", "displacement", "reactions", "load", "rotation", "reaction_moments")
 _PER_INCREMENT = (
     *("load_factor", "status", "iterations", "factorizations", "residual", "relative_residual"),
-    *("n_slack", "n_loose", "displacement"),
+    *("rounding", "n_slack", "n_loose", "displacement"),
 )
 
 
@@ -240,7 +240,7 @@ def tables(structure: Structure, solution: Solution) -> dict[str, list[list[Any]
             numbers = (None if result is None else float(result[k]) for result in of_group)
             elements.append([name, k, *ends, *numbers])
     names = [n for n in _PER_INCREMENT if n != "displacement"]
-    units = {"residual": "residual (N)"}
+    units = {name: f"{name} (N)" for name in ("residual", "rounding")}
     increments: list[list[Any]] = [["phase", "increment", *(units.get(n, n) for n in names)]]
     for number, phase in enumerate(solution.phases, 1):
         arrays = [np.asarray(getattr(phase.path, name)).tolist() for name in names]

@@ -55,6 +55,8 @@ class Corrected:
         failed: whether the iteration has broken down.
         steps: number of iterations without the last one, which gives the tangent.
         residual, scale: largest unbalanced force, and the force that it is judged by, N.
+        rounding: largest residual that the rounding of displacements leaves, N, here or at the
+            guess; 0 if no element states any.
     """
 
     x: Float[Array, "n_row n_motion"]
@@ -70,6 +72,7 @@ class Corrected:
     steps: Int[Array, ""]
     residual: Float[Array, ""]
     scale: Float[Array, ""]
+    rounding: Float[Array, ""]
 
 
 def correct(
@@ -96,7 +99,7 @@ def correct(
     """
     zero = jnp.zeros((), x.dtype)
     begin = ramp.at(factor, memory)
-    came_from = begin.rounding(begin.place(x)) if begin.rounds else None
+    came_from = begin.rounding(begin.place(x))
 
     def unfinished(it):
         return active & ~it.converged & ~it.failed & (it.steps <= _STEPS)
@@ -110,9 +113,8 @@ def correct(
         # an unloaded start has no forces to judge by: take the load that the phase adds
         coming = jnp.max(jnp.abs(pull), initial=0.0)
         scale = jnp.maximum(system.residual_and_scale(x)[1], coming)
-        allowed = tol * scale
-        if system.rounds:
-            allowed = jnp.maximum(allowed, jnp.maximum(system.rounding(x), came_from))
+        rounding = jnp.maximum(system.rounding(x), came_from)
+        allowed = jnp.maximum(tol * scale, rounding)
         small = jnp.all(jnp.abs(residual) <= allowed)
         # after a short step the guess is nearly in equilibrium: make one correction at least
         settled = small & ((it.steps > 0) | jnp.all(jnp.abs(residual) <= _EXACT * allowed))
@@ -145,14 +147,15 @@ def correct(
             steps=it.steps + ~converged,
             residual=jnp.max(jnp.abs(residual), initial=0.0),
             scale=scale,
+            rounding=jnp.max(rounding, initial=0.0),
         )
 
     no, count = jnp.zeros((), bool), jnp.int32(0)
     still = jnp.zeros_like(moved)
     matrix = jax.eval_shape(lambda: ramp.at(factor, memory).tangent(x))
     matrix = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), matrix)
-    start = Corrected(x, moved, factor, still, zero, still, matrix, no, no, no, count, zero, zero)
-    return lax.while_loop(unfinished, iterate, start)
+    begun = still, zero, still, matrix, no, no, no, count, zero, zero, zero
+    return lax.while_loop(unfinished, iterate, Corrected(x, moved, factor, *begun))
 
 
 def _residual(system, x):

@@ -88,6 +88,7 @@ def row_at(
         found.steps,
         found.residual,
         found.scale,
+        found.rounding,
     )
 
 
@@ -103,7 +104,7 @@ def nothing(p: Point) -> Any:
     zero = jnp.zeros((), p.rise.dtype)
 
     class Shapes:
-        steps, residual, scale = jnp.int32(0), zero, zero
+        steps, residual, scale, rounding = jnp.int32(0), zero, zero, zero
 
     return Shapes
 

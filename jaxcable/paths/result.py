@@ -19,8 +19,8 @@ class TracedPath(Path):
     is room for, with NaN in floats and -1 in counts where nothing was reached.
 
     Attributes:
-        load_factor, displacement, tension, peak_tension, residual, relative_residual: as of a
-            `Path`, one entry per point.
+        load_factor, displacement, tension, peak_tension: as of a `Path`, one entry per point.
+        residual, relative_residual, rounding: likewise; the start of a point is its guess.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
             BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM,

@@ -162,7 +162,7 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
     method, settings = lax.stop_gradient((method, settings))
     run = lax.stop_gradient(march(ramp, method, settings, code, room))
     code = run.code
-    factor, readings, negative, stiffness, rise, steps, residual, scale = run.rows
+    factor, readings, negative, stiffness, rise, steps, residual, scale, rounding = run.rows
     moved, found, n_slack, n_loose = readings
     found = {name: bundles.apart(value, axis=1) for name, value in found.items()}
     reached = jnp.arange(room[0]) < run.n_row
@@ -201,6 +201,7 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
         factorizations=None,
         residual=known(residual, reached),
         relative_residual=known(scaled.relative(residual, scale), reached),
+        rounding=known(rounding, reached),
         n_slack=known(jnp.asarray(n_slack, jnp.int32), reached),
         n_loose=known(jnp.asarray(n_loose, jnp.int32), reached),
         equilibrated=None,

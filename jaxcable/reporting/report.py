@@ -252,8 +252,10 @@ def _summary(structure, solution, failed):
         text = f"phase {number}: {int(good.sum())} of {good.size} increments converged"
         if good.any():
             k = np.flatnonzero(good)[-1]
+            rounding = float(path.rounding[k])
+            left = f" (rounding leaves up to {rounding:.1e} N)" if rounding > 0 else ""
             text += (
-                f", residual {float(path.residual[k]):.1e} N, "
+                f", residual {float(path.residual[k]):.1e} N{left}, "
                 f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
                 f"{int(path.n_slack[k])} slack"
             )
