@@ -327,9 +327,13 @@ class Task:
             step, definite, factored = direction(
                 working, matrix, it, rhs, sprinting, self.tol, wanted
             )
+            again = jnp.zeros((), bool)
             if self.net:
                 tensions, part = equations.taken(working, it.x, step, self.length)
                 step, sprinting = part * step, ~tensions.searching
+                # once more with a shift above what rounding may have made of no stiffness
+                again = ~definite & ~tensions.doubtful & sprinting
+                tensions = where(again, copy(it.tensions, doubtful=jnp.ones((), bool)), tensions)
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
             softening = it.softening
@@ -340,7 +344,7 @@ class Task:
                 step=jnp.where(usable, step, 0.0),
                 search=Search.init(slope),
                 arrival=~usable,
-                stepless=~usable,
+                stepless=~usable & ~again,
                 softening=softening,
                 tensions=tensions,
                 steps=it.steps + ~converged,
