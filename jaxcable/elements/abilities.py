@@ -118,6 +118,16 @@ class Pulling(Element):
         """
 
     @abc.abstractmethod
+    def brought(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> tuple[ElementState, Ends, Motion]:
+        """The element where a motion with a fine part, [n_end, 6], has brought it (`fine`).
+
+        State, ends [n_end, 3] and motion [n_end, 3] of an element that begins there and has not
+        moved. Its elongation is exact; its ends are relative to the first.
+        """
+
+    @abc.abstractmethod
     def room(self, state: OwnState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
         """By how much a tension could lengthen the cable beyond a strain, and the derivative of it.
 

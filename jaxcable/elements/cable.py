@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
+from . import fine
 from .abilities import Pulling
 from .bar import Plain
 from .element import Ends, Forces, Motion, Scalar
@@ -65,6 +66,13 @@ class TensionOnly(Straight, Pulling):
         unit = copy(state, jack_force=jnp.ones_like(force), jacked=None)
         strain = self.strain(state, ends, motion)
         return force, slope, strain, self.end_forces(unit, ends, motion)
+
+    def brought(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[AxialState, Ends, Motion]:
+        """The cable where a motion with a fine part has brought it, see `Pulling`."""
+        elongation, places = fine.brought(state.elongation, ends, motion)
+        return copy(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def room(self, state: AxialState, tension: Scalar, strain: Scalar) -> tuple[Scalar, Scalar]:
         """Length under a tension less that at a strain, m, and its derivative, m/N."""

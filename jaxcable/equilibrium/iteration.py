@@ -71,7 +71,7 @@ class Iterate:
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
         released, came_from: residuals that rounding at the first point allows, a scalar for all
-            unknowns and one for each (`System.rounding`).
+            unknowns and one for each (`System.rounding`; None in a net).
         stable: whether the tangent at the end is definite.
         done: whether the iteration has ended.
     """
@@ -92,7 +92,7 @@ class Iterate:
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
-    released: Float[Array, ""] | None
+    released: Float[Array, ""]
     came_from: Float[Array, " n_free"] | None
     stable: Bool[Array, ""]
     done: Bool[Array, ""]
@@ -116,7 +116,7 @@ class Task:
         judge: Bool[ArrayLike, ""],
     ):
         self.system, self.method, self.judge = system, method, judge
-        self.begin = system.place(x)
+        self.begin = system.place(system.refined(x))
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.net = system.is_net
@@ -156,7 +156,7 @@ class Task:
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
-            released=None if self.net else zero,
+            released=zero,
             came_from=None if self.net else rounding,
             stable=self.convex,
             done=no,
@@ -221,12 +221,12 @@ class Task:
         code = jnp.where(finite, status.OK, status.NONFINITE)
         it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
         allowed = self.tol * it.scale
-        if it.released is not None:
-            # a structure that is released ends with the rounding of the forces that it began with
-            eps = jnp.finfo(it.scale.dtype).eps
-            released = jnp.where(self.convex, _RELEASED * eps * it.scale, 0.0)
-            it = copy(it, released=jnp.where(first, released, it.released))
-            allowed = jnp.maximum(allowed, it.released)
+        # a structure that is released ends with the rounding of the forces that it began with; a
+        # net under load has others to be judged by
+        begun = _RELEASED * jnp.finfo(it.scale.dtype).eps * it.scale
+        released = jnp.where(~self.loaded if self.net else self.convex, begun, 0.0)
+        it = copy(it, released=jnp.where(first, released, it.released))
+        allowed = jnp.maximum(allowed, it.released)
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)

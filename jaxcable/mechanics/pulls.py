@@ -15,10 +15,11 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.prestress import of_each
 from ..spaces.space import Forces, Motion, Step
+from ..spaces.translations import coarse
 from .assembly import System
 from .elementwise import each
 
-_ROUNDINGS = 8  # of a displacement, in a length: of chord, products, sum, root, quotient
+_ROUNDINGS = 8  # eps^2 of a displacement, in an elongation (`elements.fine`)
 
 
 @pytree
@@ -62,14 +63,14 @@ class Pulls:
             rounding of displacements leaves in the residual, [n_free]; N.
         """
         forces, slopes = _split(system, self.force), _split(system, self.slope)
-        eps, pulls, unsure = jnp.finfo(x.dtype).eps, [], []
+        fine, pulls, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, [], []
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
             n, g = forces[k][:, None], self.along[k]
             sizes = n * system.space.size(g)
             if group.remembers:
                 sizes = sizes + system.part_sizes(group, state, x)
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
-            unsure.append((_ROUNDINGS * eps * moved * slopes[k])[:, None, None] * jnp.abs(g))
+            unsure.append((fine * moved * slopes[k])[:, None, None] * jnp.abs(g))
             pulls.append(jnp.concatenate([n[..., None] * g, sizes[..., None]], axis=-1))
         rows, collected = _at_rows(system, pulls), system.space.collected
         scale = jnp.max(rows[:, 3] + system.space.size(system.load))
@@ -84,7 +85,7 @@ class Pulls:
         slopes, tensions = _split(system, slopes), _split(system, tensions)
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
             unit = copy(state, jack_force=jnp.ones_like(tensions[k]), jacked=None)
-            bend = each("tangent", group, unit, system.nodes, x)
+            bend = each("tangent", group, unit, system.nodes, coarse(x))
             g = self.along[k].reshape(len(bend), -1)
             bend = bend.reshape(*g.shape, g.shape[1])
             along = slopes[k][:, None, None] * g[:, :, None] * g[:, None, :]
