@@ -21,12 +21,10 @@ def test_nets_converge_from_anywhere(kind, dtype):
     for seed in range(12):
         one = drawn(kind, seed, dtype)
         result = judged(one, jc.solve(one.structure, one.phases))
-        if dtype == "float32" and result.hidden:  # its 24 bits do not resolve the forces
-            continue
         assert result.ok and not result.missed and not result.wrong, (seed, result)
         steps.append(result.steps)
-    # of thousands of scenes, 99 % of increments take 51 steps or fewer
-    assert len(steps) >= 6 and np.concatenate(steps).max() <= 100
+    # of thousands of scenes, 99 % of increments take 51 steps or fewer, in float32 75
+    assert np.concatenate(steps).max() <= 100
 
 
 def test_a_judgement_can_fail():

@@ -20,6 +20,7 @@ from ..mechanics.reading import Reading, read
 from ..numerics import implicit
 from ..numerics.rooted import told
 from ..spaces import space_of
+from ..spaces.translations import coarse, is_fine, refined
 from .solution import LOG, Path
 from .told import named
 
@@ -71,7 +72,7 @@ def run_phase(ramp, before, steps, method, code, differentiate_path, factored, s
     good, live = (log[:, 0] == status.OK) & live[1:], live[1:]
     valid, factor = _reached(good, count, ramp.begin.motion.dtype)
     carry, bare = _end(ramp, factor, (x, bare), valid, before, memory)
-    moved = (xs - ramp.begin.motion[None])[..., :3]
+    moved = xs[..., :3] - ramp.begin.motion[None, :, :3]
     path, counts = _path(readings, moved, good, good | ~live)
     motion = space_of(ramp.groups).kept(jnp.where(good[:, None, None], xs, jnp.nan))
     path = copy(path, motion=motion)
@@ -180,8 +181,9 @@ def _end(ramp, factor, points, valid, before, memory=None):
     `points` are the motion with its derivative, and the bare one, see `implicit.attach_apart`.
     """
     motion, bare = points
-    after = copy(ramp.leave(factor, motion, memory), loads=None), bare
-    before = copy(before, loads=None), before.motion
+    after = copy(ramp.leave(factor, coarse(motion), memory), loads=None), bare
+    begun = refined(before.motion) if is_fine(bare) else before.motion
+    before = copy(before, loads=None), begun
     carry, bare = where(valid, after, before)
     return copy(carry, loads=ramp.begin.loads), bare
 

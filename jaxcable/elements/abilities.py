@@ -161,6 +161,16 @@ class Pulling(Element):
         """The `Pull` at a point."""
 
     @abc.abstractmethod
+    def brought(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> tuple[ElementState, Ends, Motion]:
+        """The element where a motion with a fine part, [n_end, 6], has brought it (`fine`).
+
+        State, ends [n_end, 3] and motion [n_end, 3] of an element that begins there and has not
+        moved. Its elongation is exact; its ends are relative to the first.
+        """
+
+    @abc.abstractmethod
     def room(self, state: OwnState, tension: Scalar, shape: PyTree[Array]) -> Room:
         """The `Room` under a tension, N, at the point of a `Pull` that has this shape."""
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..materials import Parallel
+from . import fine
 from .abilities import Pull, Pulling, Room
 from .bar import Plain
 from .element import Ends, Motion, Scalar
@@ -63,6 +64,13 @@ class TensionOnly(Straight, Pulling):
         along = self.end_forces(_under_unit(state), ends, motion)
         shape = self.strain(state, ends, motion)
         return Pull(tension, slope, along, tension * along, shape)
+
+    def brought(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[AxialState, Ends, Motion]:
+        """The cable where a motion with a fine part has brought it, see `Pulling`."""
+        elongation, places = fine.brought(state.elongation, ends, motion)
+        return copy(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:
         """Length under a tension less that at a strain, `shape`."""

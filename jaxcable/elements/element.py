@@ -4,8 +4,9 @@ An `Element` is a group of elements of one kind. Inside vmap over its `propertie
 stands for one element (`prestress.element`). It knows nothing about nodes, numbering or solvers.
 Methods of one element take ``ends``, the initial positions of its ends [n_end, 3], m, and
 ``motion``, the displacements of its ends [n_end, 3], or with rotations their displacements and unit
-quaternions [n_end, 7]. A ``state`` contains what phases change. Base classes for what only some
-elements can do are in `abilities`.
+quaternions [n_end, 7]. (Elements of nets that move with a fine part are brought to where they are,
+see `abilities.Pulling`, and have not moved from there.) A ``state`` contains what phases change.
+Base classes for what only some elements can do are in `abilities`.
 """
 
 from __future__ import annotations

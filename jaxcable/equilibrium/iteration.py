@@ -22,6 +22,7 @@ from .globalisation import ASTRAY, Shift, Sprint
 from .newton_step import direction, largest
 from .tensions import Tensions
 
+_RELEASED = 2.0  # residual allowed without load, in roundings (eps) of the forces at the start
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
@@ -69,8 +70,9 @@ class Iterate:
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
-        came_from: what rounding was at the first point, N: a structure that is released ends with
-            the rounding of the forces that it began with. None for nets.
+        released, came_from: residuals that rounding at the first point allows, N: a structure that
+            is released ends with the rounding of the forces that it began with. One for all
+            unknowns of a net, or one for each (`System.rounding`) of others; else None.
         stable: whether the tangent at the end is definite.
         done: whether the iteration has ended.
     """
@@ -90,6 +92,7 @@ class Iterate:
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
+    released: Float[Array, ""] | None
     came_from: Float[Array, " n_free"] | None
     stable: Bool[Array, ""]
     done: Bool[Array, ""]
@@ -113,7 +116,7 @@ class Task:
         judge: Bool[ArrayLike, ""],
     ):
         self.system, self.method, self.judge = system, method, judge
-        self.begin = system.place(x)
+        self.begin = system.place(system.refined(x))
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.net = system.is_net
@@ -148,6 +151,7 @@ class Task:
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
+            released=zero if self.net else None,
             came_from=None if self.net else rounding,
             stable=self.convex,
             done=no,
@@ -209,6 +213,10 @@ class Task:
         code = jnp.where(finite, status.OK, status.NONFINITE)
         it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
         allowed = self.tol * it.scale
+        if it.released is not None:  # a net that is under load has others to be judged by
+            begun = _RELEASED * jnp.finfo(it.scale.dtype).eps * it.scale
+            released = jnp.where(first & ~self.loaded, begun, it.released)
+            it, allowed = copy(it, released=released), jnp.maximum(allowed, released)
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
@@ -296,9 +304,13 @@ class Task:
             step, definite, factored = direction(
                 self.system, matrix, it, rhs, sprinting, self.tol, wanted
             )
+            again = jnp.zeros((), bool)
             if self.net:
                 tensions, part = equations.taken(self.system, it.x, step, self.length)
                 step, sprinting = part * step, ~tensions.searching
+                # once more with a shift above what rounding may have made of no stiffness
+                again = ~definite & ~tensions.doubtful & sprinting
+                tensions = where(again, copy(it.tensions, doubtful=jnp.ones((), bool)), tensions)
             slope = it.residual @ step
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
             return copy(
@@ -306,7 +318,7 @@ class Task:
                 step=jnp.where(usable, step, 0.0),
                 search=Search.init(slope),
                 arrival=~usable,
-                stepless=~usable,
+                stepless=~usable & ~again,
                 tensions=tensions,
                 steps=it.steps + ~converged,
                 factored=factored,

@@ -59,9 +59,9 @@ class Newton:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
             absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. The
             residual that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
-            across)``, is allowed, too (`path.rounding`). Nets of cables go on below it as long as
-            steps halve it, and end with the status AT_ROUNDING where it is more than 1 % of the
-            forces.
+            across)``, is allowed, too (`path.rounding`). Nets of cables are iterated with nearly
+            twice the digits: there it is ``8 eps^2 u/L EA``; they go on below it as long as steps
+            halve it, and end with the status AT_ROUNDING where it is more than 1 % of the forces.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
@@ -180,6 +180,7 @@ def equilibrate(
     end = _iterated(system, x, method, active, factored, judge)
     # the iteration may pass beyond the end of a law's curve, the equilibrium must not be there
     broken = system.breaks and system.beyond(end.x)
+    end = copy(end, x=end.x[:, : x.shape[1]])  # with a fine part only if x has one
     return _outcome(system, end, x, active, broken, factored), end.factored
 
 
@@ -279,7 +280,7 @@ def march(
             None.
 
     Returns:
-        xs: points, [1 + n_inc, ...].
+        xs: points, [1 + n_inc, ...]; those of nets with a fine part (`spaces.translations`).
         log: `Outcome.log` of every increment, with latched status.
         readings: `Reading.of_path` at every increment, or at the last good one after a failure.
         seen: `Reading` of the last good increment.
@@ -287,6 +288,7 @@ def march(
         factored: what is factored at the end.
     """
     begun = ramp.begun()
+    x = first = begun.refined(x)
 
     def step(carry, increment):
         x, code, memory, factored, seen = carry
@@ -295,7 +297,7 @@ def march(
         active = live & (code == status.OK)
         end = _iterated(system, x, method, active, factored, judge)
         begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
-        motion, broken = jnp.where(begins, ramp.begin.motion, end.x), False
+        motion, broken = jnp.where(begins, first, end.x), False
         new = lax.cond(
             begins | ended,
             lambda: read(_as_begun(system, begun, factor), motion),

@@ -85,6 +85,7 @@ class Tensions:
         lowest: point of the smallest residual since the mode began.
         settled: whether the residual is within rounding there.
         ended: whether the iteration has gone back to `lowest`, to end there.
+        doubtful: whether rounding has left a matrix of the mode indefinite.
     """
 
     mode: Int[Array, ""]
@@ -104,6 +105,7 @@ class Tensions:
     lowest: Float[Array, "n_row n_motion"]
     settled: Bool[Array, ""]
     ended: Bool[Array, ""]
+    doubtful: Bool[Array, ""]
 
     @classmethod
     def init(cls, system: System, x: Float[Array, "n_row n_motion"]) -> Tensions:
@@ -128,6 +130,7 @@ class Tensions:
             lowest=x,
             settled=jnp.zeros((), bool),
             ended=jnp.zeros((), bool),
+            doubtful=jnp.zeros((), bool),
         )
 
     @property
@@ -220,6 +223,7 @@ class Tensions:
             tries=self.tries + ends,
             inside=jnp.where(ends, x, self.inside),
             settled=self.settled & ~changed,
+            doubtful=self.doubtful & ~changed,
         )
         after = where(back, copy(self, ended=jnp.ones((), bool)), after)
         x = jnp.where(begins, begin, jnp.where(returns, self.inside, x))
@@ -313,7 +317,8 @@ class Equations:
         tensions = jnp.where(policy.interior, policy.tension, policy.guess)
         matrix = system.tangent(x, [*stiffness(system, x, self.along, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
-        rounding = jnp.finfo(x.dtype).eps * size + jnp.finfo(x.dtype).tiny
+        eps = jnp.where(policy.doubtful | policy.searching, jnp.finfo(x.dtype).eps, 0.0)
+        rounding = eps * size + jnp.finfo(x.dtype).tiny
         shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / length
         shift = jnp.where(policy.interior, policy.damping, shift)
         return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))

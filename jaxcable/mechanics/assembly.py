@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypeAlias
 
-import jax
 import jax.numpy as jnp
 
 from .. import linear
@@ -18,11 +17,11 @@ from ..common.tree import pytree
 from ..common.types import Array, Bool, Float
 from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element, ElementState
-from ..elements.prestress import element
 from ..spaces import Space
 from ..spaces.freedoms import Freedoms, carriers
 from ..spaces.space import Forces, Matrix, Motion, Part, Step
-from .elementwise import Elementwise, PerGroup, each, motion_of
+from ..spaces.translations import coarse, refined
+from .elementwise import Elementwise, PerGroup, each, over
 from .load_stacks import Following
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -85,6 +84,10 @@ class System(Elementwise):
 
         return residual, zero, lambda step: self.move(x, step)
 
+    def refined(self, x: Motion) -> Motion:
+        """`x` with a fine part in a net, which is iterated with one (`spaces.translations`)."""
+        return refined(coarse(x)) if self.is_net else x
+
     # --- forces
 
     def internal_force(
@@ -114,9 +117,8 @@ class System(Elementwise):
         """End forces of every group conjugate to a step of all rows from `x`."""
         found = []
         for group, state in zip(self.groups, self.states, strict=True):
-            moved = motion_of(group, x), spread[group.links, : group.n_freedom]
-            about = jax.vmap(lambda p, *at, group=group: element(group, p).end_forces_about(*at))
-            found.append(about(group.properties(), state, self.nodes[group.links], *moved))
+            step = spread[group.links, : group.n_freedom]
+            found.append(over(_about, group, state, self.nodes, x, beside=(step,)))
         return found
 
     def part_sizes(
@@ -307,7 +309,7 @@ class System(Elementwise):
         for group, state in zip(self.groups, self.states, strict=True):
             if group.tension_only and not group.remembers:
                 moves = jnp.any(free[group.links], axis=(1, 2))
-                kink = each("at_kink", group, state, self.nodes, motion)
+                kink = each("at_kink", group, state, self.nodes, coarse(motion))
                 found = found | jnp.any(kink & moves)
         return found
 
@@ -342,3 +344,8 @@ class System(Elementwise):
         pairs = zip(self.groups, self.states, strict=True)
         cables = [isinstance(g, Pulling) and g.pulls(s) for g, s in pairs]
         return all(cables) and self.always_convex and not self.space.rotates
+
+
+def _about(one, state, ends, motion, step):
+    """End forces of an element conjugate to a step from a motion."""
+    return one.end_forces_about(state, ends, motion, step)

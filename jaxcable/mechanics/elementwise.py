@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import jax
@@ -11,6 +12,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.element import PEAK_TENSION, TENSION, Element, ElementState, Result
 from ..elements.prestress import element, of_each
 from ..spaces.space import Motion
+from ..spaces.translations import is_fine
 
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
 """An array for every group; None for a group that has none."""
@@ -52,7 +54,7 @@ class Elementwise:
             def read(one, *at, present=present):
                 return one.reading(*at, present)
 
-            found.append(_over(read, group, state, self.nodes, motion))
+            found.append(over(read, group, state, self.nodes, motion))
         return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
@@ -158,19 +160,32 @@ def each(
     *motions: Motion,
 ) -> Any:
     """Results of an element method for all elements of a group, by vmap."""
-    return _over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, *motions)
+    return over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, *motions)
 
 
-def _over(function, group, state, nodes, *motions):
-    """``function(element, state, ends, motion)`` for all elements of a group."""
+def over(
+    function: Callable[..., Any],
+    group: Element,
+    state: ElementState,
+    nodes: Float[Array, "n_row 3"],
+    *motions: Motion,
+    beside: tuple[Float[Array, "n_elem ..."], ...] = (),
+) -> Any:
+    """``function(element, state, ends, motion, *beside)`` for all elements of a group.
 
-    def one(properties, *at):
-        return function(element(group, properties), *at)
+    By a motion with a fine part elements are brought to where they have moved: functions know
+    motions [n_end, 3] only.
+    """
 
-    ends, motions = nodes[group.links], (motion_of(group, motion) for motion in motions)
-    return jax.vmap(one)(group.properties(), state, ends, *motions)
+    def one(properties, beside, *at):
+        law = element(group, properties)
+        return function(law, *(law.brought(*at) if is_fine(at[-1]) else at), *beside)
+
+    at = [nodes[group.links], *(motion_of(group, motion) for motion in motions)]
+    return jax.vmap(one)(group.properties(), beside, state, *at)
 
 
 def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
-    """Motion of the ends of a group's elements, [n_elem, n_end, 3 or 7]."""
-    return motion[group.links][..., : group.n_motion]
+    """Motion of the ends of a group's elements, [n_elem, n_end, 3 or 7], or 6 with a fine part."""
+    ends = motion[group.links]
+    return ends if is_fine(motion) else ends[..., : group.n_motion]

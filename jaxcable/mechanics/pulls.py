@@ -16,10 +16,11 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import Room
 from ..elements.prestress import of_each
 from ..spaces.space import Forces, Motion, Step
+from ..spaces.translations import coarse
 from .assembly import System
 from .elementwise import each, motion_of
 
-_ROUNDINGS = 8  # of a displacement, in a length: of chord, products, sum, root, quotient
+_ROUNDINGS = 8  # eps^2 of a displacement, in an elongation (`elements.fine`)
 
 
 @pytree
@@ -63,13 +64,13 @@ class Pulls:
             rounding of displacements leaves in the residual, [n_free]; N.
         """
         slopes = _split(system, self.slope)
-        eps, pulls, unsure = jnp.finfo(x.dtype).eps, [], []
+        fine, pulls, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, [], []
         for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
             sizes = system.space.size(self.forces[k])
             if group.remembers:
                 sizes = sizes + system.part_sizes(group, state, x)
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
-            error = _ROUNDINGS * eps * moved * slopes[k]
+            error = fine * moved * slopes[k]
             unsure.append(error[:, None, None] * jnp.abs(self.along[k]))
             pulls.append(jnp.concatenate([self.forces[k], sizes[..., None]], axis=-1))
         rows, collected = _at_rows(system, pulls), system.space.collected
@@ -170,7 +171,7 @@ def stiffness(
     for group, state, g, slope, tension in zip(
         system.groups, system.states, along, *split, strict=True
     ):
-        at = system.nodes[group.links], motion_of(group, x)
+        at = system.nodes[group.links], motion_of(group, coarse(x))
         bent = of_each("bent", group, state, *at, tension)
         g = g.reshape(len(g), -1)
         bent = bent.reshape(*g.shape, g.shape[1])

@@ -2,10 +2,10 @@
 
 The *motion* of a row (a node, or a row of an element, see `freedoms`) begins with its displacement.
 Forces on a row, and steps of a row, begin with three numbers along x, y, z. The point ``x`` of an
-iteration is the motion of all rows, [n_row, n_motion]. A *step* [n_free] from ``x`` has a number
-for every unknown, all of them lengths. It is *spread* to a step of every row, [n_row, n_freedom],
-which moves ``x``. Forces on rows are *collected* at the unknowns, by the work that they do on such
-a step.
+iteration is the motion of all rows, [n_row, n_motion] (of nets with a fine part, see
+`translations`). A *step* [n_free] from ``x`` has a number for every unknown, all of them lengths.
+It is *spread* to a step of every row, [n_row, n_freedom], which moves ``x``. Forces on rows are
+*collected* at the unknowns, by the work that they do on such a step.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Nodes that have displacements only: cable nets, trusses."""
+"""Nodes that have displacements only: cable nets, trusses.
+
+A motion [n_row, 3] has as many digits as a float. Nets are iterated with a *fine part* beside it,
+in three more columns: the displacement is the sum of both, to nearly twice as many digits.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,35 @@ from collections.abc import Sequence
 from typing import Self
 
 import jax.numpy as jnp
+from jax import lax
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from ..numerics import exact
 from .freedoms import Freedoms, along, combined, numbers_of
 from .space import Forces, Group, Motion, Part, Space, Step, by_numbers, square
+
+_FINE = 6  # columns of a motion with a fine part; no other space has motions of so many
+
+
+def is_fine(x: Float[Array, "... n_motion"]) -> bool:
+    """Whether motions have a fine part."""
+    return x.shape[-1] == _FINE
+
+
+def coarse(motion: Float[Array, "... n_motion"]) -> Float[Array, "... n_motion"]:
+    """Motions without a fine part."""
+    return motion[..., :3] if is_fine(motion) else motion
+
+
+def refined(motion: Float[Array, "n_row 3"]) -> Float[Array, "n_row 6"]:
+    """Displacements [n_row, 3], m, with a fine part, which is zero."""
+    return jnp.concatenate([motion, jnp.zeros_like(motion)], axis=1)
 
 
 @pytree
 class Translations(Space):
-    """The motion of a row is its displacement, [3], m; see `Space`."""
+    """The motion of a row is its displacement, [3], m, or [6] with a fine part; see `Space`."""
 
     @classmethod
     def of(
@@ -44,6 +67,19 @@ class Translations(Space):
         """Displacement from one motion to another."""
         return after - before
 
+    def place(self, x: Motion) -> Motion:
+        """`x` with the freedoms that supports hold put to their prescribed values."""
+        if not is_fine(x):
+            return super().place(x)
+        fixed, axes, prescribed = self.freedoms.fixed, self.freedoms.axes, self._prescribed
+        high, low = x[:, :3], x[:, 3:]
+        if axes is None:
+            placed = [jnp.where(fixed, prescribed, high), jnp.where(fixed, 0.0, low)]
+            return jnp.concatenate(placed, axis=1)
+        # the difference, because components of the displacement itself would be rounded
+        away = along(axes, (prescribed - high) - low)
+        return _after(x, combined(axes, jnp.where(fixed, away, 0.0)))
+
     def spread(self, x: Motion, step: Step) -> Forces:
         """Displacement of every row."""
         components = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
@@ -53,7 +89,8 @@ class Translations(Space):
 
     def move(self, x: Motion, step: Step) -> Motion:
         """The motion after a step [n_free]."""
-        return x + self.spread(x, step)
+        spread = self.spread(x, step)
+        return _after(x, spread) if is_fine(x) else x + spread
 
     def size(self, force: Float[Array, "... n_freedom"]) -> Float[Array, " ..."]:
         """Norms of forces."""
@@ -90,3 +127,10 @@ class Translations(Space):
         if slopes is not None:
             blocks = by_numbers(blocks, slopes[links], len(inner))
         return blocks, number
+
+
+def _after(x, step):
+    """A motion with a fine part after a step of all rows, [n_row, 6]."""
+    high, lost = exact.two_sum(x[:, :3], step)
+    high, low = exact.two_sum(high, x[:, 3:] + lax.stop_gradient(lost))
+    return jnp.concatenate([high, lax.stop_gradient(low)], axis=1)

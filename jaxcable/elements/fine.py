@@ -1,0 +1,66 @@
+"""Elongations to nearly twice the working precision.
+
+The rounding of a displacement u changes a length by ``eps |u|``, and the force of a cable by ``EA
+eps |u| / l``, which can exceed the force itself. A motion with a *fine part* has six columns: the
+displacement is the sum of the first three and the last three. The elongation follows from it with
+an error of ``eps`` of itself, and ``eps^2 |u|``.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..common.types import Array, Float
+from ..numerics import exact
+
+
+def brought(
+    elongation: Float[Array, ""],
+    ends: Float[Array, "n_end 3"],
+    motion: Float[Array, "n_end 6"],
+) -> tuple[Float[Array, ""], Float[Array, "n_end 3"]]:
+    """Elongation, m, and places [n_end, 3] relative to the first end, m, after a fine motion.
+
+    Args:
+        elongation: length over all `ends` before the motion less unstressed length, m.
+        ends: places before the motion, m.
+        motion: with a fine part.
+
+    Derivatives, of any order, are those of the same formulas in working precision.
+    """
+    chord, moved = _steps(ends), _steps(motion[:, :3]) + _steps(motion[:, 3:])
+    vector = chord + moved
+    both = _length(chord) + _length(vector)
+    square = jnp.sum((2 * chord + moved) * moved, axis=1, keepdims=True)
+    # The barriers keep these numbers the same in all of their uses: recomputed beside other things,
+    # they may be rounded in another way, and the remainder is that of one of them.
+    change = lax.optimization_barrier(square / jnp.where(both > 0, both, 1.0))
+    longer = lax.optimization_barrier(elongation + jnp.sum(change))
+    left = _remainder(*lax.stop_gradient((elongation, ends, motion, change, longer)))
+    places = vector if len(vector) == 1 else jnp.cumsum(vector, axis=0)
+    return longer + left, jnp.concatenate([jnp.zeros_like(vector[:1]), places])
+
+
+@jax.jit  # one function in a program, however often it is called
+def _remainder(elongation, ends, motion, change, longer):
+    """Exact elongation less `longer`, from the changes of the lengths of all pieces, [n, 1]."""
+    places = jnp.concatenate([ends, motion[:, :3]], axis=1)
+    steps, lost = exact.two_sum(places[1:], -places[:-1])
+    moved = exact.two_sum(steps[:, 3:], lost[:, 3:] + _steps(motion[:, 3:]))
+    more = exact.lengthened((steps[:, :3], lost[:, :3]), moved, change)[:, 0]
+    if len(more) == 1:
+        return exact.two_sum(elongation, change[0, 0])[1] + more[0]
+    terms = [change[:, 0], jnp.stack([elongation, -longer, jnp.sum(more)])]
+    return exact.total(jnp.concatenate(terms))
+
+
+def _steps(places):
+    return places[1:] - places[:-1]
+
+
+def _length(pieces):
+    """Lengths of pieces [n, 3], [n, 1]; those without length have a finite derivative."""
+    square = jnp.sum(pieces**2, axis=1, keepdims=True)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

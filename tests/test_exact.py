@@ -1,0 +1,192 @@
+"""Error-free arithmetic, and elongations by it, against rational numbers and 400 bits."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+
+from jaxcable.elements.fine import brought
+from jaxcable.numerics import exact
+
+DTYPES = [np.float32, np.float64]
+
+
+def spread(rng, dtype, *shape, decades=8):
+    """Numbers of both signs over many decades, and some hard ones."""
+    values = rng.normal(size=shape) * 10.0 ** rng.uniform(-decades / 2, decades / 2, shape)
+    values = values.astype(dtype)
+    eps = np.finfo(dtype).eps
+    hard = np.array([0.0, 1.0, -1.0, 1 + eps, 1 - eps / 2, 3.0, 1 / 3, 2 - eps], dtype)
+    values.reshape(-1)[: len(hard)] = hard
+    return values
+
+
+def ways(function):
+    """A function as it is, compiled, and element by element in a compiled batch."""
+    return function, jax.jit(function), jax.jit(jax.vmap(function))
+
+
+def rational(values):
+    return [Fraction(float(value)) for value in np.asarray(values).reshape(-1)]
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_sums_and_products_lose_nothing(dtype):
+    rng = np.random.default_rng(0)
+    a, b = spread(rng, dtype, 300), rng.permutation(spread(rng, dtype, 300))
+    for run in ways(exact.two_sum):
+        high, low = run(a, b)
+        np.testing.assert_array_equal(high, a + b)
+        pairs = zip(*map(rational, (a, b, high, low)), strict=True)
+        assert all(x + y == s + t for x, y, s, t in pairs)
+    for run in ways(exact.halves):
+        high, low = run(a)
+        # products of halves are exact
+        for p in (high, low):
+            for q in (high, low):
+                square = np.asarray(p) * np.asarray(q)
+                products = zip(*map(rational, (p, q, square)), strict=True)
+                assert all(x * y == z for x, y, z in products)
+        assert all(x == y + z for x, y, z in zip(*map(rational, (a, high, low)), strict=True))
+    eps = Fraction(float(np.finfo(dtype).eps))
+    for run in ways(exact.two_product):
+        high, low = run(a, b)
+        for x, y, p, q in zip(*map(rational, (a, b, high, low)), strict=True):
+            assert abs(x * y - p - q) <= eps**2 * abs(x * y) / 4
+            assert abs(q) <= eps * abs(p)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_the_error_of_a_sum_survives_where_the_sum_is_a_product(dtype):
+    """Compilers contract products and sums; what comes out must still be a number and its error."""
+    rng = np.random.default_rng(1)
+    a, b, c = (spread(rng, dtype, 300, decades=2) for _ in range(3))
+
+    def function(a, b, c):
+        high, low = exact.two_product(a, b)
+        high, more = exact.two_sum(high, c)
+        return high, low + more
+
+    eps = Fraction(float(np.finfo(dtype).eps))
+    for run in ways(function):
+        high, low = run(a, b, c)
+        for x, y, z, p, q in zip(*map(rational, (a, b, c, high, low)), strict=True):
+            assert abs(x * y + z - p - q) <= 2 * eps**2 * (abs(x * y) + abs(z))
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_scalar_products_roots_and_totals(dtype):
+    rng = np.random.default_rng(2)
+    a, b = spread(rng, dtype, 200, 3, decades=4), spread(rng, dtype, 200, 3, decades=4)
+    b[::2, 2] = -(a[::2, 0] * b[::2, 0] + a[::2, 1] * b[::2, 1]) / a[::2, 2]  # it cancels
+    b = np.where(np.isfinite(b), b, 1).astype(dtype)
+    zero, eps = np.zeros_like(a), Fraction(float(np.finfo(dtype).eps))
+    for run in ways(exact.dot):
+        high, low = run((a, zero), (b, zero))
+        for k in range(200):
+            products = [x * y for x, y in zip(rational(a[k]), rational(b[k]), strict=True)]
+            error = abs(sum(products) - sum(rational(high[k])) - sum(rational(low[k])))
+            assert error <= 4 * eps**2 * sum(map(abs, products))
+    squares = np.abs(spread(rng, dtype, 200))
+    mpmath.mp.prec = 400
+    for run in ways(exact.root):
+        high, low = run((squares, np.zeros_like(squares)))
+        for x, p, q in zip(squares, high, low, strict=True):
+            found = mpmath.mpf(float(p)) + mpmath.mpf(float(q))
+            true = mpmath.sqrt(mpmath.mpf(float(x)))
+            assert abs(found - true) <= float(eps) ** 2 * true
+    for count in (1, 2, 5, 13):
+        terms = spread(rng, dtype, 100, count, decades=6)
+        terms[:, -1] -= terms.sum(axis=1)
+        for run in ways(exact.total):
+            for row, found in zip(terms, run(terms), strict=True):
+                true = sum(rational(row))
+                allowed = eps * abs(true) + 4 * count * eps**2 * sum(map(abs, rational(row)))
+                assert abs(Fraction(float(found)) - true) <= allowed
+
+
+def scenes(dtype, n_end, count=200):
+    """Elongations, ends and fine motions of chains, of which many cancel."""
+    rng = np.random.default_rng(n_end)
+    ends = rng.normal(size=(count, n_end, 3)) + 10 ** rng.uniform(-1, 2, size=(count, 1, 1))
+    size = 10 ** rng.uniform(-6, 1, size=(count, 1, 1))
+    motion = size * rng.normal(size=(count, n_end, 3))
+    if n_end > 2:  # padding
+        ends[: count // 4, -1], motion[: count // 4, -1] = (
+            ends[: count // 4, -2],
+            motion[: count // 4, -2],
+        )
+    ends, motion = ends.astype(dtype), motion.astype(dtype)
+    low = (0.5 * np.finfo(dtype).eps * np.sin(motion) * motion).astype(dtype)
+    motion = np.concatenate([motion, low], axis=-1)
+    change = [longer(0, *at) for at in zip(ends, motion, strict=True)]
+    nearly = np.where(np.arange(count) % 2, 1.0, 1.0001)
+    elongation = [-float(c) * f for c, f in zip(change, nearly, strict=True)]
+    return np.array(elongation, dtype), ends, motion
+
+
+def longer(elongation, ends, motion):
+    """The elongation after a motion, to 400 bits."""
+    mpmath.mp.prec = 400
+    ends, motion = (np.vectorize(lambda x: mpmath.mpf(float(x)))(v) for v in (ends, motion))
+    chord, moved = np.diff(ends, axis=0), np.diff(motion[:, :3] + motion[:, 3:], axis=0)
+    pairs = zip(chord + moved, chord, strict=True)
+    norm = [mpmath.sqrt((v**2).sum()) - mpmath.sqrt((d**2).sum()) for v, d in pairs]
+    return mpmath.mpf(float(elongation)) + sum(norm)
+
+
+@pytest.mark.parametrize("n_end", [2, 5])
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_elongations_are_exact_up_to_their_own_rounding(dtype, n_end):
+    given = scenes(dtype, n_end)
+    eps = float(np.finfo(dtype).eps)
+    true = [longer(*at) for at in zip(*given, strict=True)]
+    for run in (jax.vmap(brought), jax.jit(jax.vmap(brought))):
+        found, places = run(*given)
+        assert found.dtype == dtype and places.dtype == dtype
+        worst = 0.0
+        for k, at in enumerate(true):
+            error = abs(float(mpmath.mpf(float(found[k])) - at))
+            moved = np.abs(given[2][k]).max()
+            assert error <= eps * abs(float(at)) + 8 * eps**2 * moved
+            worst = max(worst, eps * moved / max(error, 1e-300))
+        assert worst > 1 / eps**0.5  # in working precision the rounding of displacements remains
+    plain = np.asarray(given[0]) + np.sum(
+        np.linalg.norm(np.diff(given[1] + given[2][..., :3], axis=1), axis=-1)
+        - np.linalg.norm(np.diff(given[1], axis=1), axis=-1),
+        axis=1,
+    )
+    short = [abs(float(mpmath.mpf(float(p)) - at)) for p, at in zip(plain, true, strict=True)]
+    assert max(short) > 1e3 * eps**2  # the comparison can fail
+
+
+@pytest.mark.parametrize("n_end", [2, 4])
+def test_derivatives_of_elongations(n_end):
+    """By elongation, ends and motion, of first and second order, by the orders of remainders."""
+    elongation, ends, motion = (v[77] for v in scenes(np.float64, n_end))
+    rng = np.random.default_rng(3)
+    way = 0.3, rng.normal(size=ends.shape), rng.normal(size=motion.shape)
+
+    def along(t):
+        long, places = brought(elongation + t * way[0], ends + t * way[1], motion + t * way[2])
+        return long + jnp.sum(jnp.sin(places))
+
+    def slope(t):
+        return jax.jvp(along, (t,), (1.0,))[1]
+
+    back = jax.grad(along)
+    first, second = slope(0.0), jax.grad(slope)(0.0)
+    assert abs(back(0.0) - first) <= 1e-12 * abs(first)
+    steps = 1e-3 * 0.5 ** np.arange(4)
+    for order, terms in ((2, [first]), (3, [first, 0.5 * second])):
+        left = [
+            abs(along(h) - along(0.0) - sum(t * h ** (k + 1) for k, t in enumerate(terms)))
+            for h in steps
+        ]
+        rates = np.log2(np.array(left[:-1]) / left[1:])
+        assert abs(rates[-1] - order) < 0.05, (order, rates)
+        wrong = [abs(along(h) - along(0.0) - 1.01 * first * h) for h in steps]
+        assert np.log2(wrong[-2] / wrong[-1]) < 1.5  # it can fail
