@@ -19,6 +19,7 @@ from fuzz_scenes import CORNERS, FREE, GRID
 import jaxcable as jc
 
 STIFFEST = {"float64": 10, "float32": 5}  # log10 of the largest EA/N
+LIGHT = {"float64": (-6, 2), "float32": (0, 2)}  # log10 of weights per length of far catenaries
 STEP = WIDE("1e-5")  # of the loads, for differences
 NOISE = 8  # roundings of a displacement in a length, as the method promises
 
@@ -261,7 +262,8 @@ def far_catenaries(one):
     nodes = one.grid()
     away = 10 ** one.rng.uniform(-2, 0.5) * one.rng.normal(size=nodes.shape)
     away[CORNERS] = 0
-    return _hung(one, nodes, (nodes + away).astype(one.dtype), (-6, 2), 0.5, [1, -2, 2])
+    start = (nodes + away).astype(one.dtype)
+    return _hung(one, nodes, start, LIGHT[one.dtype], 0.5, [1, -2, 2])
 
 
 KINDS = {

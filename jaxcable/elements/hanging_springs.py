@@ -56,15 +56,19 @@ def under(
     weight, unit = directed(load)
     across = chord - (chord @ unit) * unit
     omega, excess = weight * rest_length / stiffness, excess / rest_length**2
-    strain, theta = strained(tension / stiffness, omega)
+    least = tension / stiffness
+    strain, theta = strained(least, omega)
     spring, further = two_springs(strain, theta)
 
-    def rise(least):
-        more = ratio_less_1(*strained(least, omega))
-        return more * (2 + more) / (1 + least + 0.5 * omega) ** 2
+    def rise(u):
+        # by the logarithm, because the tension of a loop may be so small that its square vanishes
+        theta = 0.5 * jnp.log1p(omega * jnp.exp(-u))
+        strain = jnp.exp(u) + 0.5 * omega
+        more = ratio_less_1(strain, theta)
+        return more * (2 + more) / (1 + strain) ** 2
 
-    one = jnp.ones_like(tension)
-    rising, falling = jax.jvp(rise, (tension / stiffness,), (one,))
+    u = jnp.log(jnp.where(tension > 0, least, 1.0))
+    rising, falling = jax.jvp(rise, (u,), (jnp.ones_like(u),))
     half = 0.5 * across @ across / rest_length
     return Under(
         stiffness / rest_length * (spring * chord + further * (chord - across)),
@@ -72,7 +76,7 @@ def under(
         0.5 * rest_length * (strain * (2 + strain) - excess) / (1 + strain) ** 2,
         rest_length * (1 + excess) / (stiffness * (1 + strain) ** 3),
         half * rising,
-        -half * falling / stiffness,
+        -half * falling / jnp.where(tension > 0, tension, 1.0),
     )
 
 

@@ -48,6 +48,7 @@ MIXED, INTERIOR, LAST, SEARCH = range(4)
 _PATIENCE = 8, 4  # evaluations within which the residual must halve: mixed, and at the end
 _LONGEST = 60, 20  # mixed steps, and at the end
 _INTERIOR = 100  # interior steps
+_STALLED = 6, 1e-2  # interior steps without halving a relative residual below this: rounding ends it
 _TRIES = 5  # how often the end is tried
 _PLAIN = 3.0  # tension over (predicted tension + load) up to which it makes the stiffness itself
 _BEGINNING = 2  # first steps, whose residuals begin anew: what starts in balance must leave it
@@ -199,7 +200,8 @@ class Tensions:
         patience, longest = (jnp.where(mixed, *pair) for pair in (_PATIENCE, _LONGEST))
         lost = (mixed | last) & ((since >= patience) | (self.count >= longest) | astray | ~found)
         begins, returns = mixed & lost, last & lost
-        stuck = self.blocked >= 2
+        stalled = (since >= _STALLED[0]) & (residual <= _STALLED[1] * scale)
+        stuck = (self.blocked >= 2) | stalled
         ends = interior & found & ((residual <= self.near * scale) | stuck)
         searches = (interior & ((self.count >= _INTERIOR) | ~found) & ~ends) | (
             returns & (self.tries >= _TRIES)

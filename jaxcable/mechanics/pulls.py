@@ -139,7 +139,8 @@ class Under:
         if self.sag is None or self.less is None:
             return jnp.broadcast_to(product, self.tension.shape), 1.0
         whole = product + self.tension * self.sag
-        falls = (product + self.tension**2 * self.less) / jnp.where(whole > 0, whole, 1.0)
+        falls = product + self.tension * (self.tension * self.less)
+        falls = falls / jnp.where(whole > 0, whole, 1.0)
         return whole, jnp.where(whole > 0, falls, 1.0)
 
     def residual(self, system: System, x: Motion, tensions: Float[Array, " n"]) -> Step:
