@@ -429,18 +429,23 @@ def test_two_nodes_that_meet():
 
 
 def test_forces_that_rounding_hides():
-    """In float32 a slack chain of EA/N = 1e9: its forces are the rounding of its displacements."""
+    """A slack chain in float32: its forces are known above EA times the *square* of eps."""
     n = 8
     nodes = np.array([[k, 0.3 * np.sin(k), 0] for k in range(n + 1)])
     forces = np.random.default_rng(1).normal(size=(n - 1, 3))
-    codes = []
-    for dtype in (np.float32, np.float64):
+
+    def analysed(dtype, stiffness):
         cables = jc.Cables(
-            [[k, k + 1] for k in range(n)], axial_stiffness=dtype(1e9), rest_length=dtype(1.3)
+            [[k, k + 1] for k in range(n)], axial_stiffness=dtype(stiffness), rest_length=dtype(1.3)
         )
         structure = jc.Structure(nodes.astype(dtype), cables, jc.pinned([0, n]))
         loads = jc.NodalLoads(range(1, n), forces.astype(dtype))
-        solution = jc.solve(structure, jc.Phase(loads=loads))
-        codes.append(int(solution.status))
+        return jc.solve(structure, jc.Phase(loads=loads))
+
+    single, double = (analysed(dtype, 1e9) for dtype in (np.float32, np.float64))
+    assert int(single.status) == int(double.status) == status.OK
+    # the rounding of displacements of 1 m alone is a force of EA eps = 100 N
+    assert np.abs(single.tension - double.tension).max() < 1e-4
+    codes = [int(analysed(dtype, 1e15).status) for dtype in (np.float32, np.float64)]
     assert codes == [status.AT_ROUNDING, status.OK]
     assert "float64" in jc.describe(codes[0])

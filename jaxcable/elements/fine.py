@@ -16,6 +16,7 @@ from ..common.types import Array, Float
 from ..numerics import exact
 
 
+@jax.jit  # one function in a program, however often it is called
 def brought(
     elongation: Float[Array, ""],
     ends: Float[Array, "n_end 3"],
@@ -43,7 +44,6 @@ def brought(
     return longer + left, jnp.concatenate([jnp.zeros_like(vector[:1]), places])
 
 
-@jax.jit  # one function in a program, however often it is called
 def _remainder(elongation, ends, motion, change, longer):
     """Exact elongation less `longer`, from the changes of the lengths of all pieces, [n, 1]."""
     places = jnp.concatenate([ends, motion[:, :3]], axis=1)

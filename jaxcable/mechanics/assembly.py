@@ -309,7 +309,7 @@ class System(Elementwise):
         for group, state in zip(self.groups, self.states, strict=True):
             if group.tension_only and not group.remembers:
                 moves = jnp.any(free[group.links], axis=(1, 2))
-                kink = each("at_kink", group, state, self.nodes, coarse(motion))
+                kink = each("at_kink", group, state, self.nodes, motion)
                 found = found | jnp.any(kink & moves)
         return found
 

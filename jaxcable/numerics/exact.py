@@ -39,7 +39,9 @@ def halves(a: Float[Array, " ..."]) -> Pair:
     return high, a - high
 
 
-def less_product(whole: Float[Array, " ..."], a: Float[Array, " ..."], b: Float[Array, " ..."]):
+def less_product(
+    whole: Float[Array, " ..."], a: Float[Array, " ..."], b: Float[Array, " ..."]
+) -> Float[Array, " ..."]:
     """``whole - a b`` for a `whole` that is the product up to some of its roundings.
 
     All differences but the last are exact, because they fit into the digits of a float.
