@@ -54,7 +54,9 @@ def of(path):
 def test_two_links_by_hand(kind):
     solution = solved(SINK, kind=kind)
     assert int(solution.status) == 0
-    begin, *ends = (float(phase.path.rounding[0]) for phase in solution.phases)
+    # nets carry a fine part of the displacements: what is left is eps of eps of them
+    fine = 1.0 if kind is jc.Bars else EPS
+    begin, *ends = (float(phase.path.rounding[0]) / fine for phase in solution.phases)
     # nothing has moved but by the tolerance, 1e-10 of some 1e4 N, over some 1e4 N/m
     assert begin <= by_hand(1e-10)
     # the tolerance leaves 1e-10 of some 1e4 N, over some 1e4 N/m, of 0.1 m
@@ -128,7 +130,7 @@ def cantilever():
 
 
 def stiff_rope():
-    """A pulley that falls by two metres on a rope of EA/N = 1e8."""
+    """A pulley that falls by two metres on a rope of EA/N = 1e8: the fine part resolves it."""
     nodes = [[0.0, 0, 0], [3.0, 0, -0.5], [8.0, 0, 1.5]]
     rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e8, rest_length=10.0)
     load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
@@ -136,7 +138,7 @@ def stiff_rope():
 
 
 def stiff_chain():
-    """A slack chain of EA/N = 1e8 that falls: its forces have half of the digits."""
+    """A slack chain of EA/N = 1e8 that falls: without a fine part it had half of its digits."""
     nodes = [[k, 0.3 * np.sin(k), 0.0] for k in range(7)]
     cables = jc.Cables([[k, k + 1] for k in range(6)], axial_stiffness=1e8, rest_length=1.2)
     load = jc.NodalLoads(range(1, 6), (0.0, 0.1, -1.0))
@@ -169,7 +171,7 @@ SCENES = {
     "catenaries": hanging,
     "membrane": membrane,
 }
-BY_ROUNDING = ("tripod", "cantilever", "pulley", "chain")  # 1e-10 of their forces is not reached
+BY_ROUNDING = ("tripod", "cantilever")  # 1e-10 of their forces is not reached
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -202,7 +204,7 @@ def test_of_forces_that_it_hides():
     nodes = np.array([[k, 0.3 * np.sin(k), 0.0] for k in range(9)], np.float32)
     forces = np.random.default_rng(1).normal(size=(7, 3)).astype(np.float32)
     links = [[k, k + 1] for k in range(8)]
-    cables = jc.Cables(links, axial_stiffness=np.float32(1e9), rest_length=np.float32(1.3))
+    cables = jc.Cables(links, axial_stiffness=np.float32(1e15), rest_length=np.float32(1.3))
     structure = jc.Structure(nodes, cables, jc.pinned([0, 8]))
     solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads(range(1, 8), forces)))
     assert int(solution.status) == jc.status.AT_ROUNDING
@@ -211,8 +213,8 @@ def test_of_forces_that_it_hides():
     # the status is told from NOT_CONVERGED by a factor of 8
     assert residual[0] <= 8 * rounding[0]
     assert relative[0] > 1e-2 and rounding[0] > 1e-2 * residual[0] / relative[0]
-    # by hand: 8 eps EA/L0 times the largest move (a chain of 8 x 1.3 m over 8 m), two links a node
-    assert rounding[0] < 2 * 8 * 2.0**-23 * 1e9 / 1.3 * 8.0
+    # by hand: 8 eps^2 EA/L0 times the largest move (8 x 1.3 m over 8 m), two links a node
+    assert rounding[0] < 2 * 8 * 2.0**-46 * 1e15 / 1.3 * 8.0
 
 
 # --- it goes where the residual goes
@@ -233,7 +235,7 @@ def test_batches_and_parts_have_it():
     path = batch.phases[1].path
     assert path.rounding.shape == path.residual.shape == (2, 3)
     sinks = -np.asarray(path.displacement)[..., 1, 2]
-    np.testing.assert_allclose(path.rounding, by_hand(sinks), rtol=1e-7)  # 1e-10 m at the start
+    np.testing.assert_allclose(path.rounding, EPS * by_hand(sinks), rtol=1e-7)  # 1e-10 m at the start
     second = jax.tree.map(lambda x: x[1], batch)
     np.testing.assert_array_equal(second.phases[1].path.rounding, path.rounding[1])
     alone = jax.tree.map(lambda x: x[0], cases(factors[1:]))

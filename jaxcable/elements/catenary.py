@@ -16,14 +16,14 @@ import jax.numpy as jnp
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from . import hanging, hanging_springs
-from .abilities import Pull, Room, Sagging
+from .abilities import Pull, Room, Rounding, Sagging
 from .cable import TensionOnly
-from .element import PEAK_TENSION, Ends, Motion, Scalar
+from .element import PEAK_TENSION, Ends, Forces, Motion, Scalar
 from .prestress import AxialState, stretch
 
 
 @pytree(indices=("links",))
-class Catenaries(TensionOnly, Sagging):
+class Catenaries(TensionOnly, Sagging, Rounding):
     """A group of elastic catenaries, tension only; results per element are means over its ends.
 
     It carries the weight of `SelfWeight` and the loads of `LineLoads`, at the present load factor;
@@ -128,6 +128,12 @@ class Catenaries(TensionOnly, Sagging):
             return super().bent(state, ends, motion, tension)
         block = hanging_springs.matrix(tension, state.line_load, state.rest_length, self._stiffness)
         return jnp.stack([jnp.stack([block, -block], 1), jnp.stack([-block, block], 1)])
+
+    def rounding(self, state: AxialState, ends: Ends, motion: Motion) -> Forces:
+        """Error that the rounding of displacements leaves in the end forces, [2, 3], N."""
+        at = self.pulled(state, ends, motion)
+        moved = 8 * jnp.finfo(motion.dtype).eps * jnp.max(jnp.abs(motion))
+        return moved * at.slope * jnp.abs(at.along)
 
     def energy(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
         """Stored energy and potential of the load along it, less its shares at the ends, J."""
