@@ -235,7 +235,8 @@ def test_batches_and_parts_have_it():
     path = batch.phases[1].path
     assert path.rounding.shape == path.residual.shape == (2, 3)
     sinks = -np.asarray(path.displacement)[..., 1, 2]
-    np.testing.assert_allclose(path.rounding, EPS * by_hand(sinks), rtol=1e-7)  # 1e-10 m at the start
+    # 1e-10 m at the start
+    np.testing.assert_allclose(path.rounding, EPS * by_hand(sinks), rtol=1e-7)
     second = jax.tree.map(lambda x: x[1], batch)
     np.testing.assert_array_equal(second.phases[1].path.rounding, path.rounding[1])
     alone = jax.tree.map(lambda x: x[0], cases(factors[1:]))

@@ -35,13 +35,14 @@ in geometrically non-linear structural problem discretized via displacement-base
 from __future__ import annotations
 
 import jax.numpy as jnp
+from jax import lax
 
 from .. import linear
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, Bool, Float, Int
 from ..linear import Matrix
 from ..mechanics.assembly import System
-from ..mechanics.pulls import Pulls, held, moved, rest_lengths, stiffness
+from ..mechanics.pulls import Pulls, held, lengthened, rest_lengths, stiffness, turned
 
 MIXED, INTERIOR, LAST, SEARCH = range(4)
 
@@ -242,45 +243,24 @@ class Tensions:
 
         `pulls` and `residual` are those of the system at x.
         """
-        begins, jacked = self.fresh & self.interior, held(system)
-        load = jnp.max(jnp.abs(system.load), initial=0.0)
+        load, jacked = jnp.max(jnp.abs(system.load), initial=0.0), held(system)
         load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.tension, 0.0)))
-        first = jnp.maximum(load, _UNLOADED * jnp.max(pulls.tension))
-        least, most = (part * first for part in _FORCE)
-        # a first guess only: steps change it freely
-        tension = jnp.where(begins, jnp.clip(pulls.tension, least, most), self.tension)
-        under = pulls.under(system, tension)
-        wide = jnp.maximum(under.gap, _ROOM * rest_lengths(system))
-        wide = wide if under.sag is None else jnp.maximum(wide, under.sag)
-        room = jnp.where(begins, wide, self.room)
-        product = jnp.where(jacked, 0.0, tension * under.spare(room))
-        target, falls = under.aim(
-            self.centring * jnp.sum(product) / jnp.maximum(jnp.sum(~jacked), 1)
-        )
-        width = falls * room + tension * under.compliance
-        width = jnp.where(width > 0, width, 1.0)
-        inner = self.interior & ~jacked
-        base = tension + (target - tension * under.gap) / width
-        base = jnp.where(inner, base, pulls.tension)
         guess = jnp.where(self.fresh | self.searching, pulls.tension, self.guess)
         guess = jnp.where(pulls.tension <= _PLAIN * (guess + load), pulls.tension, guess)
         best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
-        # mixed steps have the residual of the structure on the right side
-        across = under.residual(system, x, base)
-        return Equations(
-            base=base,
-            slope=jnp.where(inner, tension / width, pulls.slope),
-            along=[
-                now if now is then else jnp.where(self.interior, then, now)
-                for now, then in zip(pulls.along, under.along, strict=True)
-            ],
+        none = jnp.zeros_like(pulls.tension)
+        mixed = Equations(
+            base=pulls.tension,
+            slope=pulls.slope,
+            along=pulls.along,
             jacked=jacked,
-            rhs=-jnp.where(self.interior, across, residual),
-            gap=under.gap,
-            compliance=under.compliance,
+            rhs=-residual,
+            gap=none,
+            compliance=none,
             load=load,
-            policy=copy(self, guess=guess, tension=tension, room=room, best=best),
+            policy=copy(self, guess=guess, best=best),
         )
+        return lax.cond(self.interior, mixed.inner, lambda *_: mixed, system, x, pulls)
 
 
 @pytree
@@ -306,6 +286,36 @@ class Equations:
     compliance: Float[Array, " n"]
     load: Float[Array, ""]
     policy: Tensions
+
+    def inner(self, system: System, x: Float[Array, "n_row n_motion"], pulls: Pulls) -> Equations:
+        """Those of an interior step, where these are those of a mixed step; `pulls` are at x."""
+        policy, free = self.policy, ~self.jacked
+        first = jnp.maximum(self.load, _UNLOADED * jnp.max(pulls.tension))
+        least, most = (part * first for part in _FORCE)
+        # a first guess only: steps change it freely
+        start = jnp.clip(pulls.tension, least, most)
+        tension = jnp.where(policy.fresh, start, policy.tension)
+        under = pulls.under(system, tension)
+        wide = jnp.maximum(under.gap, _ROOM * rest_lengths(system))
+        wide = wide if under.sag is None else jnp.maximum(wide, under.sag)
+        room = jnp.where(policy.fresh, wide, policy.room)
+        product = jnp.where(free, tension * under.spare(room), 0.0)
+        target, falls = under.aim(
+            policy.centring * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1)
+        )
+        width = falls * room + tension * under.compliance
+        width = jnp.where(width > 0, width, 1.0)
+        base = jnp.where(free, tension + (target - tension * under.gap) / width, self.base)
+        return copy(
+            self,
+            base=base,
+            slope=jnp.where(free, tension / width, self.slope),
+            along=under.along,
+            rhs=-under.residual(system, x, base),
+            gap=under.gap,
+            compliance=under.compliance,
+            policy=copy(policy, tension=tension, room=room),
+        )
 
     def matrix(
         self,
@@ -338,19 +348,29 @@ class Equations:
             step: solution of the equations.
             length: of elements, m.
         """
-        policy, interior = self.policy, self.policy.interior
-        longer, turned = moved(system, self.along, system.space.spread(x, step))
+        spread, policy = system.space.spread(x, step), self.policy
+        longer = lengthened(system, self.along, spread)
         now = self.base + self.slope * longer
+        mixed = copy(policy, guess=jnp.maximum(now, 0.0)), jnp.ones_like(length)
+        after, part = lax.cond(
+            policy.interior,
+            lambda: self._inside(now, longer, jnp.max(turned(system, spread)), length),
+            lambda: mixed,
+        )
+        return copy(after, fresh=jnp.zeros((), bool), count=policy.count + 1), part
+
+    def _inside(self, now, longer, widest, length):
+        """`taken` of an interior step to tensions `now`, [n], N, before it is cut."""
+        policy = self.policy
         change = jnp.where(self.jacked, 0.0, now - policy.tension)
         room = self.gap + self.compliance * change - longer
         wider = jnp.where(self.jacked, 0.0, room - policy.room)
         part_n, part = _inside(policy.tension, change), _inside(policy.room, wider)
-        widest = jnp.max(turned)
         far = widest > _TURN
         part = jnp.minimum(part, jnp.where(far, _TURN / jnp.where(far, widest, 1.0), 1.0))
         shorter = jnp.minimum(part_n, part)
         blocked = jnp.where(shorter < _BLOCKED, policy.blocked + 1, jnp.minimum(policy.blocked, 0))
-        inner = copy(
+        after = copy(
             policy,
             tension=policy.tension + part_n * change,
             room=policy.room + part * wider,
@@ -358,9 +378,7 @@ class Equations:
             damping=self._damping(far, length),
             blocked=blocked.astype(jnp.int32),
         )
-        after = where(interior, inner, copy(policy, guess=jnp.maximum(now, 0.0)))
-        after = copy(after, fresh=jnp.zeros((), bool), count=policy.count + 1)
-        return after, jnp.where(interior, part, 1.0)
+        return after, part
 
     def _damping(self, far, length):
         """Shift for the next interior step: larger after a step that led too far."""

@@ -180,21 +180,22 @@ def stiffness(
     return found
 
 
-def moved(
+def lengthened(
     system: System, along: Sequence[Float[Array, "n_elem n_end 3"]], spread: Forces
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """How a step of all rows changes the lengths, to first order, m, and how far it leads.
+) -> Float[Array, " n"]:
+    """How a step of all rows changes lengths, to first order, by their derivatives `along`, m."""
+    pairs = zip(system.groups, along, strict=True)
+    changes = [jnp.sum(g * spread[group.links][..., :3], axis=(1, 2)) for group, g in pairs]
+    return jnp.concatenate(changes)
 
-    The second result is the largest relative motion of two nodes in succession, over the unstressed
-    length between them.
-    """
-    longer, turned = [], []
-    for group, g in zip(system.groups, along, strict=True):
-        ends = spread[group.links][..., :3]
-        longer.append(jnp.sum(g * ends, axis=(1, 2)))
-        apart = jnp.max(jnp.sum(jnp.diff(ends, axis=1) ** 2, axis=-1), axis=1)
-        turned.append(jnp.sqrt(apart) * (g.shape[1] - 1))
-    return jnp.concatenate(longer), jnp.concatenate(turned) / rest_lengths(system)
+
+def turned(system: System, spread: Forces) -> Float[Array, " n"]:
+    """Largest relative step of two nodes of a cable in succession, over the length between them."""
+    found = []
+    for group in system.groups:
+        apart = jnp.sum(jnp.diff(spread[group.links][..., :3], axis=1) ** 2, axis=-1)
+        found.append(jnp.sqrt(jnp.max(apart, axis=1)) * (group.links.shape[1] - 1))
+    return jnp.concatenate(found) / rest_lengths(system)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:
