@@ -171,7 +171,9 @@ def test_derivatives_of_elongations(n_end):
     way = 0.3, rng.normal(size=ends.shape), rng.normal(size=motion.shape)
 
     def along(t):
-        long, places = brought(elongation + t * way[0], ends + t * way[1], motion + t * way[2])
+        long, places = brought(
+            elongation + t * way[0], ends + t * way[1], motion + t * way[2], True
+        )
         return long + jnp.sum(jnp.sin(places))
 
     def slope(t):

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Float, PyTree
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from .element import Element, ElementState, Ends, Forces, Motion, OwnState, Scalar
 from .stated import Stated
 
@@ -162,12 +162,12 @@ class Pulling(Element):
 
     @abc.abstractmethod
     def brought(
-        self, state: OwnState, ends: Ends, motion: Motion
+        self, state: OwnState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
     ) -> tuple[ElementState, Ends, Motion]:
         """The element where a motion with a fine part, [n_end, 6], has brought it (`fine`).
 
         State, ends [n_end, 3] and motion [n_end, 3] of an element that begins there and has not
-        moved. Its elongation is exact; its ends are relative to the first.
+        moved. Its elongation is exact, if this is `wanted`; its ends are relative to the first.
         """
 
     @abc.abstractmethod

@@ -66,10 +66,10 @@ class TensionOnly(Straight, Pulling):
         return Pull(tension, slope, along, tension * along, shape)
 
     def brought(
-        self, state: AxialState, ends: Ends, motion: Motion
+        self, state: AxialState, ends: Ends, motion: Motion, wanted: Bool[Array, ""]
     ) -> tuple[AxialState, Ends, Motion]:
         """The cable where a motion with a fine part has brought it, see `Pulling`."""
-        elongation, places = fine.brought(state.elongation, ends, motion)
+        elongation, places = fine.brought(state.elongation, ends, motion, wanted)
         return copy(state, elongation=elongation), places, jnp.zeros_like(places)
 
     def room(self, state: AxialState, tension: Scalar, shape: Scalar) -> Room:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..common.types import Array, Float
+from ..common.types import Array, Bool, Float
 from ..numerics import exact
 
 
@@ -21,6 +21,7 @@ def brought(
     elongation: Float[Array, ""],
     ends: Float[Array, "n_end 3"],
     motion: Float[Array, "n_end 6"],
+    wanted: Bool[Array, ""],
 ) -> tuple[Float[Array, ""], Float[Array, "n_end 3"]]:
     """Elongation, m, and places [n_end, 3] relative to the first end, m, after a fine motion.
 
@@ -28,6 +29,7 @@ def brought(
         elongation: length over all `ends` before the motion less unstressed length, m.
         ends: places before the motion, m.
         motion: with a fine part.
+        wanted: whether the digits beyond those of plain arithmetic matter.
 
     Derivatives, of any order, are those of the same formulas in working precision.
     """
@@ -39,7 +41,8 @@ def brought(
     # they may be rounded in another way, and the remainder is that of one of them.
     change = lax.optimization_barrier(square / jnp.where(both > 0, both, 1.0))
     longer = lax.optimization_barrier(elongation + jnp.sum(change))
-    left = _remainder(*lax.stop_gradient((elongation, ends, motion, change, longer)))
+    given = lax.stop_gradient((elongation, ends, motion, change, longer))
+    left = lax.cond(wanted, _remainder, lambda *_: jnp.zeros_like(longer), *given)
     places = vector if len(vector) == 1 else jnp.cumsum(vector, axis=0)
     return longer + left, jnp.concatenate([jnp.zeros_like(vector[:1]), places])
 

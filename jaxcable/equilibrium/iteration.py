@@ -23,6 +23,7 @@ from .newton_step import direction, largest
 from .tensions import Tensions
 
 _RELEASED = 2.0  # residual allowed without load, in roundings (eps) of the forces at the start
+_FINE = 0.05  # rounding of plain displacements over the tolerance, from which they are fine
 _ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
@@ -175,7 +176,7 @@ class Task:
         """
         x = self.system.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
-        residual, scale, rounding, elements = self._evaluated(x)
+        residual, scale, rounding, elements = self._evaluated(x, self._to_be_exact(it))
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
@@ -199,12 +200,20 @@ class Task:
         )
         return new, it.search.length, fine & ~it.stepless, ~again
 
-    def _evaluated(self, x):
+    def _evaluated(self, x, exact=True):
         """Residual, scale, rounding, and what elements give with them (`System.evaluated`)."""
         if not self.net:
             return self.system.evaluated(x)
-        pulls = Pulls.of(self.system, x)
+        pulls = Pulls.of(self.system, x, exact)
         return *pulls.judged(self.system, x), pulls
+
+    def _to_be_exact(self, it):
+        """Whether the fine part of the next point will matter, judged by the present one."""
+        if not self.net:
+            return False
+        # rounding is that of a fine part, of eps times the displacement and not eps^2
+        eps = jnp.finfo(it.scale.dtype).eps
+        return (it.code < 0) | (largest(it.rounding) > _FINE * eps * self.tol * it.scale)
 
     def _known(self, it):
         """Note what the first evaluation says, and find out whether x is an equilibrium."""

@@ -158,9 +158,14 @@ def each(
     state: ElementState,
     nodes: Float[Array, "n_row 3"],
     *motions: Motion,
+    exact: Bool[ArrayLike, ""] = True,
 ) -> Any:
-    """Results of an element method for all elements of a group, by vmap."""
-    return over(lambda one, *at: getattr(one, method)(*at), group, state, nodes, *motions)
+    """Results of an element method for all elements of a group, by vmap; `exact` as of `over`."""
+
+    def one(law, *at):
+        return getattr(law, method)(*at)
+
+    return over(one, group, state, nodes, *motions, exact=exact)
 
 
 def over(
@@ -170,16 +175,18 @@ def over(
     nodes: Float[Array, "n_row 3"],
     *motions: Motion,
     beside: tuple[Float[Array, "n_elem ..."], ...] = (),
+    exact: Bool[ArrayLike, ""] = True,
 ) -> Any:
     """``function(element, state, ends, motion, *beside)`` for all elements of a group.
 
     By a motion with a fine part elements are brought to where they have moved: functions know
-    motions [n_end, 3] only.
+    motions [n_end, 3] only. Unless this is to be `exact`, the fine part is as good as none.
     """
+    exact = jnp.asarray(exact)
 
     def one(properties, beside, *at):
         law = element(group, properties)
-        return function(law, *(law.brought(*at) if is_fine(at[-1]) else at), *beside)
+        return function(law, *(law.brought(*at, exact) if is_fine(at[-1]) else at), *beside)
 
     at = [nodes[group.links], *(motion_of(group, motion) for motion in motions)]
     return jax.vmap(one)(group.properties(), beside, state, *at)

@@ -42,10 +42,10 @@ class Pulls:
     shapes: list[PyTree[Array]]
 
     @classmethod
-    def of(cls, system: System, x: Motion) -> Pulls:
-        """The pulls of a system at `x`."""
+    def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> Pulls:
+        """The pulls of a system at `x`; `exact` as of `elementwise.over`."""
         found = [
-            each("pulled", group, state, system.nodes, x)
+            each("pulled", group, state, system.nodes, x, exact=exact)
             for group, state in zip(system.groups, system.states, strict=True)
         ]
         return cls(
