@@ -229,11 +229,7 @@ class Task:
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
-            bound = jnp.maximum(allowed, jnp.minimum(it.rounding, known))
-            within = jnp.all(jnp.abs(it.residual) <= bound)
-            tensions, settled = it.tensions.noted(it.x, largest(it.residual), within)
-            it = copy(it, tensions=tensions)
-            allowed = jnp.where(settled, bound, allowed)
+            allowed = jnp.maximum(allowed, jnp.minimum(it.rounding, known))
         elif it.rounding is not None:
             allowed = jnp.maximum(allowed, it.rounding)
         if it.came_from is not None:

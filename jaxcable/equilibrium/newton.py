@@ -60,8 +60,8 @@ class Newton:
             absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. The
             residual that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
             across)``, is allowed, too (`path.rounding`). Nets of cables are iterated with nearly
-            twice the digits: there it is ``8 eps^2 u/L EA``; they go on below it as long as steps
-            halve it, and end with the status AT_ROUNDING where it is more than 1 % of the forces.
+            twice the digits: there it is ``8 eps^2 u/L EA``. Where it is more than 1 % of the
+            forces of a net under load, the status is AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);

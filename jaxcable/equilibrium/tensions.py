@@ -38,7 +38,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
-from ..common.tree import copy, pytree, where
+from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from ..linear import Matrix
 from ..mechanics.assembly import System
@@ -84,9 +84,6 @@ class Tensions:
         near: relative residual at which the end is tried.
         tries: how often it was.
         inside: point of the interior iteration, while the end is tried.
-        lowest: point of the smallest residual since the mode began.
-        settled: whether the residual is within rounding there.
-        ended: whether the iteration has gone back to `lowest`, to end there.
         doubtful: whether rounding has left a matrix of the mode indefinite.
     """
 
@@ -104,9 +101,6 @@ class Tensions:
     near: Float[Array, ""]
     tries: Int[Array, ""]
     inside: Float[Array, "n_row n_motion"]
-    lowest: Float[Array, "n_row n_motion"]
-    settled: Bool[Array, ""]
-    ended: Bool[Array, ""]
     doubtful: Bool[Array, ""]
 
     @classmethod
@@ -129,9 +123,6 @@ class Tensions:
             near=jnp.full_like(zero, _NEAR),
             tries=first,
             inside=x,
-            lowest=x,
-            settled=jnp.zeros((), bool),
-            ended=jnp.zeros((), bool),
             doubtful=jnp.zeros((), bool),
         )
 
@@ -148,30 +139,6 @@ class Tensions:
     def halved(self, residual: Float[Array, ""]) -> Bool[Array, ""]:
         """Whether the largest `residual`, N, is less than half of the smallest so far."""
         return self.fresh | (residual < 0.5 * self.best)
-
-    def noted(
-        self,
-        x: Float[Array, "n_row n_motion"],
-        residual: Float[Array, ""],
-        within: Bool[Array, ""],
-    ) -> tuple[Tensions, Bool[Array, ""]]:
-        """The policy with a point x, and whether x is accepted for a residual within rounding.
-
-        Rounding is known by an upper bound only. Hence the iteration goes on as long as a step
-        halves the residual, and then ends with the smallest one.
-
-        Args:
-            x: point.
-            residual: largest there, N.
-            within: whether it is within rounding.
-        """
-        lower = self.halved(residual)
-        after = copy(
-            self,
-            lowest=jnp.where(lower, x, self.lowest),
-            settled=jnp.where(lower, within, self.settled),
-        )
-        return after, within & (~lower | self.ended)
 
     def steered(
         self,
@@ -194,7 +161,6 @@ class Tensions:
             The policy, the point to go on from, whether this is another one than x.
         """
         mixed, last, interior = self.mode == MIXED, self.mode == LAST, self.mode == INTERIOR
-        back = self.settled & ~self.halved(residual)
         halved = found & self.halved(residual)
         best = jnp.where(halved | (mixed & (self.count <= _BEGINNING)), residual, self.best)
         since = jnp.where(halved, 0, self.since + 1)
@@ -225,12 +191,10 @@ class Tensions:
             near=jnp.where(ends, 0.1 * jnp.minimum(self.near, residual / scale), self.near),
             tries=self.tries + ends,
             inside=jnp.where(ends, x, self.inside),
-            settled=self.settled & ~changed,
             doubtful=self.doubtful & ~changed,
         )
-        after = where(back, copy(self, ended=jnp.ones((), bool)), after)
         x = jnp.where(begins, begin, jnp.where(returns, self.inside, x))
-        return after, jnp.where(back, self.lowest, x), begins | returns | back
+        return after, x, begins | returns
 
     def equations(
         self,
