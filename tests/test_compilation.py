@@ -85,10 +85,10 @@ def test_the_number_of_increments_does_not_enter_the_size_of_the_program():
 LINES = {
     # some 500 for tensions as unknowns (`equilibrium.tensions`), and 300 for exact elongations
     # (`elements.fine`), of which derivatives make 600 more
-    "flat_net": (2600, 4700),
-    "cable_truss": (2600, 4800),
+    "flat_net": (2500, 4600),
+    "cable_truss": (2500, 4700),
     "geiger_dome": (2250, 4700),
-    "isolated_cable": (5300, 11400),
+    "isolated_cable": (4200, 10700),
     "strung_arch": (5500, 13700),
 }
 
