@@ -204,7 +204,9 @@ def _cause(system, end, residual, rounding):
     stuck = end.code == status.NOT_CONVERGED
     code = jnp.where(stuck & met, status.COLLAPSED, end.code)
     if end.rounding is not None:
-        near = residual <= _NEARLY * rounding
+        # in a net the matrix, which has no fine part, is what cannot tell less than this apart
+        plain = jnp.finfo(rounding.dtype).eps if system.is_net else 1.0
+        near = residual <= _NEARLY * rounding / plain
         code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
     return code
 

@@ -18,6 +18,7 @@ from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver
 
+_UNSURE = 1e-2  # error of an answer, by rounding, from which it is none
 _MOST = 150  # unknowns up to which dense matrices are faster, see experiments/scaling.py
 
 
@@ -77,6 +78,7 @@ class Factor:
         size: scaling, the root of the diagonal, [n].
         loose: unknowns without a value, [n] bool.
         regular: whether the matrix of the other unknowns is regular to working precision.
+        scaled: the matrix, scaled to unit diagonal, [n, n].
     """
 
     lu: Float[Array, "n n"]
@@ -84,6 +86,7 @@ class Factor:
     size: Float[Array, " n"]
     loose: Bool[Array, " n"]
     regular: Bool[Array, ""]
+    scaled: Float[Array, "n n"]
 
     def solve(
         self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
@@ -111,8 +114,9 @@ class Factor:
 
         def forward(_, both):
             b, mark = jnp.split(both, 2)
-            unknown = self.loose | ~self.regular
-            answer = jnp.where(unknown, 0.0, self._back_substitute(b, 0))
+            answer, sound = self._checked(b, 0)
+            unknown = self.loose | ~self.regular | ~sound
+            answer = jnp.where(unknown, 0.0, answer)
             return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
 
         def backward(_, both):
@@ -129,8 +133,22 @@ class Factor:
         # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
         # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
         asked = jnp.any((self.loose | ~self.regular) & (b != 0))
-        answer = jnp.where(self.regular, self._back_substitute(b, 1), 0.0)
-        return jnp.where(asked, jnp.nan, answer)
+        answer, sound = self._checked(b, 1)
+        answer = jnp.where(self.regular, answer, 0.0)
+        return jnp.where(asked | (self.regular & ~sound), jnp.nan, answer)
+
+    def _checked(self, b, trans):
+        """The answer, and whether rounding leaves more than a percent of it.
+
+        A matrix that is singular up to rounding may have regular pivots. Then the correction of
+        iterative refinement is as large as the answer itself.
+        """
+        answer = self._back_substitute(b, trans)
+        matrix = self.scaled.T if trans else self.scaled
+        left = jnp.where(self.loose, 0.0, b) - self.size * (matrix @ (self.size * answer))
+        error = jnp.max(jnp.abs(self.size * self._back_substitute(left, trans)), initial=0.0)
+        largest = jnp.max(jnp.abs(self.size * answer), initial=0.0)
+        return answer, ~(error > _UNSURE * largest)
 
     def or_identity(self) -> Factor:
         """This factor, or that of the identity if the matrix is singular."""
@@ -141,6 +159,7 @@ class Factor:
             pivot=jnp.where(self.regular, self.pivot, jnp.arange(n, dtype=self.pivot.dtype)),
             size=jnp.where(self.regular, self.size, 1.0),
             regular=jnp.ones((), bool),
+            scaled=jnp.where(self.regular, self.scaled, jnp.eye(n, dtype=self.lu.dtype)),
         )
 
 
@@ -157,8 +176,9 @@ def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = Non
     matrix = jnp.where(loose[:, None] | loose[None, :], jnp.eye(n, dtype=matrix.dtype), matrix)
     size = jnp.sqrt(jnp.abs(diagonal(matrix)))
     size = jnp.where(size > 0, size, 1.0)
-    lu, pivot = jsl.lu_factor(matrix / size[:, None] / size[None, :])
+    scaled = matrix / size[:, None] / size[None, :]
+    lu, pivot = jsl.lu_factor(scaled)
     pivots = jnp.abs(diagonal(lu))
     limit = n * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
     regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
-    return Factor(lu, pivot, size, loose, regular)
+    return Factor(lu, pivot, size, loose, regular, scaled)
