@@ -267,7 +267,7 @@ CLAIMS = [
     Claim(
         "README.md",
         r"of\s(\d+) random ones.+,\s(\d+) end\s.+in\s(\d+) steps in the median and\s(\d+) at\s"
-        r"most; in float32, EA/N to 1e5, (\d+) do",
+        r"most; in float32, EA/N to 1e5, their count is (\d+)",
         bank,
     ),
     Claim("README.md", r"Of (\d+) random scenes.+,\s(\d+) % end", valid_scenes),

@@ -73,12 +73,10 @@ def two_links(strain, pull, angle=0.3, offset=0.0):
             # coordinates have rounded the lengths, which are the half span of the closed form
             spans = np.linalg.norm(np.diff(np.asarray(nodes, float), axis=0), axis=1)
             rounded = 2 * np.abs(spans - 1).max() + 64 * EPS[dtype]
-            # what the tolerance of the load leaves of w, by dP/dw, and what the rounding of the
-            # displacements does, whose forces the method allows; and what that does to N
+            # what the tolerance of the load leaves of w, by dP/dw; and what that does to N
             length = np.hypot(1, w)
             rate = 2 * (force / length**3 + ea * (w / length) ** 2 / length)
-            allowed = max(TOL[dtype] * (2 * force + pull * ea), 16 * EPS[dtype] * ea * w)
-            room = allowed / rate + rounded * w
+            room = TOL[dtype] * (2 * force + pull * ea) / rate + rounded * w
             slack = ea * (w / length) * room + rounded * force
             return max(abs(found - w) / room, np.abs(tension - force).max() / slack), 1.0
 
