@@ -110,10 +110,11 @@ class Pull:
     """What a cable does at a point.
 
     Attributes:
-        tension: the unknown of the cable, N: its axial force, or for one that sags the smaller of
-            the tensions of two straight halves, see `Pulling`.
+        tension: the unknown of the cable, not negative, N: its axial force; of one that hangs the
+            mean of the tensions at its ends less half of the load on it.
         slope: its derivative by the length, N/m.
-        along: change of the length by the displacements of the ends, [n_end, 3].
+        along: derivative of the end forces by the tension, [n_end, 3]; of a straight cable that of
+            its length by the displacements of the ends, too.
         forces: end forces, [n_end, 3], N.
         shape: what `Pulling.room` needs to know of the point.
     """

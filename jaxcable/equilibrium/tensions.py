@@ -23,6 +23,10 @@ follows ``N y = m`` as m goes to zero. Eliminating y and N from the linear equat
 A taut cable (y to 0) has k = 1/L' = D', a slack one (N to 0) none; in between a cable is softened
 by a spring of compliance y/N of its own. The number of steps hardly depends on EA/N.
 
+A hanging cable has a bound, too, less the length s(N) that its sag takes (`hanging_springs`): in
+balance ``y = s``, where a straight cable has y = 0, and a step aims at ``N y = m + N s``. Its sag
+keeps N from zero as m does, so that the elimination is the same.
+
 The iteration is mixed as long as the residual falls; then interior, from the start of the
 increment; near the end mixed again, because interior steps become inaccurate where slack and taut
 cannot be told apart; and if all of this fails, plain Newton steps with a line search.
