@@ -160,12 +160,15 @@ class Task:
 
     def iterate(self, it: Iterate) -> Iterate:
         """Evaluate the point that is tried, decide whether to accept it, and make the next step."""
-        it, taken, found, over = self._tried(it)
+        exact = self._to_be_exact(it)
+        it, taken, found, over = self._tried(it, exact)
         it, converged = self._known(it)
+        if self.net:  # a long step may lead to where the fine part matters after all
+            converged = converged & (exact | ~self._to_be_exact(it))
         it, reevaluate = self._steered(it, taken, found, over, converged)
         return self._aimed(it, over & ~it.done & ~reevaluate, converged)
 
-    def _tried(self, it):
+    def _tried(self, it, exact):
         """The evaluation of an iteration, at `search.length` of the step.
 
         Returns:
@@ -176,7 +179,7 @@ class Task:
         """
         x = self.system.move(it.x, it.search.length * it.step)
         x = jnp.where(it.arrival, it.x, x)
-        residual, scale, rounding, elements = self._evaluated(x, self._to_be_exact(it))
+        residual, scale, rounding, elements = self._evaluated(x, exact)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
