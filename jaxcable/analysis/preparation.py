@@ -29,7 +29,7 @@ from ..model.structure import Structure, place_rules
 from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
-from ..spaces.freedoms import number_freedoms
+from ..spaces.freedoms import number_freedoms, number_meetings
 from .phases import Phase, keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
@@ -71,12 +71,14 @@ def prepare(
     method: Newton | Incremental | None,
     start: Solution | State | None,
     earlier: int = 0,
+    to_end: bool = False,
 ) -> Prepared:
     """Check the arguments of an analysis and separate topology from numbers: `Prepared`.
 
     Args:
         structure, phases, method, start: as for `solve`.
         earlier: number of phases solved before, by which warnings number the phases.
+        to_end: whether only equilibria are sought: then the tangent of a net is never indefinite.
 
     Raises:
         ValueError: wrong input, naming argument, index and rule.
@@ -101,7 +103,8 @@ def prepare(
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
     bundled = bundles.groups(groups)
-    numbered = _numbered(structure, method, everything, bundled, bundles)
+    convex = to_end and isinstance(method, Newton) and _always_convex(bundled, everything)
+    numbered = _numbered(structure, method, everything, bundled, bundles, convex)
     freedoms, changes, before = numbering(sets, numbered)
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
@@ -150,7 +153,7 @@ def _loads(structure, phase, fixed):
     return [load for load in loads if isinstance(load, OnNodes)], movements, along
 
 
-def _numbered(structure, method, stacks, groups, bundles):
+def _numbered(structure, method, stacks, groups, bundles, convex):
     """A function from a `Fixed` to the numbering of the unknowns that it leaves, `Freedoms`."""
     (rows, _), space = structure.rows(), structure.space
     followers = [stack for stack in stacks if stack.follows]
@@ -164,20 +167,30 @@ def _numbered(structure, method, stacks, groups, bundles):
     def number(fixed):
         solver, symmetric = method.linear_solver, space.symmetric and not followers
         coupled = (*links, *pressed)
-        return number_freedoms(fixed, rows, coupled, solver, symmetric, structure.rigid, space)
+        settings = solver, symmetric, structure.rigid, space, convex
+        found = number_freedoms(fixed, rows, coupled, *settings)
+        ends = tuple(group.links for group in groups)
+        return copy(found, meeting=number_meetings(ends, len(found.fixed)))
 
     return number
 
 
 def _may_warn(groups, carry, stacks, nodal):
     """See `Prepared.may_warn`."""
-    if all(g.tension_only and g.rising and not (g.slides and stacks) for g in groups):
+    if _always_convex(groups, stacks):
         return False
     moments = [load.moments for of_phase in nodal for load in of_phase]
     before = None if carry is None else checks.concrete(carry.nodal_load)
     moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
     return not (moments_before or following or any(m is not None for m in moments))
+
+
+def _always_convex(groups, stacks):
+    """Whether the energy is known to be convex: cables, and no loads that slide along or follow."""
+    tension_only = all(group.tension_only and group.rising for group in groups)
+    slides = stacks and any(group.slides for group in groups)
+    return tension_only and not slides and not any(stack.follows for stack in stacks)
 
 
 def _support_sets(structure, phases, fixed):

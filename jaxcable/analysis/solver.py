@@ -91,7 +91,7 @@ def solve(
         -14600.0 N/m
     """
     listen = listener(progress)
-    task = prepare(structure, phases, method, start)
+    task = prepare(structure, phases, method, start, to_end=True)
     core = task.thawed, task.arrays, task.method, task.code
     static = differentiate_path, listen, task.bundles
     solution = _analyse(*core, *static, size=task.n_free)

@@ -25,6 +25,7 @@ from ..common.rules import Rule, not_negative, or_nan, positive, refuse
 from ..common.tree import Indices, changed, copy, kind, plain, pytree, replace
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.rotations import cross
+from ..numerics.vectors import inner
 from ..sections import Section
 from .abilities import Bending, Rounding
 from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Scalar
@@ -317,7 +318,7 @@ class Beams(Member, Prestressed, Bending, Rounding):
     def axes(self, ends: Ends) -> Float[Array, "3 3"]:
         """Initial axes of the element, [3, 3]: ``axes[0]`` along it, then the section's y and z."""
         chord = ends[1] - ends[0]
-        along = chord / jnp.sqrt(chord @ chord)
+        along = chord / jnp.sqrt(inner(chord, chord))
         if self.up is None:
             upright = along[0] ** 2 + along[1] ** 2 < _UPRIGHT**2
             up: Float[ArrayLike, " 3"] = jnp.where(
@@ -325,8 +326,8 @@ class Beams(Member, Prestressed, Bending, Rounding):
             )
         else:
             up = self.up
-        z = up - (up @ along) * along
-        z = z / jnp.sqrt(z @ z)
+        z = up - inner(up, along) * along
+        z = z / jnp.sqrt(inner(z, z))
         return jnp.stack([along, cross(z, along), z])
 
 

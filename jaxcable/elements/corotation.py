@@ -39,6 +39,7 @@ from ..numerics.rotations import (
     shortest,
     stereographic,
 )
+from ..numerics.vectors import inner
 from .element import Pressures, Scalar
 from .prestress import stretch
 
@@ -139,7 +140,7 @@ def end_forces(
     by_spin = jax.vmap(moment_of_spin)(pose.turns, moments)
     first, second = by_spin @ pose.axes
     onto = first + second + torque @ pose.axes
-    along = (onto @ pose.chord) / (1 + pose.mean @ pose.chord)
+    along = inner(onto, pose.chord) / (1 + inner(pose.mean, pose.chord))
     shared = along * (pose.mean + pose.chord)
     skew = cross(pose.half[1:], shared) / (2 * pose.half[0])
     pull = force * pose.chord - cross(onto - along * pose.mean, pose.chord) / pose.length

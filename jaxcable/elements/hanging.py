@@ -28,6 +28,7 @@ import jax.numpy as jnp
 
 from ..common.types import Array, Float
 from ..numerics.roots import rising_root
+from ..numerics.vectors import inner
 from .element import Scalar
 from .hanging_terms import directed, grown, ratio_less_1, strained, two_springs
 
@@ -54,10 +55,10 @@ def hang(
         without load is slack.
     """
     weight, unit = directed(load)
-    across = chord - (chord @ unit) * unit
+    across = chord - inner(chord, unit) * unit
     # for a chord along the load: negligible elsewhere, and its square does not underflow
     tiny = jnp.finfo(chord.dtype).tiny ** 0.45
-    across2 = across @ across / rest_length**2 + tiny
+    across2 = inner(across, across) / rest_length**2 + tiny
     excess = excess / rest_length**2
     omega = weight * rest_length / stiffness
     empty = (omega == 0) & (excess < 0)
@@ -167,14 +168,14 @@ def stored_energy(
     the cable, without the shares of this load at the ends. The complementary energy is the integral
     of ``|T|^2/(2 EA) + |T|`` over the unstressed length.
     """
-    weight2 = load @ load
+    weight2 = inner(load, load)
     heavy = weight2 > 0
-    along = force @ load
+    along = inner(force, load)
     along2 = along**2 / jnp.where(heavy, weight2, 1.0)
-    across2 = jnp.maximum(force @ force - along2, 0.0)
+    across2 = jnp.maximum(inner(force, force) - along2, 0.0)
     some = jnp.where(tau > 0, tau, 1.0)
     integral = 0.5 * (tau + along2 / some + across2 * (1 + grown(theta)) / some)
-    square = force @ force + weight2 * rest_length**2 / 12
+    square = inner(force, force) + weight2 * rest_length**2 / 12
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
 
@@ -191,12 +192,12 @@ def depth(
     ``q L0^2/8EA + (tau - |F|)/q``, the second term from
     ``tau^2 - |F|^2 = (q L0 cosh(theta) H / 2 tau)^2``.
     """
-    weight2 = load @ load
+    weight2 = inner(load, load)
     weight = jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
-    along = force @ load / weight
+    along = inner(force, load) / weight
     across = force - along * load / weight
     some = jnp.where(tau > 0, tau, 1.0)
-    level = across @ across * (jnp.cosh(theta) / some) ** 2
+    level = inner(across, across) * (jnp.cosh(theta) / some) ** 2
     return weight * rest_length**2 * (level / (4 * (some + _norm(force))) + 1 / (8 * stiffness))
 
 
@@ -218,7 +219,7 @@ def places(
     here = first - jnp.outer(arc[:, 0], load)
     mean = 0.5 * (first + here)
     both = _rows(first) + _rows(here)
-    weight2 = load @ load
+    weight2 = inner(load, load)
     unit = load / jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
     along = jnp.outer(mean @ unit, unit)
     c = jnp.sqrt(weight2) * arc / jnp.where(both > 0, both, 1.0)
@@ -229,7 +230,7 @@ def places(
 
 
 def _norm(vector):
-    square = vector @ vector
+    square = inner(vector, vector)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
@@ -251,7 +252,7 @@ def strain_at_depth(
         stiffness: EA, N.
         sag: distance of the middle from the middle of the chord, along the load, positive, m.
     """
-    length2 = chord @ chord
+    length2 = inner(chord, chord)
     length = jnp.sqrt(length2)
 
     def mismatch(u):
@@ -260,10 +261,10 @@ def strain_at_depth(
         force, tau, theta = hang(chord, excess, load, rest_length, stiffness)
         return jnp.log(depth(force, tau, theta, load, rest_length, stiffness) / sag)
 
-    weight = jnp.sqrt(load @ load)
+    weight = jnp.sqrt(inner(load, load))
     unit = load / weight
-    across = chord - (chord @ unit) * unit
-    slope = jnp.sqrt(across @ across) / length
+    across = chord - inner(chord, unit) * unit
+    slope = jnp.sqrt(inner(across, across)) / length
     ratio = sag / length
     shallow = jnp.log1p(8 / 3 * (ratio * slope) ** 2)
     taut = jnp.log1p(weight * length / (8 * ratio * stiffness))

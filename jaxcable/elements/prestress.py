@@ -13,6 +13,7 @@ import numpy as np
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..numerics.vectors import inner
 from .abilities import Prestressable
 from .element import ElementState, Ends, Motion, Pressures, Scalar
 from .stated import Stated
@@ -175,8 +176,8 @@ def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Sca
     """Current vector, current length, change of length (without subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]
     vector = chord + w
-    start, length = jnp.sqrt(chord @ chord), jnp.sqrt(vector @ vector)
-    return vector, length, (2 * chord + w) @ w / (length + start), start
+    start, length = jnp.sqrt(inner(chord, chord)), jnp.sqrt(inner(vector, vector))
+    return vector, length, inner(2 * chord + w, w) / (length + start), start
 
 
 def jacked_or(

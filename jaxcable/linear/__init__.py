@@ -13,7 +13,9 @@ from ..common.tree import copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from . import choice, dense, sparse
 from .bordered import solve_bordered
-from .dense import Factor, solve_definite
+from .dense import solve_definite
+from .direct import Direct
+from .gathering import Gathering, gathering
 from .pattern import Matrix, Pattern, Sparse, assemble, make_pattern
 from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
 from .sparse import Factored, SparseFactor, forgotten, nothing_factored
@@ -22,7 +24,8 @@ from .spectrum import NOT_COUNTED, is_symmetric, spectrum
 __all__ = [
     "NOT_COUNTED",
     "Analysis",
-    "Factor",
+    "Direct",
+    "Gathering",
     "Matrix",
     "NumericFactor",
     "Pattern",
@@ -36,6 +39,7 @@ __all__ = [
     "diagonal",
     "factorize",
     "forgotten",
+    "gathering",
     "held_at",
     "is_definite",
     "is_symmetric",
@@ -103,7 +107,7 @@ def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
     return matrix * factor.astype(matrix.dtype)
 
 
-def factorize(matrix: Matrix, loose: Bool[Array, " n"] | None = None) -> Factor | SparseFactor:
+def factorize(matrix: Matrix, loose: Bool[Array, " n"] | None = None) -> Direct | SparseFactor:
     """Factorise a general (indefinite or unsymmetric) matrix.
 
     Args:
@@ -111,7 +115,7 @@ def factorize(matrix: Matrix, loose: Bool[Array, " n"] | None = None) -> Factor 
         loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
 
     Returns:
-        `Factor` or `SparseFactor`, with `regular`, `solve(rhs, matvec)` and `or_identity()`.
+        `Direct` or `SparseFactor`, with `regular`, `solve(rhs, matvec)` and `or_identity()`.
     """
     if isinstance(matrix, Sparse):
         return sparse.factorize(matrix, loose)
@@ -150,7 +154,7 @@ def solve_marked(
     """
     if factored is None:
         factor = factorize(*build())
-        if isinstance(factor, Factor):
+        if isinstance(factor, Direct):
             return factor.solve_marked(rhs, matvec)
     # here the matrix is sparse, which type checkers do not know
     return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)  # type: ignore[arg-type]

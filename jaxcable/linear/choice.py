@@ -4,7 +4,8 @@ from . import solver
 from .dense import Dense
 from .lapack import Banded
 from .pardiso import Pardiso
+from .rolling import Rolling
 from .superlu import SuperLU
 
-for _solver in (Dense(), Banded(), Pardiso(), SuperLU()):
+for _solver in (Rolling(), Dense(), Banded(), Pardiso(), SuperLU()):
     solver.register(_solver)

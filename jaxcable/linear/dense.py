@@ -6,8 +6,7 @@ would cost several times the solve itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
@@ -17,8 +16,8 @@ from jax import lax
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver
+from .direct import Direct
 
-_UNSURE = 1e-2  # error of an answer, by rounding, from which it is none
 _MOST = 150  # unknowns up to which dense matrices are faster, see experiments/scaling.py
 
 
@@ -35,8 +34,18 @@ class Dense(solver.Solver):
     def analyse(
         self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
     ) -> NoReturn:
-        """Never called: `solve_definite` and `factorize` take the array."""
+        """Never called: `solve_definite` and `factorize` take the matrix."""
         raise NotImplementedError("a dense matrix is solved inside of the program")
+
+    def solve_definite(
+        self, matrix: Any, rhs: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+        """See `solver.Solver`."""
+        return solve_definite(matrix.dense(), rhs)
+
+    def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Factor:
+        """See `solver.Solver`."""
+        return factorize(matrix.dense(), loose)
 
 
 def diagonal(matrix: Float[Array, "n n"]) -> Float[Array, " n"]:
@@ -70,14 +79,12 @@ def solve_definite(
 
 
 @pytree
-class Factor:
+class Factor(Direct):
     """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.
 
     Attributes:
         lu, pivot: LU factor of the scaled matrix.
-        size: scaling, the root of the diagonal, [n].
-        loose: unknowns without a value, [n] bool.
-        regular: whether the matrix of the other unknowns is regular to working precision.
+        size, loose, regular: see `Direct`.
         scaled: the matrix, scaled to unit diagonal, [n, n].
     """
 
@@ -88,67 +95,13 @@ class Factor:
     regular: Bool[Array, ""]
     scaled: Float[Array, "n n"]
 
-    def solve(
-        self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
-    ) -> Float[Array, " n"]:
-        """Solve for `rhs` [n]; derivatives are those of the linear function `matvec`.
+    def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+        """See `Direct`."""
+        return jsl.lu_solve((self.lu, self.pivot), b, int(transposed))
 
-        All NaN if the matrix is singular. Loose unknowns have no value: they are NaN, the others
-        are exact. An adjoint whose right side is not zero at a loose unknown is all NaN.
-        """
-
-        def forward(_, b):
-            return jnp.where(self.loose | ~self.regular, jnp.nan, self._back_substitute(b, 0))
-
-        def backward(_, b):
-            return self._transposed(b)
-
-        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
-
-    def solve_marked(
-        self,
-        rhs: Float[Array, " 2*n"],
-        matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
-    ) -> Float[Array, " 2*n"]:
-        """See `linear.solve_marked`."""
-
-        def forward(_, both):
-            b, mark = jnp.split(both, 2)
-            answer, sound = self._checked(b, 0)
-            unknown = self.loose | ~self.regular | ~sound
-            answer = jnp.where(unknown, 0.0, answer)
-            return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
-
-        def backward(_, both):
-            b, mark = jnp.split(both, 2)
-            return jnp.concatenate([self._transposed(b), mark])
-
-        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
-
-    def _back_substitute(self, b, trans):
-        b = jnp.where(self.loose, 0.0, b) / self.size
-        return jsl.lu_solve((self.lu, self.pivot), b, trans) / self.size
-
-    def _transposed(self, b):
-        # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
-        # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
-        asked = jnp.any((self.loose | ~self.regular) & (b != 0))
-        answer, sound = self._checked(b, 1)
-        answer = jnp.where(self.regular, answer, 0.0)
-        return jnp.where(asked | (self.regular & ~sound), jnp.nan, answer)
-
-    def _checked(self, b, trans):
-        """The answer, and whether rounding leaves more than a percent of it.
-
-        A matrix that is singular up to rounding may have regular pivots. Then the correction of
-        iterative refinement is as large as the answer itself.
-        """
-        answer = self._back_substitute(b, trans)
-        matrix = self.scaled.T if trans else self.scaled
-        left = jnp.where(self.loose, 0.0, b) - self.size * (matrix @ (self.size * answer))
-        error = jnp.max(jnp.abs(self.size * self._back_substitute(left, trans)), initial=0.0)
-        largest = jnp.max(jnp.abs(self.size * answer), initial=0.0)
-        return answer, ~(error > _UNSURE * largest)
+    def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+        """See `Direct`."""
+        return (self.scaled.T if transposed else self.scaled) @ x
 
     def or_identity(self) -> Factor:
         """This factor, or that of the identity if the matrix is singular."""

@@ -1,8 +1,7 @@
 """Sparsity patterns, sparse matrices on them, and their assembly from element matrices.
 
-A pattern is found once per structure, on the host; a matrix is a list of values on it. The
-contributions of the elements are sorted by their targets when the pattern is found, so that
-assembly is a gather and a sorted sum.
+A pattern is found once per structure, on the host; a matrix is a list of values on it. Which
+entries of element matrices add up to a value is found with the pattern, so that assembly gathers.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ import numpy as np
 
 from ..common.tree import copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from .gathering import Gathering, gathering
 from .solver import Solver, choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded systems
@@ -27,30 +27,31 @@ class Pattern:
     """Sparsity of a square matrix in compressed rows, and where element entries are added.
 
     Attributes:
-        source: entries of element matrices that are added, as positions among all entries of all
-            element matrices one after the other, [n_part].
-        target: the value that each of these entries is added to, ascending, [n_part].
+        sums: values from the entries of all element matrices, one after the other.
         indptr, indices: compressed rows, [n + 1], [n_value]; columns ascending.
         diagonal: positions of the diagonal among the values, [n].
+        rows: row of every value, [n_value].
         digest: 128 bits that stand for `indptr` and `indices`, [4] uint32.
         order: unknowns in an order of small bandwidth b, [n]; None if `symmetric` is False or b is
             too large.
+        place: where every unknown is in this order, [n], or None.
         band: positions of the values of ``A[order][:, order]``, by columns from the diagonal down,
             [n, b + 1]; n_value for a zero.
         table: positions of the values of the dense matrix, [n, n], likewise; None unless the solver
-            is one on the device.
+            needs it.
         size: n.
         symmetric: whether only the upper triangle is stored.
         solver: `solver.Solver`.
     """
 
-    source: Int[Array, " n_part"]
-    target: Int[Array, " n_part"]
+    sums: Gathering
     indptr: Int[Array, " n+1"]
     indices: Int[Array, " n_value"]
     diagonal: Int[Array, " n"]
+    rows: Int[Array, " n_value"]
     digest: Int[Array, " 4"]
     order: Int[Array, " n"] | None = None
+    place: Int[Array, " n"] | None = None
     band: Int[Array, "n b+1"] | None = None
     table: Int[Array, "n n"] | None = None
     size: int = 0
@@ -64,6 +65,7 @@ def make_pattern(
     symmetric: bool,
     name: str | None = None,
     exchanges_rows: bool = False,
+    definite: bool = False,
 ) -> Pattern:
     """The pattern that element matrices with the given unknowns fill.
 
@@ -74,24 +76,22 @@ def make_pattern(
         symmetric: whether to store the upper triangle only.
         name: name of a solver, or None to choose one.
         exchanges_rows: whether the solver must exchange rows.
+        definite: whether all matrices are known to be positive semidefinite.
     """
-    rows, columns, sources, offset = [], [], [], 0
+    keys = []
     for number in numbers:
-        n_elem, d = number.shape
+        d = number.shape[1]
         row = np.repeat(number, d, axis=1).ravel()
         column = np.tile(number, (1, d)).ravel()
         keep = (row < size) & (column < size)
         if symmetric:
             keep &= column >= row
-        sources.append(offset + np.flatnonzero(keep))
-        rows.append(row[keep])
-        columns.append(column[keep])
-        offset += n_elem * d * d
-    key = np.concatenate(rows).astype(np.int64) * size + np.concatenate(columns)
-    order = np.argsort(key, kind="stable")
-    key = key[order]
-    first = np.append(True, key[1:] != key[:-1])
-    entries = key[first]
+        keys.append(np.where(keep, row.astype(np.int64) * size + column, -1))
+    key = np.concatenate(keys)
+    used = key >= 0
+    entries, of_used = np.unique(key[used], return_inverse=True)
+    target = np.full(len(key), len(entries))  # left out
+    target[used] = of_used
     row, indices = entries // size, entries % size
     indptr = np.searchsorted(row, np.arange(size + 1))
     diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
@@ -100,28 +100,29 @@ def make_pattern(
     indptr, indices = indptr.astype(np.int32), indices.astype(np.int32)
     digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=16).digest()
     arrays = (
-        places(np.concatenate(sources)[order]),
-        places(np.cumsum(first) - 1),
         indptr,
         indices,
         places(diagonal),
+        row.astype(np.int32),
         np.frombuffer(digest, np.uint32),
-        *(_band(row, indices, size) if symmetric else (None, None)),
+        *(_band(row, indices, size) if symmetric else (None, None, None)),
     )
-    solver = choose(size, arrays[-1] is not None, name, exchanges_rows)
-    table = _table(row, indices, size, symmetric) if solver.on_device else None
+    solver = choose(size, arrays[-1] is not None, name, exchanges_rows, definite)
+    whole = solver.on_device and not solver.definite
+    table = _table(row, indices, size, symmetric) if whole else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
+        sums = jax.tree.map(jax.device_put, gathering(target, len(entries)))
         placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
-    return Pattern(*placed, size, symmetric, solver)  # type: ignore[call-arg]  # nine arrays
+    return Pattern(sums, *placed, size, symmetric, solver)  # type: ignore[call-arg]  # ten arrays
 
 
 def _band(rows, columns, size):
-    """`Pattern.order` and `.band` of an upper triangle; (None, None) if the band is too wide."""
+    """`Pattern.order`, `.place`, `.band` of an upper triangle; all None if the band is too wide."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.csgraph import reverse_cuthill_mckee
 
     if size > _WIDEST**2:
-        return None, None
+        return None, None, None
     upper = csr_matrix((np.ones(len(rows)), (rows, columns)), (size, size))
     order = reverse_cuthill_mckee(upper + upper.T, symmetric_mode=True)
     place = np.empty(size, np.int64)
@@ -129,10 +130,10 @@ def _band(rows, columns, size):
     low, high = np.minimum(place[rows], place[columns]), np.maximum(place[rows], place[columns])
     width = int(np.max(high - low, initial=0)) + 1
     if width > _WIDEST + 1:
-        return None, None
+        return None, None, None
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
-    return order.astype(np.int32), band
+    return places(order), places(place.astype(np.int32)), band
 
 
 def _table(rows, columns, size, symmetric):
@@ -167,31 +168,34 @@ class Sparse:
 
     def plus_diagonal(self, shift: Float[ArrayLike, ""]) -> Sparse:
         """This matrix with `shift`, a scalar, added to its diagonal."""
-        at = self.values.at[self.pattern.diagonal]
-        values = at.add(shift, indices_are_sorted=True, unique_indices=True)
-        return copy(self, values=values)
+        return copy(self, values=jnp.where(self._on_diagonal, self.values + shift, self.values))
 
     def plus_entry(self, place: Int[ArrayLike, ""], value: Float[ArrayLike, ""]) -> Sparse:
         """This matrix with `value` added to entry `place` of its diagonal."""
-        return copy(self, values=self.values.at[self.pattern.diagonal[place]].add(value))
+        here = jnp.arange(len(self.values)) == self.pattern.diagonal[place]
+        return copy(self, values=jnp.where(here, self.values + value, self.values))
 
     def held_at(self, held: Bool[Array, " n"], stiffness: Float[Array, ""]) -> Sparse:
         """This matrix with rows and columns `held`, [n] bool, empty but for a `stiffness`."""
-        touched = held[self._rows()] | held[self.pattern.indices]
-        values = jnp.where(touched, 0.0, self.values)
-        diagonal = jnp.where(held, stiffness, values[self.pattern.diagonal])
-        return copy(self, values=values.at[self.pattern.diagonal].set(diagonal))
+        touched = held[self.pattern.rows] | held[self.pattern.indices]
+        left = jnp.where(self._on_diagonal, stiffness, 0.0)
+        return copy(self, values=jnp.where(touched, left, self.values))
+
+    def scaled(self, size: Float[Array, " n"]) -> Sparse:
+        """This matrix with rows and columns divided by `size`, [n]."""
+        p = self.pattern
+        return copy(self, values=self.values / size[p.rows] / size[p.indices])
 
     def or_identity(self, valid: Bool[ArrayLike, ""]) -> Sparse:
         """This matrix if `valid`, else the identity."""
-        one = jnp.zeros_like(self.values).at[self.pattern.diagonal].set(1.0)
+        one = self._on_diagonal.astype(self.values.dtype)
         return copy(self, values=jnp.where(valid, self.values, one))
 
     def dense(self) -> Float[Array, "n n"]:
         """This matrix as an array [n, n]."""
         if self.pattern.table is not None:
             return jnp.append(self.values, 0.0)[self.pattern.table]
-        rows, columns = self._rows(), self.pattern.indices
+        rows, columns = self.pattern.rows, self.pattern.indices
         full = (
             jnp.zeros(self.shape, self.values.dtype)
             .at[rows, columns]
@@ -205,18 +209,14 @@ class Sparse:
         """Lower band of ``A[order][:, order]`` by columns, [n, b + 1]; see `banded`."""
         return jnp.append(self.values, 0.0)[self.pattern.band]
 
-    def _rows(self):
-        """Row of every value, [n_value]."""
-        p = self.pattern
-        return jnp.repeat(
-            jnp.arange(p.size, dtype=jnp.int32),
-            jnp.diff(p.indptr),
-            total_repeat_length=len(p.indices),
-        )
+    @property
+    def _on_diagonal(self):
+        """Which values are on the diagonal, [n_value]."""
+        return self.pattern.rows == self.pattern.indices
 
     def __matmul__(self, v: Float[Array, " n"]) -> Float[Array, " n"]:
         """Product with a vector [n]."""
-        p, rows = self.pattern, self._rows()
+        p, rows = self.pattern, self.pattern.rows
         product = jnp.zeros_like(v).at[rows].add(self.values * v[p.indices])
         if not p.symmetric:
             return product
@@ -251,7 +251,4 @@ def assemble(
     entries = flat[0] if len(flat) == 1 else jnp.concatenate(flat)
     # the barrier keeps XLA from computing an element matrix again for every entry that is gathered
     entries = jax.lax.optimization_barrier(entries)
-    n_value = pattern.indices.shape[0]
-    values = jnp.zeros(n_value, entries.dtype)
-    values = values.at[pattern.target].add(entries[pattern.source], indices_are_sorted=True)
-    return Sparse(values, pattern)
+    return Sparse(pattern.sums(entries), pattern)

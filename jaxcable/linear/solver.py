@@ -14,11 +14,11 @@ All of it is NumPy on the host: a callback that calls jax can wait for itself fo
 from __future__ import annotations
 
 import abc
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..common.types import Float, Int
+from ..common.types import Array, Bool, Float, Int
 
 _KNOWN: dict[str, Solver] = {}
 
@@ -29,8 +29,9 @@ class Solver(abc.ABC):
     Attributes:
         name: the name that users give.
         offered: whether users may name it; otherwise it is only chosen by size.
-        on_device: whether it solves a dense array inside of the compiled program; then `analyse` is
-            never called.
+        on_device: whether it solves inside of the compiled program; then `solve_definite` and
+            `factorize` are called with matrices of jax, and `analyse` never.
+        definite: whether it is only for matrices that are known to be positive semidefinite.
         exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
             on its diagonal needs.
         iterates: whether conjugate gradients with the factor of a similar matrix can be cheaper
@@ -40,6 +41,7 @@ class Solver(abc.ABC):
     name: str = None  # type: ignore[assignment]  # every solver has one
     offered: bool = True
     on_device: bool = False
+    definite: bool = False
     exchanges_rows: bool = True
     iterates: bool = True
 
@@ -71,6 +73,18 @@ class Solver(abc.ABC):
             indptr, indices: compressed rows of the whole matrix (both triangles), columns
                 ascending.
         """
+
+    def solve_definite(
+        self,
+        matrix: Any,  # a `pattern.Sparse`; that module imports this one
+        rhs: Float[Array, " n"],
+    ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+        """Solution [n], and whether the matrix is positive definite; if `on_device`."""
+        raise NotImplementedError(f"{self.name}: solves on the host")
+
+    def factorize(self, matrix: Any, loose: Bool[Array, " n"]) -> Any:
+        """A `direct.Direct` of a matrix without unknowns `loose`, [n] bool; if `on_device`."""
+        raise NotImplementedError(f"{self.name}: solves on the host")
 
     def __repr__(self) -> str:
         return self.name
@@ -165,7 +179,13 @@ def check(name: str | None, exchanges_rows: bool = False) -> None:
         )
 
 
-def choose(n: int, banded: bool, name: str | None = None, exchanges_rows: bool = False) -> Solver:
+def choose(
+    n: int,
+    banded: bool,
+    name: str | None = None,
+    exchanges_rows: bool = False,
+    definite: bool = False,
+) -> Solver:
     """The solver of a name; if that is None, the first registered one that suits.
 
     Args:
@@ -173,8 +193,10 @@ def choose(n: int, banded: bool, name: str | None = None, exchanges_rows: bool =
         banded: whether the matrix has a small bandwidth.
         name: name of an installed solver, or None.
         exchanges_rows: whether the solver must exchange rows.
+        definite: whether all matrices are known to be positive semidefinite.
     """
     if name is not None:
         return named(name)
     able = [s for s in _KNOWN.values() if s.exchanges_rows or not exchanges_rows]
+    able = [s for s in able if definite or not s.definite]
     return next(s for s in able if s.available() and s.suits(n, banded))

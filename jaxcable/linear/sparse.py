@@ -20,8 +20,9 @@ from jax.typing import DTypeLike
 
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import dense, host
+from . import host
 from .banded import solve_banded
+from .direct import Direct
 from .pattern import Pattern, Sparse
 
 _PAUSE = 3  # solves: where cables change between slack and taut, matrices differ for some steps
@@ -141,7 +142,7 @@ def solve_next(
     """`linear.solve_next` for a `Sparse`; `factored` is None if its solver is on the device."""
     p = matrix.pattern
     if p.solver.on_device:
-        return *dense.solve_definite(matrix.dense(), rhs), factored
+        return *p.solver.solve_definite(matrix, rhs), factored
     shapes = (
         jax.ShapeDtypeStruct(rhs.shape, rhs.dtype),
         jax.ShapeDtypeStruct((), bool),
@@ -181,9 +182,8 @@ def _solve_batch(axis_size, mapped, *arguments):
         return results, jax.tree.map(lambda _: True, results)
 
     def one(matrix, rhs):
-        order = matrix.pattern.order
-        x, definite = solve_banded(matrix.banded(), rhs[order])
-        return jnp.zeros_like(x).at[order].set(x, unique_indices=True), definite
+        x, definite = solve_banded(matrix.banded(), rhs[matrix.pattern.order])
+        return x[matrix.pattern.place], definite
 
     x, definite = jax.vmap(one, in_axes=tuple(axes[:2]), out_axes=0, axis_size=axis_size)(
         matrix, rhs
@@ -230,14 +230,12 @@ class SparseFactor:
         return copy(self, matrix=self.matrix.or_identity(self.regular))
 
 
-def factorize(
-    matrix: Sparse, loose: Bool[Array, " n"] | None = None
-) -> dense.Factor | SparseFactor:
+def factorize(matrix: Sparse, loose: Bool[Array, " n"] | None = None) -> Direct | SparseFactor:
     """See `linear.factorize`."""
-    if matrix.pattern.solver.on_device:
-        return dense.factorize(matrix.dense(), loose)
     if loose is None:
         loose = jnp.zeros(matrix.shape[0], bool)
+    if matrix.pattern.solver.on_device:
+        return matrix.pattern.solver.factorize(matrix, loose)
     return SparseFactor(lax.stop_gradient(matrix), loose)
 
 

@@ -99,19 +99,25 @@ class System(Elementwise):
         """
         if end_forces is None:
             end_forces = self.reading(x, "end_forces")["end_forces"]
-        rows, ends = self._at_ends([self.space.padded(forces) for forces in end_forces])
-        force = jnp.zeros_like(self.load).at[rows].add(ends)
-        size = jnp.zeros_like(x[:, 0]).at[rows].add(self.space.size(ends))
-        for group, state in zip(self.groups, self.states, strict=True):
-            if group.remembers:
-                size = size.at[group.links].add(self.part_sizes(group, state, x))
-        return force, size
+        ends = [self.space.padded(forces) for forces in end_forces]
+        return self.at_rows(ends), self.at_rows(self.end_sizes(ends, x))
 
-    def _at_ends(self, values):
-        """Rows of the ends of all groups in one array, and `values` [n_elem, n_end, ...] there."""
-        rows = [group.links.reshape(-1) for group in self.groups]
-        values = [value.reshape(-1, *value.shape[2:]) for value in values]
-        return (parts[0] if len(parts) == 1 else jnp.concatenate(parts) for parts in (rows, values))
+    def end_sizes(self, ends: EndForces, x: Motion) -> list[Float[Array, "n_elem n_end"]]:
+        """Sizes of the end forces of every group, with those of parts that balance each other."""
+        sizes = [self.space.size(forces) for forces in ends]
+        for k, (group, state) in enumerate(zip(self.groups, self.states, strict=True)):
+            if group.remembers:
+                sizes[k] = sizes[k] + self.part_sizes(group, state, x)
+        return sizes
+
+    def at_rows(self, values: Sequence[Float[Array, "n_elem n_end ..."]]) -> Array:
+        """Sums at every row of `values` at the ends of all elements, [n_row, ...]."""
+        parts = [value.reshape(-1, *value.shape[2:]) for value in values]
+        flat = parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+        if self.freedoms.meeting is not None:
+            return self.freedoms.meeting(flat)
+        rows = jnp.concatenate([group.links.reshape(-1) for group in self.groups])
+        return jnp.zeros((len(self.nodes), *flat.shape[1:]), flat.dtype).at[rows].add(flat)
 
     def _end_forces_about(self, x, spread):
         """End forces of every group conjugate to a step of all rows from `x`."""
@@ -189,12 +195,13 @@ class System(Elementwise):
 
     def rounding(self, x: Motion) -> Step:
         """Error that the rounding of displacements leaves in the residual, [n_free], N."""
-        left = jnp.zeros_like(self.load)
+        left = []
         for group, state in zip(self.groups, self.states, strict=True):
             if isinstance(group, Rounding):
-                ends = each("rounding", group, state, self.nodes, x)
-                left = left.at[group.links, : ends.shape[-1]].add(ends)
-        return jnp.abs(self.space.collected(left, x))
+                left.append(self.space.padded(each("rounding", group, state, self.nodes, x)))
+            else:
+                left.append(jnp.zeros((*group.links.shape, self.space.n_freedom), x.dtype))
+        return jnp.abs(self.space.collected(self.at_rows(left), x))
 
     def load_norm(self, x: Motion) -> Float[Array, ""]:
         """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
@@ -294,8 +301,8 @@ class System(Elementwise):
         """Nodes that are not fully supported and touch only slack elements, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
         pairs = zip(self.groups, slack, strict=True)
-        rows, taut = self._at_ends([jnp.repeat(~s[:, None], g.links.shape[1], 1) for g, s in pairs])
-        stiffened = jnp.zeros(self.nodes.shape[0], bool).at[rows].max(taut)
+        taut = [jnp.broadcast_to(~s[:, None], g.links.shape).astype(jnp.int32) for g, s in pairs]
+        stiffened = self.at_rows(taut) > 0
         if self.freedoms.rows is not None:
             stiffened = stiffened.at[self.freedoms.rows].max(stiffened)
         return ~stiffened & ~jnp.all(self.freedoms.fixed, axis=-1)

@@ -64,19 +64,18 @@ class Pulls:
             rounding of displacements leaves in the residual, [n_free]; N.
         """
         slopes = _split(system, self.slope)
-        fine, pulls, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, [], []
-        for k, (group, state) in enumerate(zip(system.groups, system.states, strict=True)):
-            sizes = system.space.size(self.forces[k])
-            if group.remembers:
-                sizes = sizes + system.part_sizes(group, state, x)
+        fine, ends = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, []
+        for k, (group, sizes) in enumerate(
+            zip(system.groups, system.end_sizes(self.forces, x), strict=True)
+        ):
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
             error = fine * moved * slopes[k]
-            unsure.append(error[:, None, None] * jnp.abs(self.along[k]))
-            pulls.append(jnp.concatenate([self.forces[k], sizes[..., None]], axis=-1))
-        rows, collected = _at_rows(system, pulls), system.space.collected
-        scale = jnp.max(rows[:, 3] + system.space.size(system.load))
+            unsure = error[:, None, None] * jnp.abs(self.along[k])
+            ends.append(jnp.concatenate([self.forces[k], unsure, sizes[..., None]], axis=-1))
+        rows, collected = system.at_rows(ends), system.space.collected
+        scale = jnp.max(rows[:, 6] + system.space.size(system.load))
         residual = collected(rows[:, :3] - system.load, x)
-        return residual, scale, jnp.abs(collected(_at_rows(system, unsure), x))
+        return residual, scale, jnp.abs(collected(rows[:, 3:6], x))
 
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
         """What `tensions` would do to the cables here, N."""
@@ -153,7 +152,7 @@ class Under:
                 ends.append(whole[:, None, None] * along)
             else:
                 ends.append(forces + change[:, None, None] * along)
-        return system.space.collected(_at_rows(system, ends) - system.load, x)
+        return system.space.collected(system.at_rows(ends) - system.load, x)
 
 
 def stiffness(
@@ -238,10 +237,3 @@ def _filled(values, rooms):
         return None
     pairs = zip(values, rooms, strict=True)
     return jnp.concatenate([jnp.zeros_like(r.gap) if v is None else v for v, r in pairs])
-
-
-def _at_rows(system: System, values: Sequence[Float[Array, "n_elem n_end d"]]) -> Array:
-    """Sums at every row of `values` at the ends of all elements, [n_row, d]."""
-    rows = jnp.concatenate([group.links.reshape(-1) for group in system.groups])
-    flat = jnp.concatenate([value.reshape(-1, value.shape[-1]) for value in values])
-    return jnp.zeros((len(system.nodes), flat.shape[1]), flat.dtype).at[rows].add(flat)

@@ -12,11 +12,12 @@ import functools
 from collections.abc import Sequence
 from typing import TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .. import linear
-from ..common.tree import Indices, places, pytree
+from ..common.tree import Indices, copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Carried: TypeAlias = 'tuple[Int[ArrayLike, " n"], Int[ArrayLike, " n"]]'
@@ -77,6 +78,7 @@ class Freedoms:
         spins: for free spins the rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or
             None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
+        meeting: sums at every row over the ends of all elements that meet there.
     """
 
     free: Int[ArrayLike, " n_free"]
@@ -89,6 +91,7 @@ class Freedoms:
     pattern: linear.Pattern | None = None
     spins: FreeSpins | None = None
     bound: Bool[ArrayLike, " n_free"] | None = None
+    meeting: linear.Gathering | None = None
 
     def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
         """A vector [n_free] with zeros at the unknowns that are bound in this phase."""
@@ -114,7 +117,8 @@ class Freedoms:
     @property
     def of_supports(self) -> Freedoms:
         """The part that results need: supports, rows and carried nodes, without the numbering."""
-        return Freedoms(*(None, None, self.fixed, self.axes, self.rows, self.inner, self.carried))
+        nothing = {name: None for name in ("free", "number", "pattern", "spins", "bound")}
+        return copy(self, **nothing)
 
 
 def numbers_of(
@@ -158,7 +162,14 @@ def carriers(n_row: int, carried: Carried) -> Int[ArrayLike, " n_row"]:
 
 @functools.lru_cache(maxsize=16)
 def number_freedoms(
-    fixed, rows=None, links=None, solver=None, symmetric=True, rigid=None, space=None
+    fixed,
+    rows=None,
+    links=None,
+    solver=None,
+    symmetric=True,
+    rigid=None,
+    space=None,
+    definite=False,
 ):
     """`Freedoms` with the numbering and the pattern of the tangent; cached for later analyses.
 
@@ -172,6 +183,7 @@ def number_freedoms(
         rigid: pairs (carrier, carried) of nodes, `Indices` [n, 2], or None.
         space: the `Space`, for the unknowns that a row couples by itself; None for no such
             coupling.
+        definite: whether the tangent is known to be positive semidefinite.
     """
     mask, spins = fixed.array.copy(), fixed.spins
     carried = None
@@ -194,7 +206,9 @@ def number_freedoms(
         numbers = [
             numbers_of(number, ends.array, width, inner, carried) for ends, width, inner in links
         ]
-        pattern = linear.make_pattern([*numbers, *coupled], n_free, symmetric, solver)
+        pattern = linear.make_pattern(
+            [*numbers, *coupled], n_free, symmetric, solver, definite=definite
+        )
     return Freedoms(
         places(free),
         places(number),
@@ -206,6 +220,14 @@ def number_freedoms(
         pattern,
         None if spins is None else (spins.rows, spins.piece, spins.ends),
     )
+
+
+@functools.lru_cache(maxsize=16)
+def number_meetings(links: tuple[Indices, ...], n_row: int) -> linear.Gathering:
+    """`Freedoms.meeting` of element groups with these links, on `n_row` rows; cached."""
+    ends = np.concatenate([indices.array.ravel() for indices in links])
+    with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
+        return jax.tree.map(jax.device_put, linear.gathering(ends, n_row))
 
 
 def along(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:

@@ -1,0 +1,166 @@
+"""Cholesky's method for one matrix of small bandwidth, inside of the compiled program.
+
+The part of the matrix in work is a window [b + 1, b + 1] that moves down the diagonal: XLA keeps it
+in cache and computes on it with vector registers. No library is called, so that a loop around it
+can become one function (`common.fusion`).
+
+Storage of matrices as in `banded`: ``band[k, i] = A[k + i, k]``, [n, b + 1]; that of factors
+likewise, ``A = L L^T``. Nothing here is differentiable by itself.
+"""
+
+from __future__ import annotations
+
+from typing import NoReturn
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ..common.fusion import fuses
+from ..common.tree import pytree
+from ..common.types import Array, Bool, Float, Int
+from . import solver
+from .direct import Direct
+from .pattern import Sparse
+
+
+class Rolling(solver.Solver):
+    """Cholesky's method in the program, where XLA fuses loops.
+
+    Not for matrices that may be indefinite: their derivatives need exchanges of rows.
+    """
+
+    name = "rolling"
+    offered = False
+    on_device = True
+    definite = True
+
+    def suits(self, n: int, banded: bool) -> bool:
+        """True for a small bandwidth, where XLA fuses loops."""
+        return banded and fuses()
+
+    def analyse(
+        self, n: int, indptr: Int[np.ndarray, " n+1"], indices: Int[np.ndarray, " n_value"]
+    ) -> NoReturn:
+        """Never called: `solve_definite` and `factorize` take the matrix."""
+        raise NotImplementedError("a matrix of small bandwidth is solved inside of the program")
+
+    def solve_definite(
+        self, matrix: Sparse, rhs: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+        """See `solver.Solver`."""
+        factor, x = solve(matrix.banded(), rhs[matrix.pattern.order])
+        pivots = factor[:, 0]
+        return x[matrix.pattern.place], jnp.all((pivots > 0) & jnp.isfinite(pivots))
+
+    def factorize(self, matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
+        """See `solver.Solver`."""
+        return factorize(matrix, loose)
+
+
+@pytree
+class BandFactor(Direct):
+    """Cholesky factor of a matrix scaled to unit diagonal; made by `factorize`.
+
+    Attributes:
+        factor: that of the scaled matrix in the order of the pattern, [n, b + 1].
+        size, loose, regular: see `Direct`.
+        scaled: the matrix, scaled to unit diagonal.
+    """
+
+    factor: Float[Array, "n b+1"]
+    size: Float[Array, " n"]
+    loose: Bool[Array, " n"]
+    regular: Bool[Array, ""]
+    scaled: Sparse
+
+    def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+        """See `Direct`."""
+        p = self.scaled.pattern
+        return substitute(self.factor, b[p.order])[p.place]
+
+    def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
+        """See `Direct`."""
+        return self.scaled @ x
+
+
+def factorize(matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
+    """See `linear.factorize`; a matrix that is not positive definite counts as singular."""
+    matrix = lax.stop_gradient(matrix).held_at(loose, jnp.ones((), matrix.values.dtype))
+    size = jnp.sqrt(jnp.abs(matrix.diagonal()))
+    size = jnp.where(size > 0, size, 1.0)
+    scaled = matrix.scaled(size)
+    factor, _ = solve(scaled.banded(), jnp.zeros_like(size))
+    pivots = factor[:, 0] ** 2  # those of LU
+    limit = len(size) * jnp.finfo(pivots.dtype).eps * jnp.max(pivots, initial=0.0)
+    regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
+    return BandFactor(factor, size, loose, regular, scaled)
+
+
+def solve(
+    band: Float[Array, "n b+1"], rhs: Float[Array, " n"]
+) -> tuple[Float[Array, "n b+1"], Float[Array, " n"]]:
+    """Cholesky factor of a matrix, [n, b + 1], and the solution for a right side, [n].
+
+    NaN and infinities, and no error, if the matrix is not positive definite: then a pivot
+    ``factor[:, 0]`` is no positive number.
+    """
+    n, width = band.shape
+    band = jnp.pad(band, ((0, width + 2), (0, 0)))
+    rhs = jnp.pad(rhs, (0, 2 * width))
+    # the first window has A[i, c] in row c, zero before the diagonal; of later ones the last column
+    # is read from the band
+    away = jnp.arange(width)[None, :] - jnp.arange(width)[:, None]
+    first = jnp.take_along_axis(band[:width], jnp.maximum(away, 0), axis=1)
+    first = jnp.where(away >= 0, first, 0.0)
+    entering = (width - 1 - jnp.arange(width))[:, None]
+
+    def forward(k, carry):
+        factor, y, window, side = carry
+        scale = lax.rsqrt(window[0, 0])
+        column, value = window[0] * scale, side[0] * scale
+        factor = lax.dynamic_update_slice(factor, column[None], (k, 0))
+        y = lax.dynamic_update_slice(y, value[None], (k,))
+        rest = window[1:, 1:] - column[1:, None] * column[None, 1:]
+        rows = lax.dynamic_slice(band, (k + 1, 0), (width, width))
+        last = jnp.take_along_axis(rows, entering, axis=1)
+        window = jnp.concatenate([jnp.pad(rest, ((0, 1), (0, 0))), last], axis=1)
+        after = lax.dynamic_slice(rhs, (k + width,), (1,))
+        side = jnp.concatenate([side[1:] - column[1:] * value, after])
+        return factor, y, window, side
+
+    zero = jnp.zeros((n, width), band.dtype), jnp.zeros(n + width, band.dtype)
+    factor, y, _, _ = lax.fori_loop(0, n, forward, (*zero, first, rhs[:width]))
+    return factor, _backward(factor, y)
+
+
+def substitute(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Solution for another right side, [n]."""
+    n, width = factor.shape
+    rhs = jnp.pad(rhs, (0, 2 * width))
+
+    def forward(k, carry):
+        y, side = carry
+        column = lax.dynamic_index_in_dim(factor, k, keepdims=False)
+        value = side[0] / column[0]
+        y = lax.dynamic_update_slice(y, value[None], (k,))
+        after = lax.dynamic_slice(rhs, (k + width,), (1,))
+        return y, jnp.concatenate([side[1:] - column[1:] * value, after])
+
+    y = jnp.zeros(n + width, rhs.dtype)
+    y, _ = lax.fori_loop(0, n, forward, (y, rhs[:width]))
+    return _backward(factor, y)
+
+
+def _backward(factor, y):
+    """The solution [n] of ``L^T x = y``, with zeros after the end of y."""
+    n, width = factor.shape
+
+    def backward(count, x):
+        k = n - 1 - count
+        column = lax.dynamic_index_in_dim(factor, k, keepdims=False)
+        after = jnp.sum(column[1:] * lax.dynamic_slice(x, (k + 1,), (width - 1,)))
+        value = (lax.dynamic_slice(y, (k,), (1,)) - after) / column[:1]
+        return lax.dynamic_update_slice(x, value, (k,))
+
+    return lax.fori_loop(0, n, backward, jnp.zeros_like(y))[:n]

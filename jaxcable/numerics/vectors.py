@@ -1,0 +1,16 @@
+"""Products of short vectors."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ..common.types import Array, Float
+
+
+def inner(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Array, ""]:
+    """Scalar product of two vectors of a few numbers.
+
+    As a sum, because XLA makes a matrix product of ``a @ b`` under `jax.vmap`, and for CPUs a call
+    of a library, which takes longer than an element and ends the fusion of what is around it.
+    """
+    return jnp.sum(a * b)
