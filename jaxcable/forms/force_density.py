@@ -261,7 +261,7 @@ class Balance:
     held: Float[Array, "n_elem n_axis"]
     load: Float[Array, "n_free n_axis"]
     block: _Block
-    factor: linear.Factor | linear.SparseFactor
+    factor: linear.Direct | linear.SparseFactor
 
     @classmethod
     def build(

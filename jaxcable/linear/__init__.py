@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from ..common.tree import copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import choice, dense, sparse
+from . import choice, dense, direct, sparse
 from .bordered import solve_bordered
 from .dense import solve_definite
 from .direct import Direct
@@ -126,6 +126,7 @@ def solve_marked(
     build: Callable[[], tuple[Matrix, Bool[Array, " n"]]],
     rhs: Float[Array, " 2*n"],
     matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
+    on_device: bool,
     factored: Factored | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
@@ -144,6 +145,7 @@ def solve_marked(
         rhs: right side and marks, [2 n]; a mark is its own solution.
         matvec: linear function from (solution, marks) [2 n] to right side and marks [2 n], for
             derivatives of the solve.
+        on_device: whether the matrix is solved inside of the program, see `solver.Solver`.
         factored: as for `solve_next`.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is
@@ -152,11 +154,8 @@ def solve_marked(
     Returns:
         Solution and marks, [2 n].
     """
-    if factored is None:
-        factor = factorize(*build())
-        if isinstance(factor, Direct):
-            return factor.solve_marked(rhs, matvec)
-    # here the matrix is sparse, which type checkers do not know
+    if on_device:
+        return direct.solve_marked(lambda: factorize(*build()), rhs, matvec)  # type: ignore[arg-type, return-value]
     return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)  # type: ignore[arg-type]
 
 

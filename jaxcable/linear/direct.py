@@ -47,27 +47,7 @@ class Direct(abc.ABC):
             return jnp.where(self.loose | ~self.regular, jnp.nan, self._answer(b, False))
 
         def backward(_, b):
-            return self._transposed(b)
-
-        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
-
-    def solve_marked(
-        self,
-        rhs: Float[Array, " 2*n"],
-        matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
-    ) -> Float[Array, " 2*n"]:
-        """See `linear.solve_marked`."""
-
-        def forward(_, both):
-            b, mark = jnp.split(both, 2)
-            answer, sound = self._checked(b, False)
-            unknown = self.loose | ~self.regular | ~sound
-            answer = jnp.where(unknown, 0.0, answer)
-            return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
-
-        def backward(_, both):
-            b, mark = jnp.split(both, 2)
-            return jnp.concatenate([self._transposed(b), mark])
+            return self.adjoint(b)
 
         return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
 
@@ -75,7 +55,14 @@ class Direct(abc.ABC):
         b = jnp.where(self.loose, 0.0, b) / self.size
         return self.substituted(b, transposed) / self.size
 
-    def _transposed(self, b):
+    def marked(self, b: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
+        """Solution [n] with zeros for unknowns without a value, and which these are, [n]."""
+        answer, sound = self._checked(b, False)
+        unknown = self.loose | ~self.regular | ~sound
+        return jnp.where(unknown, 0.0, answer), unknown
+
+    def adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Solution [n] with the transposed matrix; NaN if `b` asks for what has no value."""
         # Not linear, on purpose: a loose unknown or a singular matrix gives NaN only if the right
         # side concerns it, so that phases and unknowns without influence do not spoil a gradient.
         asked = jnp.any((self.loose | ~self.regular) & (b != 0))
@@ -95,3 +82,23 @@ class Direct(abc.ABC):
         error = jnp.max(jnp.abs(self.size * self._answer(left, transposed)), initial=0.0)
         largest = jnp.max(jnp.abs(self.size * answer), initial=0.0)
         return answer, ~(error > _UNSURE * largest)
+
+
+def solve_marked(
+    factor: Callable[[], Direct],
+    rhs: Float[Array, " 2*n"],
+    matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
+) -> Float[Array, " 2*n"]:
+    """See `linear.solve_marked`; the `factor` is made inside of the solve."""
+
+    def forward(_, both):
+        b, mark = jnp.split(both, 2)
+        answer, unknown = factor().marked(b)
+        return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
+
+    def backward(_, both):  # nothing is assembled for phases without influence
+        b, mark = jnp.split(both, 2)
+        found = lax.cond(jnp.any(b != 0), lambda b: factor().adjoint(b), jnp.zeros_like, b)
+        return jnp.concatenate([found, mark])
+
+    return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)

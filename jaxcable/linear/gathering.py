@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.tree import places, pytree
-from ..common.types import Array, Float, Int
+from ..common.types import Array, ArrayLike, Float, Int
 
 _WIDEST = 16  # most numbers that a row of a table adds
 
@@ -26,8 +26,8 @@ class Gathering:
         place: positions of the results, [n]; None if they are the sums of the last table.
     """
 
-    tables: list[Int[Array, "n_sum w"]]
-    place: Int[Array, " n"] | None
+    tables: list[Int[ArrayLike, "n_sum w"]]
+    place: Int[ArrayLike, " n"] | None
 
     def __call__(self, source: Float[Array, "m ..."]) -> Float[Array, "n ..."]:
         """The sums of rows of `source`, [m, ...]."""
@@ -61,7 +61,7 @@ def gathering(target: Int[np.ndarray, " m"], n: int) -> Gathering:
         kept = ~several[owner]
         table, new_owner = _parts(member[~kept], owner[~kept], width, zero)
         tables.append(places(table.astype(np.int32)))
-        whole = len(new_owner) == n and several.all()
+        whole = len(new_owner) == n and bool(several.all())
         new = known + np.arange(len(table))
         member, owner = np.append(member[kept], new), np.append(owner[kept], new_owner)
         known += len(table)

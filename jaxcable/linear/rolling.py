@@ -34,6 +34,7 @@ class Rolling(solver.Solver):
     offered = False
     on_device = True
     definite = True
+    fused = True
 
     def suits(self, n: int, banded: bool) -> bool:
         """True for a small bandwidth, where XLA fuses loops."""
@@ -81,7 +82,8 @@ class BandFactor(Direct):
 
     def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
-        return self.scaled @ x
+        p = self.scaled.pattern
+        return times(self.scaled.banded(), x[p.order])[p.place]
 
 
 def factorize(matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
@@ -150,6 +152,15 @@ def substitute(factor: Float[Array, "n b+1"], rhs: Float[Array, " n"]) -> Float[
     y = jnp.zeros(n + width, rhs.dtype)
     y, _ = lax.fori_loop(0, n, forward, (y, rhs[:width]))
     return _backward(factor, y)
+
+
+def times(band: Float[Array, "n b+1"], x: Float[Array, " n"]) -> Float[Array, " n"]:
+    """The product of a matrix and a vector, [n]."""
+    n, width = band.shape
+    x = jnp.pad(x, (width, width))
+    here, away = width + jnp.arange(n)[:, None], jnp.arange(width)[None, :]
+    left = jnp.pad(band, ((width, 0), (0, 0)))[here - away, away] * x[here - away]
+    return jnp.sum(band * x[here + away], axis=1) + jnp.sum(left[:, 1:], axis=1)
 
 
 def _backward(factor, y):

@@ -32,6 +32,7 @@ class Solver(abc.ABC):
         on_device: whether it solves inside of the compiled program; then `solve_definite` and
             `factorize` are called with matrices of jax, and `analyse` never.
         definite: whether it is only for matrices that are known to be positive semidefinite.
+        fused: whether loops around it can become one function (`common.fusion`).
         exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
             on its diagonal needs.
         iterates: whether conjugate gradients with the factor of a similar matrix can be cheaper
@@ -42,6 +43,7 @@ class Solver(abc.ABC):
     offered: bool = True
     on_device: bool = False
     definite: bool = False
+    fused: bool = False
     exchanges_rows: bool = True
     iterates: bool = True
 

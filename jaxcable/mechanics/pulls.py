@@ -64,18 +64,17 @@ class Pulls:
             rounding of displacements leaves in the residual, [n_free]; N.
         """
         slopes = _split(system, self.slope)
-        fine, ends = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, []
-        for k, (group, sizes) in enumerate(
-            zip(system.groups, system.end_sizes(self.forces, x), strict=True)
-        ):
+        fine, unsure = _ROUNDINGS * jnp.finfo(x.dtype).eps ** 2, []
+        for k, group in enumerate(system.groups):
             moved = jnp.max(jnp.abs(x[group.links]), axis=(1, 2))
             error = fine * moved * slopes[k]
-            unsure = error[:, None, None] * jnp.abs(self.along[k])
-            ends.append(jnp.concatenate([self.forces[k], unsure, sizes[..., None]], axis=-1))
-        rows, collected = system.at_rows(ends), system.space.collected
-        scale = jnp.max(rows[:, 6] + system.space.size(system.load))
-        residual = collected(rows[:, :3] - system.load, x)
-        return residual, scale, jnp.abs(collected(rows[:, 3:6], x))
+            unsure.append(error[:, None, None] * jnp.abs(self.along[k]))
+        sizes = [size[..., None] for size in system.end_sizes(self.forces, x)]
+        pairs = zip(self.forces, sizes, strict=True)
+        rows = system.at_rows([jnp.concatenate(pair, axis=-1) for pair in pairs])
+        scale = jnp.max(rows[:, 3] + system.space.size(system.load))
+        residual = system.space.collected(rows[:, :3] - system.load, x)
+        return residual, scale, jnp.abs(system.space.collected(system.at_rows(unsure), x))
 
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
         """What `tensions` would do to the cables here, N."""

@@ -101,7 +101,9 @@ def _solved(problem, linearized, rhs):
         matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
         return matrix, system.loose_nodes(x)[system.freedoms.row_of_unknown] & valid
 
-    return linear.solve_marked(build, rhs, linearized, factored, tol, limit)
+    pattern = system.freedoms.pattern
+    inside = pattern is None or pattern.solver.on_device
+    return linear.solve_marked(build, rhs, linearized, inside, factored, tol, limit)
 
 
 def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
