@@ -38,6 +38,7 @@ from .analysis.solution import Solution
 from .analysis.solver import solve
 from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
+from .common.fusion import fuse_loops
 from .common.selection import only
 from .common.status import AnalysisError, describe, raise_if_failed
 from .common.tree import replace
@@ -105,6 +106,7 @@ __all__ = [
     "fit",
     "force_density",
     "forms",
+    "fuse_loops",
     "influence",
     "load_scene",
     "loads",

@@ -14,6 +14,13 @@ if jaxlib.version.__version_info__[:2] == (0, 10):
     FASTER = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FASTER}".strip()
 
+FUSED = "FUSED_LOOPS" in os.environ
+"""Whether to run with `jaxcable.fuse_loops`, as the second part of `make test` does."""
+if FUSED:
+    from jaxcable.common import fusion
+
+    assert fusion.ask()
+
 import jax
 import pytest
 

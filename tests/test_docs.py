@@ -87,6 +87,7 @@ def examples(name):
     return [test for test in found if test.examples]
 
 
+@pytest.mark.filterwarnings("ignore:fuse_loops")  # this process has computed already
 @pytest.mark.parametrize("name", MODULES)
 def test_examples(name):
     runner = doctest.DocTestRunner()

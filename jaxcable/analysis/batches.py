@@ -2,12 +2,15 @@
 
 `jax.vmap` solves all cases at once. That is best for some hundred cases of a small net. The data of
 more cases no longer fit the cache, and later the memory. `batched` solves the cases in chunks, and
-shares them out to devices, which may belong to several processes.
+shares them out to devices, which may belong to several processes. Where XLA fuses loops
+(`common.fusion`) a program keeps one core busy, and `batched` shares chunks out to threads.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -16,9 +19,11 @@ from jax import lax
 from jax.sharding import Mesh, PartitionSpec
 
 from ..common import checks
+from ..common.fusion import fuses
 from ..common.types import Array, PyTree
 
 _AXIS = "cases"
+_CHUNK = 256  # cases of a thread at once: their data stay in cache
 
 
 def batched(
@@ -35,9 +40,9 @@ def batched(
 
     Args:
         function: of one case; its arguments and results are pytrees of arrays.
-        chunk: number of cases that a device solves at once; None for all of its share. For small
-            nets 128 to 512 keep the work in the cache; for large nets take as many as memory
-            allows, or 1.
+        chunk: number of cases that a device, or a thread, solves at once; None for all of its
+            share, but at most 256 where loops are fused (`jc.fuse_loops`). For small nets 128 to
+            512 keep the work in the cache; for large nets take as many as memory allows, or 1.
 
     Options:
         devices: devices to share the cases out to, such as ``jax.devices()`` (with
@@ -98,10 +103,44 @@ def batched(
         return jax.tree.map(lambda a: a[:count], results)
 
     def checked(*cases):
-        _count(cases)
-        return run(*cases)
+        count = _count(cases)
+        if devices is not None or not fuses() or not _concrete(cases):
+            return run(*cases)
+        workers = _cores()
+        size = min(chunk or _CHUNK, -(-count // workers))
+        return run(*cases) if size == count else _by_threads(run, cases, size, workers)
 
     return checked
+
+
+def _by_threads(run, cases, size, workers):
+    """Results of a compiled function for chunks of `size` cases, computed by several threads."""
+    cases = jax.tree.map(np.asarray, cases)
+    count = _count(cases)
+
+    def compute(begin):
+        part = jax.tree.map(lambda a: a[begin : begin + size], cases)
+        return jax.block_until_ready(run(*_filled(part, size)))
+
+    first = compute(0)  # compiles, and shows whether the function knows traced numbers
+    if not _concrete(first):
+        return run(*cases)
+    with ThreadPoolExecutor(workers) as pool:
+        parts = [first, *pool.map(compute, range(size, count, size))]
+    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *parts)
+    return jax.tree.map(jnp.asarray, whole)
+
+
+def _cores():
+    """Cores that this process may use, if jax computes on CPUs; else 1."""
+    if jax.default_backend() != "cpu":
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+
+
+def _concrete(tree):
+    """Whether no number of a pytree is traced."""
+    return not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def _count(cases):

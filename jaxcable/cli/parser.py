@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import jax
 
 from .. import linear
+from ..common import fusion
 from ..files.reading import number, whole
 from . import convert, demo, form, info, optimize, solve
 from .guard import guarded
@@ -18,6 +19,7 @@ _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrup
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = parser().parse_args(arguments)
+    fusion.ask()
     jax.config.update("jax_enable_x64", True)
     import matplotlib
 

@@ -146,7 +146,7 @@ class Outcome:
 def adjoint_effort(
     method: Method, system: System, dtype: DTypeLike
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """Tolerance and limit of conjugate gradient steps for derivatives, see `linear.solve_marked`.
+    """Tolerance and limit of conjugate gradient steps for derivatives, see `linear.factorize`.
 
     The tolerance follows that of the state (`Method.tol`), so that derivatives are as exact.
     """

@@ -5,13 +5,11 @@ A matrix is a jax array [n, n], or a `Sparse` on a `Pattern`. The functions here
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import jax.numpy as jnp
 
 from ..common.tree import copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import choice, dense, direct, sparse
+from . import choice, dense, sparse
 from .bordered import solve_bordered
 from .dense import solve_definite
 from .direct import Direct
@@ -55,7 +53,6 @@ __all__ = [
     "solve_bordered",
     "solve_definite",
     "solve_general",
-    "solve_marked",
     "solve_next",
     "spectrum",
 ]
@@ -107,56 +104,34 @@ def or_nan(matrix: Matrix, defined: Bool[ArrayLike, ""]) -> Matrix:
     return matrix * factor.astype(matrix.dtype)
 
 
-def factorize(matrix: Matrix, loose: Bool[Array, " n"] | None = None) -> Direct | SparseFactor:
+def factorize(
+    matrix: Matrix,
+    loose: Bool[Array, " n"] | None = None,
+    factored: Factored | None = None,
+    tol: Float[ArrayLike, ""] = 0.0,
+    limit: Int[ArrayLike, ""] = 0,
+) -> Direct | SparseFactor:
     """Factorise a general (indefinite or unsymmetric) matrix.
+
+    If it is sparse, positive semidefinite and near to a matrix factorised before, conjugate
+    gradients solve with it. They do not see that a matrix is singular in a direction that the right
+    side does not touch: then the solution is finite, where that of a factorisation is NaN.
 
     Args:
         matrix: [n, n]; it is not differentiated.
         loose: unknowns with empty rows and columns, [n] bool, left out of the solve.
-
-    Returns:
-        `Direct` or `SparseFactor`, with `regular`, `solve(rhs, matvec)` and `or_identity()`.
-    """
-    if isinstance(matrix, Sparse):
-        return sparse.factorize(matrix, loose)
-    return dense.factorize(matrix, loose)
-
-
-def solve_marked(
-    build: Callable[[], tuple[Matrix, Bool[Array, " n"]]],
-    rhs: Float[Array, " 2*n"],
-    matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
-    on_device: bool,
-    factored: Factored | None = None,
-    tol: Float[ArrayLike, ""] = 0.0,
-    limit: Int[ArrayLike, ""] = 0,
-) -> Float[Array, " 2*n"]:
-    """Solve with a general matrix that is assembled by ``build() -> (matrix, loose)``.
-
-    Like ``factorize(*build()).solve(rhs, matvec)``, but an unknown without a value is zero in the
-    solution, and its mark beside the solution is NaN. A sparse matrix is assembled only if the
-    program does solve with it. If it is positive semidefinite and near to a matrix factorised
-    before, conjugate gradients solve the system. They do not see that a matrix is singular in a
-    direction that the right side does not touch: then the solution is finite, where that of a
-    factorisation is NaN.
-
-    Args:
-        build: function without arguments that assembles the matrix and finds loose unknowns.
-        rhs: right side and marks, [2 n]; a mark is its own solution.
-        matvec: linear function from (solution, marks) [2 n] to right side and marks [2 n], for
-            derivatives of the solve.
-        on_device: whether the matrix is solved inside of the program, see `solver.Solver`.
         factored: as for `solve_next`.
         tol: residual that conjugate gradients may leave, relative to the right side.
         limit: conjugate gradient steps allowed before a factorisation; 0 unless the matrix is
             known to be positive semidefinite.
 
     Returns:
-        Solution and marks, [2 n].
+        `Direct` or `SparseFactor`, with `regular`, `or_identity()`, `solve(rhs, matvec)`, and
+        `marked(rhs)` and `adjoint(rhs)` for the derivative of a root.
     """
-    if on_device:
-        return direct.solve_marked(lambda: factorize(*build()), rhs, matvec)  # type: ignore[arg-type, return-value]
-    return sparse.solve_marked(build, rhs, matvec, factored, tol, limit)  # type: ignore[arg-type]
+    if isinstance(matrix, Sparse):
+        return sparse.factorize(matrix, loose, factored, tol, limit)
+    return dense.factorize(matrix, loose)
 
 
 def solve_general(

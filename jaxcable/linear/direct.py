@@ -82,23 +82,3 @@ class Direct(abc.ABC):
         error = jnp.max(jnp.abs(self.size * self._answer(left, transposed)), initial=0.0)
         largest = jnp.max(jnp.abs(self.size * answer), initial=0.0)
         return answer, ~(error > _UNSURE * largest)
-
-
-def solve_marked(
-    factor: Callable[[], Direct],
-    rhs: Float[Array, " 2*n"],
-    matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
-) -> Float[Array, " 2*n"]:
-    """See `linear.solve_marked`; the `factor` is made inside of the solve."""
-
-    def forward(_, both):
-        b, mark = jnp.split(both, 2)
-        answer, unknown = factor().marked(b)
-        return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
-
-    def backward(_, both):  # nothing is assembled for phases without influence
-        b, mark = jnp.split(both, 2)
-        found = lax.cond(jnp.any(b != 0), lambda b: factor().adjoint(b), jnp.zeros_like, b)
-        return jnp.concatenate([found, mark])
-
-    return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)

@@ -88,7 +88,7 @@ class BandFactor(Direct):
 
 def factorize(matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
     """See `linear.factorize`; a matrix that is not positive definite counts as singular."""
-    matrix = lax.stop_gradient(matrix).held_at(loose, jnp.ones((), matrix.values.dtype))
+    matrix = matrix.held_at(loose, jnp.ones((), matrix.values.dtype))
     size = jnp.sqrt(jnp.abs(matrix.diagonal()))
     size = jnp.where(size > 0, size, 1.0)
     scaled = matrix.scaled(size)

@@ -199,78 +199,75 @@ class SparseFactor:
     Attributes:
         matrix: `Sparse`.
         loose: unknowns without a value, [n] bool.
+        factored, tol, limit: see `linear.factorize`.
     """
 
     matrix: Sparse
     loose: Bool[Array, " n"]
+    factored: Factored | None = None
+    tol: Float[ArrayLike, ""] = 0.0
+    limit: Int[ArrayLike, ""] = 0
 
     @property
     def regular(self) -> Bool[Array, ""]:
         """Whether the matrix without loose unknowns is regular to working precision."""
-        zero = jnp.zeros(self.loose.shape, self.matrix.values.dtype)
-        return _solve(self.matrix, self.loose, zero, False)[1]
+        return self._answer(jnp.zeros(self.loose.shape, self.matrix.values.dtype), False)[1]
 
     def solve(
         self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]
     ) -> Float[Array, " n"]:
-        """Solve for `rhs` [n], see `dense.Factor.solve`."""
+        """Solve for `rhs` [n], see `direct.Direct.solve`."""
 
-        def build():
-            return self.matrix, self.loose
+        def forward(_, b):
+            x, unknown = self.marked(b)
+            return jnp.where(unknown, jnp.nan, x)
 
-        def both(found):
-            x, mark = jnp.split(found, 2)
-            return jnp.concatenate([matvec(x), mark])
+        def backward(_, b):  # nothing is factorised where nothing is asked
+            return lax.cond(jnp.any(b != 0), self.adjoint, jnp.zeros_like, b)
 
-        x, mark = jnp.split(solve_marked(build, jnp.append(rhs, jnp.zeros_like(rhs)), both), 2)
-        return x + mark
+        return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
+
+    def marked(self, b: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, " n"]]:
+        """See `direct.Direct`."""
+        x, regular = self._answer(b, False)
+        unknown = self.loose | ~regular
+        return jnp.where(unknown, 0.0, x), unknown
+
+    def adjoint(self, b: Float[Array, " n"]) -> Float[Array, " n"]:
+        """See `direct.Direct`."""
+        # not linear, on purpose: see there
+        x, regular = self._answer(b, True)
+        wrong = jnp.any((self.loose | ~regular) & (b != 0))
+        return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
 
     def or_identity(self) -> SparseFactor:
         """This factor, or that of the identity if the matrix is singular."""
         return copy(self, matrix=self.matrix.or_identity(self.regular))
 
-
-def factorize(matrix: Sparse, loose: Bool[Array, " n"] | None = None) -> Direct | SparseFactor:
-    """See `linear.factorize`."""
-    if loose is None:
-        loose = jnp.zeros(matrix.shape[0], bool)
-    if matrix.pattern.solver.on_device:
-        return matrix.pattern.solver.factorize(matrix, loose)
-    return SparseFactor(lax.stop_gradient(matrix), loose)
+    def _answer(self, b, transposed):
+        """Solution [n], and whether the matrix is regular."""
+        b = jnp.where(self.loose, 0.0, b)
+        known = self.factored, self.tol, self.limit
+        return _solve(self.matrix, self.loose, b, transposed, *known)
 
 
-def solve_marked(
-    build: Callable[[], tuple[Sparse, Bool[Array, " n"]]],
-    rhs: Float[Array, " 2*n"],
-    matvec: Callable[[Float[Array, " 2*n"]], Float[Array, " 2*n"]],
+def factorize(
+    matrix: Sparse,
+    loose: Bool[Array, " n"] | None = None,
     factored: Factored | None = None,
     tol: Float[ArrayLike, ""] = 0.0,
     limit: Int[ArrayLike, ""] = 0,
-) -> Float[Array, " 2*n"]:
-    """See `linear.solve_marked`; the matrix is assembled inside of the solve."""
-
-    def forward(_, both):
-        b, mark = jnp.split(both, 2)
-        matrix, loose = build()
-        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), False, factored, tol, limit)
-        unknown = loose | ~regular
-        return jnp.concatenate([jnp.where(unknown, 0.0, x), jnp.where(unknown, jnp.nan, mark)])
-
-    def transposed(b):
-        # not linear, on purpose: see `dense.Factor`
-        matrix, loose = build()
-        x, regular = _solve(matrix, loose, jnp.where(loose, 0.0, b), True, factored, tol, limit)
-        wrong = jnp.any((loose | ~regular) & (b != 0))
-        return jnp.where(wrong, jnp.nan, jnp.where(regular, x, 0.0))
-
-    def backward(_, both):  # nothing is assembled for phases without influence
-        b, mark = jnp.split(both, 2)
-        return jnp.concatenate([lax.cond(jnp.any(b != 0), transposed, jnp.zeros_like, b), mark])
-
-    return lax.custom_linear_solve(matvec, rhs, solve=forward, transpose_solve=backward)
+) -> Direct | SparseFactor:
+    """See `linear.factorize`."""
+    if loose is None:
+        loose = jnp.zeros(matrix.shape[0], bool)
+    matrix = lax.stop_gradient(matrix)
+    if matrix.pattern.solver.on_device:
+        return matrix.pattern.solver.factorize(matrix, loose)
+    return SparseFactor(matrix, loose, factored, tol, limit)
 
 
-def _solve(matrix, loose, b, transposed, factored=None, tol=0.0, limit=0):
+def _solve(matrix, loose, b, transposed, factored, tol, limit):
     """Solution [n] of a general system on the host, and whether the matrix is regular."""
     p = matrix.pattern
     shapes = (jax.ShapeDtypeStruct(b.shape, b.dtype), jax.ShapeDtypeStruct((), bool))

@@ -18,6 +18,7 @@ from .. import linear
 from ..common.tree import fill, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import Factored
+from .cases import one_by_one
 from .rooted import rooted
 
 Tree = TypeVar("Tree")
@@ -62,7 +63,7 @@ def attach_apart(
         valid: whether `x` is an equilibrium. If not, the result has derivative zero, and the caller
             must make it NaN. An equilibrium with a cable exactly between taut and slack has no
             derivative: it is NaN.
-        factored, tol, limit: see `linear.solve_marked`.
+        factored, tol, limit: see `linear.factorize`.
 
     Returns:
         x: the point, with derivative NaN where it has none.
@@ -94,16 +95,39 @@ def _marked(found, problem):
 
 def _solved(problem, linearized, rhs):
     """Solve with the derivative of `_marked`, `linearized`, for a right side."""
-    system, x, valid, factored, tol, limit = fill(*lax.stop_gradient(problem))
+    problem = lax.stop_gradient(problem)
+    answered, adjoint = _answered, _adjoint
+    pattern = fill(*problem)[0].freedoms.pattern
+    if pattern is not None and pattern.solver.fused:
+        answered, adjoint = one_by_one(answered), one_by_one(adjoint)
 
-    def build():
-        matrix = linear.or_identity(system.tangent(x), valid)
-        matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
-        return matrix, system.loose_nodes(x)[system.freedoms.row_of_unknown] & valid
+    def forward(_, both):
+        b, mark = jnp.split(both, 2)
+        answer, unknown = answered(problem, b)
+        return jnp.concatenate([answer, jnp.where(unknown, jnp.nan, mark)])
 
-    pattern = system.freedoms.pattern
-    inside = pattern is None or pattern.solver.on_device
-    return linear.solve_marked(build, rhs, linearized, inside, factored, tol, limit)
+    def backward(_, both):
+        b, mark = jnp.split(both, 2)
+        return jnp.concatenate([adjoint(problem, b), mark])
+
+    return lax.custom_linear_solve(linearized, rhs, solve=forward, transpose_solve=backward)
+
+
+def _answered(problem, b):
+    return _factor(problem).marked(b)
+
+
+def _adjoint(problem, b):  # nothing is assembled for phases without influence
+    return lax.cond(jnp.any(b != 0), lambda b: _factor(problem).adjoint(b), jnp.zeros_like, b)
+
+
+def _factor(problem):
+    """The factor of the tangent in the problem of `_marked`."""
+    system, x, valid, *known = fill(*problem)
+    matrix = linear.or_identity(system.tangent(x), valid)
+    matrix = linear.or_nan(matrix, ~(system.kinked(x) & valid))
+    loose = system.loose_nodes(x)[system.freedoms.row_of_unknown] & valid
+    return linear.factorize(matrix, loose, *known)
 
 
 def undifferentiated(tree: Tree, parameters: PyTree[Any]) -> Tree:
