@@ -115,6 +115,8 @@ class Phase:
         named = structure.named_groups()
         per_group = [{} for _ in named]
         for name in ABSOLUTE + INCREMENTS:
+            if getattr(self, name) is None:
+                continue
             values = spread(getattr(self, name), structure, name)
             if _is_scalar(getattr(self, name)):
                 values = [
@@ -189,8 +191,8 @@ def _passes_by(group, name, structure):
 
 def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     """A prefix pytree of the elements as a list with one entry per group, None if not stated."""
-    if value is None:
-        return [None] * len(structure.groups)
+    if value is None or _is_scalar(value):
+        return [value] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
     if isinstance(numbers, int) and isinstance(value, list | tuple):
         return [value]  # the values of the only group

@@ -57,7 +57,14 @@ def _by_itself(arguments):
     """Whether a program is compiled by itself and not as part of another program."""
     if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
         return False
-    return not isinstance(jnp.zeros(()), jax.core.Tracer)  # new arrays are tracers inside of jit
+    return not isinstance(-_one(), jax.core.Tracer)  # new arrays are tracers inside of jit
+
+
+@functools.cache
+def _one():
+    """An array, also if a caller is being traced."""
+    with jax.ensure_compile_time_eval():
+        return jnp.ones(())
 
 
 @functools.cache

@@ -9,6 +9,7 @@ one compilation, and no index array becomes a constant of a program.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import typing
 from collections.abc import Callable, Sequence
@@ -88,6 +89,7 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
     data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
     cls._index_fields = tuple(indices)
     cls._static_fields = tuple(static)
+    cls._all_fields = tuple(f.name for f in dataclasses.fields(cls))
 
     def flatten(obj):
         return [getattr(obj, n) for n in data], tuple(getattr(obj, n) for n in meta)
@@ -106,11 +108,25 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
     return cls
 
 
+def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
+    """A function of one immutable object, computed once and kept in the object."""
+    name = f"_{function.__name__}_once"
+
+    @functools.wraps(function)
+    def kept(obj):
+        known = vars(obj)
+        if name not in known:
+            known[name] = function(obj)
+        return known[name]
+
+    return kept
+
+
 def copy(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
     new = object.__new__(type(obj))
-    for field in dataclasses.fields(obj):  # type: ignore[arg-type]  # an object of a `pytree` class
-        object.__setattr__(new, field.name, changes.get(field.name, getattr(obj, field.name)))
+    for name in type(obj)._all_fields:  # type: ignore[attr-defined]  # an object of a `pytree` class
+        object.__setattr__(new, name, changes[name] if name in changes else getattr(obj, name))
     return new
 
 

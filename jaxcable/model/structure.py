@@ -12,7 +12,7 @@ from scipy import sparse
 
 from ..common import checks
 from ..common.rules import Rule, refuse
-from ..common.tree import Indices, copy, plain, pytree
+from ..common.tree import Indices, copy, once, plain, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
@@ -163,12 +163,14 @@ class Structure:
             if text is not None:
                 raise ValueError(f"rigid[{k}] = {[carrier, node]}: {text}")
 
+    @once
     def named_groups(self) -> list[tuple[str, Element]]:
         """Pairs of (key in `elements` as text, element group), in pytree order."""
         leaves = jax.tree_util.tree_leaves_with_path(self.elements, is_leaf=is_group)
         return [(jax.tree_util.keystr(path), group) for path, group in leaves]
 
     @property
+    @once
     def groups(self) -> list[Element]:
         """The element groups, a list in pytree order."""
         return jax.tree.leaves(self.elements, is_leaf=is_group)
@@ -183,6 +185,7 @@ class Structure:
         return jax.tree.unflatten(jax.tree.structure(self.elements, is_leaf=is_group), per_group)
 
     @property
+    @once
     def space(self) -> type[Space]:
         """Space of the nodes' motion, a class of `spaces`."""
         return space_of(self.groups)
@@ -204,6 +207,7 @@ class Structure:
             turns[self.rigid.array[:, 1]] = True
         return turns
 
+    @once
     def rows(self) -> tuple[Rows | None, list[Element]]:
         """Rows of motion: one for every node, then hinged ends, and inner numbers of elements.
 
@@ -247,6 +251,15 @@ class Structure:
         Rotations exist where a beam is joined rigidly; elsewhere they count as fixed. Columns of
         inner rows that no element uses count as fixed, too.
         """
+        return self._own_fixed() if supports is self.supports else self._fixed(supports)
+
+    @once
+    def _own_fixed(self):
+        """`fixed` under the structure's own supports."""
+        return self._fixed(self.supports)
+
+    def _fixed(self, supports):
+        """See `fixed`."""
         fixed, axes = supports.fixed(self.n_node), supports.directions(self.n_node)
         if not fixed[:, :3].any():
             raise ValueError("supports: no freedom is fixed; the structure would float away")

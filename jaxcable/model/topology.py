@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common.tree import Indices
+from ..common.tree import Indices, once
 from ..elements.element import Result
 from .supports import Fixed
 
@@ -53,6 +53,7 @@ class Topology(NamedTuple):
     n_node: int
 
 
+@once
 def topology_of(structure):
     """The `Topology` of a structure."""
     parts = tuple(
