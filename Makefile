@@ -11,8 +11,11 @@ TIMED := work_precision
 demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
 
+# the second part once more where XLA fuses loops (jaxcable.fuse_loops)
+FUSED := fused transforms net_bank batches gradients_two_phases failures
 test: .venv/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+	FUSED_LOOPS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(FUSED:%=tests/test_%.py)
 
 slow: .venv/installed-test
 	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks, status
+from ..common.fusion import fuses
 from ..common.rules import kept, rules_of
 from ..common.tree import cast, copy, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int
@@ -169,6 +170,8 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         coupled = (*links, *pressed)
         settings = solver, symmetric, structure.rigid, space, convex
         found = number_freedoms(fixed, rows, coupled, *settings)
+        if not fuses():
+            return found
         ends = tuple(group.links for group in groups)
         return copy(found, meeting=number_meetings(ends, len(found.fixed)))
 

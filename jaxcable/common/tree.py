@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from .types import Array, ArrayLike, Bool, Float, Int, PyTree
 
@@ -257,7 +258,14 @@ def stacked(trees: Sequence[_T]) -> _T:
 
 def where(condition: Bool[ArrayLike, ""], new: _T, old: _T) -> _T:
     """The pytree `new` where the condition holds, else `old`."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), new, old)
+
+    def one(a, b):
+        a, b = jnp.asarray(a), jnp.asarray(b)
+        if jnp.ndim(condition) == 0 and (a.shape, a.dtype) == (b.shape, b.dtype):
+            return lax.select(jnp.asarray(condition), a, b)  # less code than `jnp.where`
+        return jnp.where(condition, a, b)
+
+    return jax.tree.map(one, new, old)
 
 
 def joined(arrays: Sequence[ArrayLike]) -> ArrayLike:

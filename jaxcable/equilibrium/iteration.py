@@ -178,7 +178,7 @@ class Task:
             over: whether the search along the step has ended.
         """
         x = self.system.move(it.x, it.search.length * it.step)
-        x = jnp.where(it.arrival, it.x, x)
+        x = where(it.arrival, it.x, x)
         residual, scale, rounding, elements = self._evaluated(x, exact)
         finite = jnp.isfinite(scale)
         search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
@@ -189,14 +189,11 @@ class Task:
             fine, again = jnp.where(searching, fine, finite), again & searching
         fine, again = fine | it.arrival, again & ~it.arrival
 
-        def keep(new, old):
-            return jnp.where(fine, new, old)
-
         new = copy(
             it,
-            x=keep(x, it.x),
-            residual=keep(residual, it.residual),
-            scale=keep(scale, it.scale),
+            x=where(fine, x, it.x),
+            residual=where(fine, residual, it.residual),
+            scale=where(fine, scale, it.scale),
             rounding=where(fine, rounding, it.rounding),
             elements=where(fine, elements, it.elements),
             search=search,
@@ -257,7 +254,7 @@ class Task:
         if self.sprints:
             new, again = sprint.update(found, reach, it.steps, self.extent, converged)
             sprint, again = where(moved, new, sprint), moved & again
-            x = jnp.where(again, self.begin, x)
+            x = where(again, self.begin, x)
             shift = where(again, Shift.init(x.dtype), shift)
         tensions = it.tensions
         if self.net:
@@ -267,7 +264,7 @@ class Task:
             new, point, elsewhere = tensions.steered(x, self.begin, found, *size, astray)
             steered = moved & ~converged & ~it.tensions.searching
             tensions, again = where(steered, new, tensions), steered & elsewhere
-            x = jnp.where(steered, point, x)
+            x = where(steered, point, x)
         far = _ADRIFT if self.net else _RUNAWAY
         runaway = over & (self.system.reach(x) > far * self.extent)
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)

@@ -220,7 +220,7 @@ def _outcome(system, end, x, active, broken, factored):
         broken = active & (code != status.NONFINITE) & broken
         code = jnp.where(broken, status.MATERIAL_FAILURE, code)
     good = active & (code == status.OK)
-    x = jnp.where(good, end.x, x)
+    x = where(good, end.x, x)
     count = end.steps if factored is None else end.factored.count - factored.count
     # after an earlier failure nothing was evaluated
     residual, rounding = (jnp.where(active, force, jnp.nan) for force in forces)
@@ -314,7 +314,7 @@ def _march(ramp, x, increments, method, code, factored, seen, fresh, tell=None):
         active = live & (code == status.OK)
         end = _iterated(system, x, method, active, factored, judge)
         begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
-        motion, broken = jnp.where(begins, first, end.x), False
+        motion, broken = where(begins, first, end.x), False
         new = lax.cond(
             begins | ended,
             lambda: read(_as_begun(system, begun, factor), motion),

@@ -42,7 +42,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from .. import linear
-from ..common.tree import copy, pytree
+from ..common.tree import copy, pytree, where
 from ..common.types import Array, Bool, Float, Int
 from ..linear import Matrix
 from ..mechanics.assembly import System
@@ -184,7 +184,7 @@ class Tensions:
         after = copy(
             self,
             mode=mode,
-            guess=jnp.where(ends, self.tension, self.guess),
+            guess=where(ends, self.tension, self.guess),
             centring=jnp.where(begins, _CENTRING[1], self.centring),
             damping=jnp.where(begins, 0.0, self.damping),
             fresh=(begins | searches) | (self.fresh & ~changed),
@@ -194,10 +194,10 @@ class Tensions:
             blocked=jnp.where(ends, jnp.where(stuck, -4, 0), self.blocked),
             near=jnp.where(ends, 0.1 * jnp.minimum(self.near, residual / scale), self.near),
             tries=self.tries + ends,
-            inside=jnp.where(ends, x, self.inside),
+            inside=where(ends, x, self.inside),
             doubtful=self.doubtful & ~changed,
         )
-        x = jnp.where(begins, begin, jnp.where(returns, self.inside, x))
+        x = where(begins, begin, where(returns, self.inside, x))
         return after, x, begins | returns
 
     def equations(
@@ -213,7 +213,7 @@ class Tensions:
         """
         load, jacked = jnp.max(jnp.abs(system.load), initial=0.0), held(system)
         load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.tension, 0.0)))
-        guess = jnp.where(self.fresh | self.searching, pulls.tension, self.guess)
+        guess = where(self.fresh | self.searching, pulls.tension, self.guess)
         guess = jnp.where(pulls.tension <= _PLAIN * (guess + load), pulls.tension, guess)
         best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
         none = jnp.zeros_like(pulls.tension)
@@ -262,11 +262,11 @@ class Equations:
         least, most = (part * first for part in _FORCE)
         # a first guess only: steps change it freely
         start = jnp.clip(pulls.tension, least, most)
-        tension = jnp.where(policy.fresh, start, policy.tension)
+        tension = where(policy.fresh, start, policy.tension)
         under = pulls.under(system, tension)
         wide = jnp.maximum(under.gap, _ROOM * rest_lengths(system))
         wide = wide if under.sag is None else jnp.maximum(wide, under.sag)
-        room = jnp.where(policy.fresh, wide, policy.room)
+        room = where(policy.fresh, wide, policy.room)
         product = jnp.where(free, tension * under.spare(room), 0.0)
         target, falls = under.aim(
             policy.centring * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1)
@@ -294,7 +294,7 @@ class Equations:
     ) -> Matrix:
         """Matrix of the equations, regularised; `residual` the largest, `length` of elements."""
         policy = self.policy
-        tensions = jnp.where(policy.interior, policy.tension, policy.guess)
+        tensions = where(policy.interior, policy.tension, policy.guess)
         matrix = system.tangent(x, [*stiffness(system, x, self.along, self.slope, tensions)])
         size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
         eps = jnp.where(policy.doubtful | policy.searching, jnp.finfo(x.dtype).eps, 0.0)

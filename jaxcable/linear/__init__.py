@@ -13,7 +13,7 @@ from . import choice, dense, sparse
 from .bordered import solve_bordered
 from .dense import solve_definite
 from .direct import Direct
-from .gathering import Gathering, gathering
+from .gathering import Gathering, gathering, with_zero
 from .pattern import Matrix, Pattern, Sparse, assemble, make_pattern
 from .solver import Analysis, NumericFactor, Solver, check, choose, named, offered, register
 from .sparse import Factored, SparseFactor, forgotten, nothing_factored
@@ -55,6 +55,7 @@ __all__ = [
     "solve_general",
     "solve_next",
     "spectrum",
+    "with_zero",
 ]
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from ..common.tree import places, pytree
 from ..common.types import Array, ArrayLike, Float, Int
@@ -31,12 +32,12 @@ class Gathering:
 
     def __call__(self, source: Float[Array, "m ..."]) -> Float[Array, "n ..."]:
         """The sums of rows of `source`, [m, ...]."""
-        known = jnp.concatenate([source, jnp.zeros_like(source[:1])])
+        known = with_zero(source)
         sums = known
         for k, table in enumerate(self.tables):
             if k > 0:
                 known = jnp.concatenate([known, sums])
-            sums = jnp.sum(_at(known, table), axis=1)
+            sums = jnp.sum(_at(known, table), axis=1, dtype=known.dtype)
         if self.place is None:
             return sums
         if self.tables:
@@ -70,6 +71,12 @@ def gathering(target: Int[np.ndarray, " m"], n: int) -> Gathering:
     place = np.full(n, zero, np.int32)
     place[owner] = member
     return Gathering(tables, places(place))
+
+
+def with_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
+    """An array with zeros after its end, at the position that stands for nothing."""
+    zero = jnp.zeros((), values.dtype)
+    return lax.pad(values, zero, [(0, 1, 0)] + [(0, 0, 0)] * (values.ndim - 1))
 
 
 def _parts(member, owner, width, zero):

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..common.tree import copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from .gathering import Gathering, gathering
+from .gathering import Gathering, gathering, with_zero
 from .solver import Solver, choose
 
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded systems
@@ -194,7 +194,7 @@ class Sparse:
     def dense(self) -> Float[Array, "n n"]:
         """This matrix as an array [n, n]."""
         if self.pattern.table is not None:
-            return jnp.append(self.values, 0.0)[self.pattern.table]
+            return with_zero(self.values)[self.pattern.table]
         rows, columns = self.pattern.rows, self.pattern.indices
         full = (
             jnp.zeros(self.shape, self.values.dtype)
@@ -207,7 +207,7 @@ class Sparse:
 
     def banded(self) -> Float[Array, "n b+1"]:
         """Lower band of ``A[order][:, order]`` by columns, [n, b + 1]; see `banded`."""
-        return jnp.append(self.values, 0.0)[self.pattern.band]
+        return with_zero(self.values)[self.pattern.band]
 
     @property
     def _on_diagonal(self):

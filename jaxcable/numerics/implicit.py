@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from .. import linear
-from ..common.tree import fill, thaw
+from ..common.tree import fill, thaw, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import Factored
 from .cases import one_by_one
@@ -35,7 +35,7 @@ def gate(open_: Bool[ArrayLike, ""], tree: Tree) -> Tree:
     def one(x):
         x = jnp.asarray(x)
         floating = jnp.issubdtype(x.dtype, jnp.floating)
-        return jnp.where(open_, x, lax.stop_gradient(x)) if floating else x
+        return where(open_, x, lax.stop_gradient(x)) if floating else x
 
     return jax.tree.map(one, tree)
 
@@ -82,7 +82,7 @@ def attach_apart(
     problem = thaw((system, x, valid, factored, tol, limit))
     found = rooted(_marked, start, problem, _solved)
     found, mark = jnp.split(found, 2)
-    marks = jnp.sum(jnp.append(mark, 0.0)[system.freedoms.number], axis=1)
+    marks = jnp.sum(linear.with_zero(mark)[system.freedoms.number], axis=1)
     return back(found + mark), back(found), marks
 
 
@@ -96,10 +96,19 @@ def _marked(found, problem):
 def _solved(problem, linearized, rhs):
     """Solve with the derivative of `_marked`, `linearized`, for a right side."""
     problem = lax.stop_gradient(problem)
-    answered, adjoint = _answered, _adjoint
     pattern = fill(*problem)[0].freedoms.pattern
-    if pattern is not None and pattern.solver.fused:
-        answered, adjoint = one_by_one(answered), one_by_one(adjoint)
+    if pattern is None or (pattern.solver.on_device and not pattern.solver.fused):
+        factor = _factor(problem)  # one for both
+
+        def answered(_, b):
+            return factor.marked(b)
+
+        def adjoint(_, b):
+            return factor.adjoint(b)
+    elif pattern.solver.fused:
+        answered, adjoint = one_by_one(_answered), one_by_one(_adjoint)
+    else:
+        answered, adjoint = _answered, _adjoint
 
     def forward(_, both):
         b, mark = jnp.split(both, 2)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 
 from ..common.types import Array, Float
 
 
+@jax.jit  # one function in a program, however often it is called
 def inner(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Array, ""]:
     """Scalar product of two vectors of a few numbers.
 

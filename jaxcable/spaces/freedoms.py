@@ -78,7 +78,8 @@ class Freedoms:
         spins: for free spins the rows [m], their pieces [m], nodes on the lines [n_piece, 2]; or
             None.
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
-        meeting: sums at every row over the ends of all elements that meet there.
+        meeting: sums at every row over the ends of all elements that meet there; None to scatter,
+            which is as fast where loops are not fused (`common.fusion`), in a smaller program.
     """
 
     free: Int[ArrayLike, " n_free"]

@@ -14,6 +14,7 @@ from jax import lax
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from ..linear import with_zero
 from ..numerics import exact
 from .freedoms import Freedoms, along, combined, numbers_of
 from .space import Forces, Group, Motion, Part, Space, Step, by_numbers, square
@@ -82,7 +83,7 @@ class Translations(Space):
 
     def spread(self, x: Motion, step: Step) -> Forces:
         """Displacement of every row."""
-        components = jnp.append(step, jnp.zeros(1, step.dtype))[self.freedoms.number]
+        components = with_zero(step)[self.freedoms.number]
         return (
             components if self.freedoms.axes is None else combined(self.freedoms.axes, components)
         )
