@@ -165,10 +165,13 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         (nodes, 3, ()) for stack in followers for nodes in stack.touches(groups, bundles)
     )
 
+    straight = fuses() and not space.rotates
+
     def number(fixed):
+        paired = tuple(straight and group.paired and fixed.axes is None for group in groups)
         solver, symmetric = method.linear_solver, space.symmetric and not followers
         coupled = (*links, *pressed)
-        settings = solver, symmetric, structure.rigid, space, convex
+        settings = solver, symmetric, structure.rigid, space, convex, paired
         found = number_freedoms(fixed, rows, coupled, *settings)
         if not fuses():
             return found

@@ -17,6 +17,7 @@ class Axial(Element):
     """Elements of two nodes with a force along the line through them."""
 
     results: ClassVar[tuple[Result, ...]] = (TENSION,)
+    paired = True
 
     @abc.abstractmethod
     def tension(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:

@@ -112,6 +112,8 @@ class Element(abc.ABC):
             memory)`, and `SECTION_STRAIN` among its results.
         breaks: whether a curve of its law can end; then it has `beyond(strain)`, a bool.
         shaped_by_load: whether its state contains the load along it.
+        paired: whether its forces depend on the displacement of its two ends relative to each other
+            only, so that its tangent is ``[[B, -B], [-B, B]]``.
         slides: whether this load slides from node to node with the element; then `slid` returns
             the forces that this makes.
     """
@@ -137,6 +139,7 @@ class Element(abc.ABC):
     remembers: bool = False
     breaks: bool = False
     shaped_by_load: bool = False
+    paired: bool = False
     slides: bool = False
 
     @property

@@ -63,6 +63,7 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
     # no `Secant`: the tension depends on all pieces, so that one piece has no secant stiffness
     shaped_by_load = slides = True
     tangent = Element.tangent  # that of `Axial` is for two nodes
+    paired = False
 
     def __post_init__(self):
         if not isinstance(self.links, Indices):

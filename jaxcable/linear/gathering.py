@@ -11,10 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..common.tree import places, pytree
+from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
 
 _WIDEST = 16  # most numbers that a row of a table adds
+_NOTHING = 2**32 - 1  # past every end
 
 
 @pytree
@@ -22,9 +23,10 @@ class Gathering:
     """Sums of rows of an array. A hub, where many rows meet, is summed in parts.
 
     Attributes:
-        tables: positions of the rows that a sum adds, [n_sum, w] each; rows are numbered from those
-            of the array on: a row of zeros, and the sums of this and of earlier tables.
-        place: positions of the results, [n]; None if they are the sums of the last table.
+        tables: the rows that a sum adds, [n_sum, w] each: the first of rows of the array, the
+            others of sums of the table before. A position past the end stands for nothing.
+        place: the results, [n]: as rows of the array, after these nothing, and then the sums of
+            all tables in turn. None if they are the sums of the last table.
     """
 
     tables: list[Int[ArrayLike, "n_sum w"]]
@@ -32,45 +34,58 @@ class Gathering:
 
     def __call__(self, source: Float[Array, "m ..."]) -> Float[Array, "n ..."]:
         """The sums of rows of `source`, [m, ...]."""
-        known = with_zero(source)
-        sums = known
+        m = len(source)
+        # XLA would compute the rows anew for each of their uses, but not what it concatenates
+        rows = jnp.concatenate([source, jnp.zeros_like(source[:1])])
+        sums, below = [], rows
         for k, table in enumerate(self.tables):
-            if k > 0:
-                known = jnp.concatenate([known, sums])
-            sums = jnp.sum(_at(known, table), axis=1, dtype=known.dtype)
+            parts = _at(below, table) if k == 0 else _there(below, table)
+            below = jnp.sum(parts, axis=1, dtype=source.dtype)
+            sums.append(below)
         if self.place is None:
-            return sums
-        if self.tables:
-            known = jnp.concatenate([known, sums])
-        return _at(known, self.place)
+            return below
+        if not sums:
+            return _at(rows, self.place)
+        of_sums = sums[0] if len(sums) == 1 else jnp.concatenate(sums)
+        of_sums = _at(of_sums, jnp.maximum(self.place, np.uint32(m + 1)) - np.uint32(m + 1))
+        return jnp.where(_wide(self.place <= m, source), _at(rows, self.place), of_sums)
 
 
-def gathering(target: Int[np.ndarray, " m"], n: int) -> Gathering:
-    """The `Gathering` that adds row k of an array to the sum ``target[k]``.
+def gathering(
+    target: Int[np.ndarray, " k"],
+    n: int,
+    source: Int[np.ndarray, " k"] | None = None,
+    m: int | None = None,
+) -> Gathering:
+    """The `Gathering` that adds row ``source[k]`` of an array to the sum ``target[k]``.
 
     Args:
-        target: [m], NumPy; n or more for rows that are not added to any sum.
+        target: [k], NumPy; n or more for what is not added to any sum.
         n: number of sums; a sum without rows is zero.
+        source: [k]; a row may be added to several sums. None for the rows in turn.
+        m: number of rows of the array, if `source` is given.
     """
-    member = np.flatnonzero(target < n)
-    member = member[np.argsort(target[member], kind="stable")]
-    owner = target[member]
+    if source is None or m is None:
+        source, m = np.arange(len(target)), len(target)
+    used = np.flatnonzero(target < n)
+    used = used[np.argsort(target[used], kind="stable")]
+    member, owner = source[used], target[used]
+    place = np.full(n, m)
     width = _width(np.bincount(owner, minlength=n))
-    known, tables, zero = len(target) + 1, [], len(target)
-    whole = False
-    while (several := np.bincount(owner, minlength=n) > 1).any():
-        kept = ~several[owner]
-        table, new_owner = _parts(member[~kept], owner[~kept], width, zero)
-        tables.append(places(table.astype(np.int32)))
-        whole = len(new_owner) == n and bool(several.all())
-        new = known + np.arange(len(table))
-        member, owner = np.append(member[kept], new), np.append(owner[kept], new_owner)
-        known += len(table)
-    if whole:
-        return Gathering(tables, None)
-    place = np.full(n, zero, np.int32)
-    place[owner] = member
-    return Gathering(tables, places(place))
+    tables, first = [], m + 1
+    while True:  # what has one member has its place, the others are summed
+        alone = np.bincount(owner, minlength=n) <= 1
+        single = alone[owner]
+        place[owner[single]] = member[single] + (0 if not tables else first)
+        member, owner = member[~single], owner[~single]
+        if not len(owner):
+            break
+        table, owner = _parts(member, owner, width)
+        first += 0 if not tables else len(tables[-1])
+        tables.append(np.where(table < 0, _NOTHING if tables else m, table).astype(np.uint32))
+        member = np.arange(len(table))
+    last = len(tables) > 0 and np.array_equal(place, first + np.arange(n))
+    return Gathering(tables, None if last else place.astype(np.uint32))
 
 
 def with_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
@@ -79,14 +94,17 @@ def with_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:
     return lax.pad(values, zero, [(0, 1, 0)] + [(0, 0, 0)] * (values.ndim - 1))
 
 
-def _parts(member, owner, width, zero):
-    """A table of sums of up to `width` members with equal owner, and the owner of each sum."""
+def _parts(member, owner, width):
+    """A table of sums of up to `width` members with equal owner, and the owner of each sum.
+
+    Minus one stands for nothing.
+    """
     first = np.append(True, owner[1:] != owner[:-1])
     begin = np.maximum.accumulate(np.where(first, np.arange(len(owner)), 0))
     column = (np.arange(len(owner)) - begin) % width
     opens = first | (column == 0)
     row = np.cumsum(opens) - 1
-    table = np.full((row[-1] + 1, width), zero)
+    table = np.full((row[-1] + 1, width), -1)
     table[row, column] = member
     return table, owner[opens]
 
@@ -98,7 +116,7 @@ def _width(count):
         left, total = count[count > 1], 0
         while len(left):
             left = -(-left // width)
-            total += width * left.sum() + count.sum()  # a table, and a copy of what is known
+            total += width * left.sum() + count.sum()  # a table, and a pass over what it reads
             left = left[left > 1]
         return total
 
@@ -106,4 +124,16 @@ def _width(count):
 
 
 def _at(array, positions):
-    return array.at[positions].get(mode="promise_in_bounds")
+    """Rows of an array; any row where there is none."""
+    return jnp.asarray(array).at[positions].get(mode="clip")
+
+
+def _there(array, positions):
+    """Rows of an array, zero where there is none."""
+    rows = _at(array, positions)
+    return jnp.where(_wide(positions < len(array), rows), rows, jnp.zeros((), rows.dtype))
+
+
+def _wide(mask, rows):
+    """A mask of positions with axes of length 1 for those of rows."""
+    return mask.reshape(*mask.shape, *(1,) * (rows.ndim - mask.ndim))

@@ -22,7 +22,7 @@ from .solver import Solver, choose
 _WIDEST = 40  # half-bandwidth up to which batches of small systems are solved as banded systems
 
 
-@pytree(static=("size", "symmetric", "solver"))
+@pytree(static=("size", "paired", "symmetric", "solver"))
 class Pattern:
     """Sparsity of a square matrix in compressed rows, and where element entries are added.
 
@@ -39,7 +39,10 @@ class Pattern:
             [n, b + 1]; n_value for a zero.
         table: positions of the values of the dense matrix, [n, n], likewise; None unless the solver
             needs it.
+        opposite: True for values that are minus their sum, [n_value]; None if none is.
         size: n.
+        paired: for every group of elements whether its matrices are ``[[B, -B], [-B, B]]``, of
+            which only B [3, 3] is read; then `sums` begin with B of all elements, by its entries.
         symmetric: whether only the upper triangle is stored.
         solver: `solver.Solver`.
     """
@@ -54,7 +57,9 @@ class Pattern:
     place: Int[Array, " n"] | None = None
     band: Int[Array, "n b+1"] | None = None
     table: Int[Array, "n n"] | None = None
+    opposite: Bool[Array, " n_value"] | None = None
     size: int = 0
+    paired: tuple[bool, ...] = ()
     symmetric: bool = False
     solver: Solver = None  # type: ignore[assignment]  # `make_pattern` chooses one
 
@@ -66,6 +71,7 @@ def make_pattern(
     name: str | None = None,
     exchanges_rows: bool = False,
     definite: bool = False,
+    paired: Sequence[bool] = (),
 ) -> Pattern:
     """The pattern that element matrices with the given unknowns fill.
 
@@ -77,21 +83,17 @@ def make_pattern(
         name: name of a solver, or None to choose one.
         exchanges_rows: whether the solver must exchange rows.
         definite: whether all matrices are known to be positive semidefinite.
+        paired: as of `Pattern`; empty if no matrices are. It is a proposal: where two groups join
+            the same unknowns in other ways, whole matrices are read.
     """
-    keys = []
-    for number in numbers:
-        d = number.shape[1]
-        row = np.repeat(number, d, axis=1).ravel()
-        column = np.tile(number, (1, d)).ravel()
-        keep = (row < size) & (column < size)
-        if symmetric:
-            keep &= column >= row
-        keys.append(np.where(keep, row.astype(np.int64) * size + column, -1))
-    key = np.concatenate(keys)
-    used = key >= 0
-    entries, of_used = np.unique(key[used], return_inverse=True)
-    target = np.full(len(key), len(entries))  # left out
-    target[used] = of_used
+    numbers = list(numbers)
+    key, source, opposite, m = _listed(numbers, size, symmetric, paired)
+    entries, target = np.unique(key, return_inverse=True)
+    some, all_ = np.zeros(len(entries), bool), np.ones(len(entries), bool)
+    np.logical_or.at(some, target, opposite)
+    np.logical_and.at(all_, target, opposite)
+    if (some != all_).any():
+        return make_pattern(numbers, size, symmetric, name, exchanges_rows, definite)
     row, indices = entries // size, entries % size
     indptr = np.searchsorted(row, np.arange(size + 1))
     diagonal = np.searchsorted(entries, np.arange(size, dtype=np.int64) * (size + 1))
@@ -111,9 +113,42 @@ def make_pattern(
     whole = solver.on_device and not solver.definite
     table = _table(row, indices, size, symmetric) if whole else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        sums = jax.tree.map(jax.device_put, gathering(target, len(entries)))
-        placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, table)]
-    return Pattern(sums, *placed, size, symmetric, solver)  # type: ignore[call-arg]  # ten arrays
+        sums = jax.tree.map(jax.device_put, gathering(target, len(entries), source, m))
+        last = table, some if some.any() else None
+        placed: list[Any] = [None if a is None else jax.device_put(a) for a in (*arrays, *last)]
+    settings = size, tuple(paired), symmetric, solver
+    return Pattern(sums, *placed, *settings)  # type: ignore[call-arg]  # eleven arrays
+
+
+def _listed(numbers, size, symmetric, paired):
+    """All entries of element matrices that are added to the matrix.
+
+    Returns:
+        Row times `size` plus column of the value they are added to; their positions among what
+        `assemble` reads; whether they are minus what is there; how much `assemble` reads.
+    """
+    keys, sources, signs, m = [], [], [], 0
+    for k, number in enumerate(numbers):
+        n_elem, d = number.shape
+        row = np.repeat(number, d, axis=1).ravel()
+        column = np.tile(number, (1, d)).ravel()
+        keep = (row < size) & (column < size)
+        if symmetric:
+            keep &= column >= row
+        if k < len(paired) and paired[k]:
+            at, element = np.arange(6) % 3, np.arange(n_elem)[:, None, None]
+            where = (3 * at[:, None] + at) * n_elem + element
+            end = np.arange(6) // 3
+            minus = np.broadcast_to(end[:, None] != end, where.shape).ravel()
+            where, count = where.ravel(), 9 * n_elem
+        else:
+            where, count = np.arange(n_elem * d * d), n_elem * d * d
+            minus = np.zeros(count, bool)
+        keys.append((row.astype(np.int64) * size + column)[keep])
+        sources.append(m + where[keep])
+        signs.append(minus[keep])
+        m += count
+    return *(np.concatenate(parts) for parts in (keys, sources, signs)), m
 
 
 def _band(rows, columns, size):
@@ -247,8 +282,15 @@ def assemble(
             # rows that are left out are out of range: "drop" ignores them
             matrix = matrix.at[rows[:, :, None], rows[:, None, :]].add(blocks, mode="drop")
         return matrix
-    flat = [blocks.reshape(-1) for blocks, _ in parts]
+    flat = []
+    for k, (blocks, _) in enumerate(parts):
+        if k < len(pattern.paired) and pattern.paired[k]:
+            blocks = jnp.moveaxis(blocks[:, 3:, 3:], 0, -1)
+        flat.append(blocks.reshape(-1))
     entries = flat[0] if len(flat) == 1 else jnp.concatenate(flat)
     # the barrier keeps XLA from computing an element matrix again for every entry that is gathered
     entries = jax.lax.optimization_barrier(entries)
-    return Sparse(pattern.sums(entries), pattern)
+    values = pattern.sums(entries)
+    if pattern.opposite is not None:
+        values = jnp.where(pattern.opposite, -values, values)
+    return Sparse(values, pattern)

@@ -171,6 +171,7 @@ def number_freedoms(
     rigid=None,
     space=None,
     definite=False,
+    paired=(),
 ):
     """`Freedoms` with the numbering and the pattern of the tangent; cached for later analyses.
 
@@ -185,6 +186,7 @@ def number_freedoms(
         space: the `Space`, for the unknowns that a row couples by itself; None for no such
             coupling.
         definite: whether the tangent is known to be positive semidefinite.
+        paired: see `linear.make_pattern`.
     """
     mask, spins = fixed.array.copy(), fixed.spins
     carried = None
@@ -208,7 +210,7 @@ def number_freedoms(
             numbers_of(number, ends.array, width, inner, carried) for ends, width, inner in links
         ]
         pattern = linear.make_pattern(
-            [*numbers, *coupled], n_free, symmetric, solver, definite=definite
+            [*numbers, *coupled], n_free, symmetric, solver, definite=definite, paired=paired
         )
     return Freedoms(
         places(free),
