@@ -90,6 +90,10 @@ def nets():
             case = {"n": n, "load": load, "solver": solver, "repeats": repeats, "gradient": True}
             own[str(solver)] = ask("scaling_child.py", {**case, "pieces": solver is not None})
             print(n, solver, brief(own[str(solver)]), flush=True)
+        if n <= 20:
+            case = {"n": n, "load": load, "solver": None, "repeats": repeats, "gradient": True}
+            own["fused"] = ask("scaling_child.py", {**case, "pieces": False, "fused": True})
+            print(n, "fused", brief(own["fused"]), flush=True)
         candidates = SMALL if n <= 20 else LARGE if n <= 200 else []
         for choice in candidates:
             rows[" ".join(choice)] = opensees(
@@ -154,6 +158,10 @@ def batches():
             answer = ask("batch_child.py", {"cases": cases, "devices": devices, "chunk": 128})
             found[f"{cases} on {devices}"] = answer
             print(cases, devices, answer, flush=True)
+    for cases in (100, 1000, 10000, 100000):
+        case = {"cases": cases, "devices": 1, "chunk": None, "fused": True}
+        found[f"{cases} fused"] = ask("batch_child.py", case)
+        print(cases, "fused", found[f"{cases} fused"], flush=True)
     rows = {}
     for choice in SMALL[:4]:
         rows[" ".join(choice)] = opensees(4, 1000.0, *choice, repeats=200)

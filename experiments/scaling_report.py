@@ -188,14 +188,16 @@ def batches(kept):
         own = middle(row["us_a_case"])
         rows.append(
             [
-                *(key.replace(" on ", " cases, devices: "), shown(own), shown(row["cores_case"])),
+                key.replace(" on ", " cases, devices: ").replace(" fused", " cases, fused loops"),
+                *(shown(own), shown(row["cores_case"])),
                 *(shown(analysis / own), shown((analysis + built) / own)),
                 *(shown(middle(row["us_a_gradient"])), shown(row["first_case_s"])),
                 *(str(row["iterations"]), str(row["failed"])),
             ]
         )
     yield (
-        f"Load cases of 48 unknowns, chunks of 128, us a case; OpenSees ({name}, one core):\n"
+        "Load cases of 48 unknowns, chunks of 128 (with fused loops of 256, in threads), us a\n"
+        f"case; OpenSees ({name}, one core):\n"
         f"{analysis:.0f} us analysis, {built:.0f} us building the model; ratios without and with\n"
         + table(
             [
@@ -250,6 +252,7 @@ def draw(kept, path):
         ("pardiso", "jaxcable, PARDISO", "C0o-"),
         ("superlu", "jaxcable, SuperLU", "C2s-"),
         ("None", "jaxcable, default (dense, banded)", "C4^-"),
+        ("fused", "jaxcable, fused loops", "C1v-"),
     ):
         points = [
             (sizes[n], middle(f["jaxcable"][solver]["value_ms"]))
@@ -290,6 +293,12 @@ def draw(kept, path):
         ]
         label = f"jaxcable, {devices} device{'s' if devices > 1 else ''}"
         right.semilogx(*zip(*points, strict=True), style, label=label)
+    points = [
+        (int(key.split()[0]), middle(row["us_a_case"]))
+        for key, row in cases.items()
+        if key.endswith("fused")
+    ]
+    right.semilogx(*zip(*points, strict=True), "C2v-", label="jaxcable, fused loops, threads")
     _, peer = best(cases["opensees"])
     right.axhline(1e6 * peer["analyze_s"], color="C3", label="OpenSees, analysis alone")
     both = 1e6 * (peer["analyze_s"] + peer["build_s"])

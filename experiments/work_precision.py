@@ -12,8 +12,9 @@ Command    OPENSEES_PYTHON=... python experiments/work_precision.py
            (an interpreter with openseespy, default this one; without it the rows are left out and
            that is said; writes experiments/results/work_precision.txt and .png; five minutes)
 
-Times are wall milliseconds of both phases, medians of calls by turns in one process, each with new
-numbers and blocked on completion; of OpenSees `analyze` alone, medians in a process of its own.
+Loops are fused (`jaxcable.fuse_loops`). Times are wall milliseconds of both phases, medians of
+calls by turns in one process, each with new numbers and blocked on completion; of OpenSees
+`analyze` alone, medians in a process of its own.
 """
 
 import os
@@ -32,6 +33,7 @@ from scaling import opensees
 import jaxcable as jc
 from jaxcable.scenes.snapping import solid
 
+jc.fuse_loops()
 jax.config.update("jax_enable_x64", True)
 
 SIDE, LOAD = 10, 5000.0 / 11  # free nodes a side; N on each

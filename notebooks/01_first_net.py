@@ -30,6 +30,8 @@ from scipy.optimize import root
 
 import jaxcable as jc
 
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
+
 # %% [markdown]
 # ## The net
 #

@@ -25,6 +25,8 @@ from scipy import optimize
 
 import jaxcable as jc
 
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
+
 # %% [markdown]
 # ## Net and prestress
 #

@@ -66,6 +66,7 @@ def test_a_notebook_has_the_cells_of_its_source_and_their_outputs(path):
     [p if p.name.startswith("01") else pytest.param(p, marks=pytest.mark.slow) for p in SOURCES],
     ids=lambda p: p.stem,
 )
+@pytest.mark.filterwarnings("ignore:fuse_loops")  # jax has computed in this process
 def test_a_notebook_runs(path, tmp_path, monkeypatch):
     matplotlib.use("Agg")
     monkeypatch.chdir(tmp_path)

@@ -1,11 +1,13 @@
 """jaxcable's side of the batches in `scaling.py`: random loads on a net of 48 unknowns.
 
-Reads a case, a line of JSON on stdin, with the keys cases, chunk and devices (made of one
-processor), and answers with a line: first_s (compilation and run), us_a_case (a list, warm, both
-phases for every case), us_a_gradient (of the mean deflection with respect to all pretensions and
-all loads), cores (processor time over wall time), iterations (largest), failed.
+Reads a case, a line of JSON on stdin, with the keys cases, chunk, devices (made of one processor)
+and, optional, fused (`jaxcable.fuse_loops`, chunks by threads). Answers with a line: first_s
+(compilation and run), us_a_case (a list, warm, both phases for every case), us_a_gradient (of the
+mean deflection with respect to all pretensions and all loads; if fused, of that of every case with
+respect to all pretensions), cores (processor time over wall time), iterations (largest), failed.
 """
 
+import functools
 import json
 import os
 import sys
@@ -24,6 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcable as jc
+
+if CASE.get("fused"):
+    jc.fuse_loops()
 
 
 def main():
@@ -47,11 +52,17 @@ def main():
     def cases(pretension, forces):
         return jc.batched(lambda F: one(pretension, F), CASE["chunk"], devices=devices)(forces)
 
+    def height(pretension, force):
+        return jnp.mean(one(pretension, force)[0][:, 2])
+
+    functions = {"case": jax.jit(cases), "gradient": jax.jit(jax.grad(mean, argnums=(0, 1)))}
+    if CASE.get("fused"):
+        each = {"case": one, "gradient": jax.grad(height)}
+        each = {name: functools.partial(own, pretension) for name, own in each.items()}
+        batches = {name: jc.batched(own, CASE["chunk"]) for name, own in each.items()}
+        functions = {name: lambda _, F, own=own: own(F) for name, own in batches.items()}
     answer = {}
-    for name, function in (
-        ("case", jax.jit(cases)),
-        ("gradient", jax.jit(jax.grad(mean, argnums=(0, 1)))),
-    ):
+    for name, function in functions.items():
         begin = time.perf_counter()
         result = jax.block_until_ready(function(pretension, forces))
         first = time.perf_counter() - begin

@@ -11,6 +11,7 @@ Reads a case, a line of JSON on stdin, and answers with a line. Keys of a case:
     increments    of the second phase; optional, 1
     plain         optional: solves by conjugate gradients with an old factor are switched off
     searched      optional: plain Newton steps are switched off
+    fused         optional: XLA compiles loops to one function each (`jaxcable.fuse_loops`)
 
 Answer: first_s (the first call: analysis of the pattern, compilation, run), value_ms and
 gradient_ms (lists, warm), iterations, factorizations, residual (relative, largest of the phases),
@@ -92,6 +93,8 @@ def pieces(structure, solution, solver, repeats):
 
 def main():
     case = json.loads(sys.stdin.readline())
+    if case.get("fused"):
+        jc.fuse_loops()
     if case.get("plain"):
         newton_step.WORTH = 0
     if case.get("searched"):

@@ -102,12 +102,20 @@ def batched(
         results = spread(*_filled(cases, per_device * len(devices)))
         return jax.tree.map(lambda a: a[:count], results)
 
+    concrete = []  # results have been so once: the function knows no traced numbers
+
     def checked(*cases):
         count = _count(cases)
         if devices is not None or not fuses() or not _concrete(cases):
             return run(*cases)
         workers = _cores()
-        size = min(chunk or _CHUNK, -(-count // workers))
+        rounds = -(-count // (workers * (chunk or _CHUNK)))
+        size = -(-count // (workers * rounds))
+        if not concrete:  # the first chunk compiles, too
+            first = run(*jax.tree.map(lambda a: np.asarray(a)[:size], cases))
+            if not _concrete(first):
+                return run(*cases)
+            concrete.append(True)
         return run(*cases) if size == count else _by_threads(run, cases, size, workers)
 
     return checked
@@ -122,11 +130,8 @@ def _by_threads(run, cases, size, workers):
         part = jax.tree.map(lambda a: a[begin : begin + size], cases)
         return jax.block_until_ready(run(*_filled(part, size)))
 
-    first = compute(0)  # compiles, and shows whether the function knows traced numbers
-    if not _concrete(first):
-        return run(*cases)
     with ThreadPoolExecutor(workers) as pool:
-        parts = [first, *pool.map(compute, range(size, count, size))]
+        parts = list(pool.map(compute, range(0, count, size)))
     whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *parts)
     return jax.tree.map(jnp.asarray, whole)
 
