@@ -71,16 +71,17 @@ def pieces(structure, solution, solver, repeats):
     times, results = zip(*(timed(assemble, made, x) for _ in range(repeats)), strict=True)
     (residual, _), matrix = results[-1]
     pattern, values = matrix.pattern, np.asarray(matrix.values)
+    from jaxcable import linear
     from jaxcable.linear import host
 
     analysed = host.Analysed(
-        solver, True, *(np.asarray(a) for a in (pattern.indptr, pattern.indices))
+        linear.named(solver), True, *(np.asarray(a) for a in (pattern.indptr, pattern.indices))
     )
     whole, b = values[analysed.take], np.ones(len(residual))
     factors, solves = [], []
     for k in range(repeats + 1):
         begin = time.perf_counter()
-        factor = analysed.solver.factorize(whole, True)
+        factor = analysed.analysis.factorize(whole, True)
         middle = time.perf_counter()
         factor.solve(b)
         end = time.perf_counter()
