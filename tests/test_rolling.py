@@ -122,6 +122,11 @@ def test_a_singular_matrix_has_no_solution():
     assert np.isnan(factor.adjoint(jnp.ones(12))).all()
     assert factor.marked(jnp.ones(12))[1].all()
     np.testing.assert_array_equal(factor.adjoint(jnp.zeros(12)), 0.0)
+    rhs = jnp.arange(12.0)
+    np.testing.assert_array_equal(factor.or_identity().solve(rhs, lambda v: v), rhs)
+    regular = linear.factorize(sparse.plus_diagonal(1.0))
+    same = regular.or_identity().marked(rhs)[0] - regular.marked(rhs)[0]
+    np.testing.assert_array_equal(same, 0.0)
 
 
 def test_only_matrices_known_to_be_definite():

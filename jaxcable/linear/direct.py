@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
+from typing import Self
 
 import jax.numpy as jnp
 from jax import lax
@@ -33,6 +34,10 @@ class Direct(abc.ABC):
     @abc.abstractmethod
     def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """The scaled matrix, or its transpose, times a vector [n]."""
+
+    @abc.abstractmethod
+    def or_identity(self) -> Self:
+        """This factor, or that of the identity if the matrix is singular."""
 
     def solve(
         self, rhs: Float[Array, " n"], matvec: Callable[[Float[Array, " n"]], Float[Array, " n"]]

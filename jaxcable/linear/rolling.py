@@ -17,7 +17,7 @@ import numpy as np
 from jax import lax
 
 from ..common.fusion import fuses
-from ..common.tree import pytree
+from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float, Int
 from . import solver
 from .direct import Direct
@@ -84,6 +84,17 @@ class BandFactor(Direct):
         """See `Direct`."""
         p = self.scaled.pattern
         return times(self.scaled.banded(), x[p.order])[p.place]
+
+    def or_identity(self) -> BandFactor:
+        """See `Direct`."""
+        one = jnp.where(jnp.arange(self.factor.shape[1]) == 0, 1.0, 0.0)
+        return copy(
+            self,
+            factor=jnp.where(self.regular, self.factor, one[None].astype(self.factor.dtype)),
+            size=jnp.where(self.regular, self.size, 1.0),
+            regular=jnp.ones((), bool),
+            scaled=self.scaled.or_identity(self.regular),
+        )
 
 
 def factorize(matrix: Sparse, loose: Bool[Array, " n"]) -> BandFactor:
