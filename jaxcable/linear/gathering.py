@@ -34,7 +34,6 @@ class Gathering:
 
     def __call__(self, source: Float[Array, "m ..."]) -> Float[Array, "n ..."]:
         """The sums of rows of `source`, [m, ...]."""
-        m = len(source)
         # XLA would compute the rows anew for each of their uses, but not what it concatenates
         rows = jnp.concatenate([source, jnp.zeros_like(source[:1])])
         sums, below = [], rows
@@ -44,11 +43,7 @@ class Gathering:
             sums.append(below)
         if self.place is None:
             return below
-        if not sums:
-            return _at(rows, self.place)
-        of_sums = sums[0] if len(sums) == 1 else jnp.concatenate(sums)
-        of_sums = _at(of_sums, jnp.maximum(self.place, np.uint32(m + 1)) - np.uint32(m + 1))
-        return jnp.where(_wide(self.place <= m, source), _at(rows, self.place), of_sums)
+        return _at(jnp.concatenate([rows, *sums]) if sums else rows, self.place)
 
 
 def gathering(
