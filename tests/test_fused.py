@@ -89,6 +89,23 @@ def test_an_analysis_is_one_function(name):
 
 
 @fused
+@pytest.mark.parametrize("name", NETS)
+def test_a_gradient_is_two_functions(name):
+    structure, phases = NETS[name]()[:2]
+
+    def height(pretension):
+        solution = jc.solve(structure, [jc.Phase(pretension=pretension), *phases[1:]])
+        return jnp.sum(solution.displacement[:, 2]) + jnp.sum(solution.tension)
+
+    pretension = np.full(len(structure.elements.links), 1e4)
+    assert loops_and_functions(jax.value_and_grad(height), pretension) == (0, 2)
+    assert loops_and_functions(jax.vmap(jax.grad(height)), pretension[None] * np.ones((3, 1))) == (
+        0,
+        2,
+    )
+
+
+@fused
 def test_only_nets_are_solved_so():
     def solver(scene, to_end=True):
         schedule = prepare(*scene, None, None, to_end=to_end).thawed[3]

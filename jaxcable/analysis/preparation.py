@@ -13,7 +13,7 @@ import numpy as np
 from ..common import checks, status
 from ..common.fusion import fuses
 from ..common.rules import kept, rules_of
-from ..common.tree import cast, copy, thaw
+from ..common.tree import Indices, cast, copy, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import Secant
 from ..elements.element import Element
@@ -30,7 +30,7 @@ from ..model.structure import Structure, place_rules
 from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
-from ..spaces.freedoms import number_freedoms, number_meetings
+from ..spaces.freedoms import gatherings, number_freedoms
 from .phases import Phase, keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
@@ -175,8 +175,8 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         found = number_freedoms(fixed, rows, coupled, *settings)
         if not fuses():
             return found
-        ends = tuple(group.links for group in groups)
-        return copy(found, meeting=number_meetings(ends, len(found.fixed)))
+        ends, own = tuple(group.links for group in groups), rows is None and not space.rotates
+        return copy(found, **gatherings(ends, Indices(found.number), len(found.free), own))
 
     return number
 

@@ -23,6 +23,7 @@ from ..mechanics.reading import Reading, read
 from ..model import plausibility
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
+from ..numerics.one_function import as_one
 from .one_phase import run_phase
 from .phases import Phase
 from .preparation import exact, prepare, ready, verdicts
@@ -102,7 +103,16 @@ def solve(
 
 @functools.partial(program, static=("differentiate_path", "listen", "bundles"))
 def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles):
-    """The compiled core: one loop over the phases. Results of elements are lists over groups."""
+    """The compiled core. Results of elements are lists over groups."""
+    through = functools.partial(_through, differentiate_path, listen, bundles)
+    pattern = thawed[-1].freedoms.pattern
+    if listen is None and pattern is not None and pattern.solver.fused:
+        through = as_one(through)
+    return through(thawed, arrays, method, code)
+
+
+def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
+    """The phases of an analysis, in one loop."""
     parameters = fill(thawed, arrays)
     structure_ok, codes = verdicts(parameters, method)
     nodes, groups, carry, schedule = ready(parameters, bundles)

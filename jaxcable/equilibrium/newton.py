@@ -38,13 +38,12 @@ from jax.typing import DTypeLike
 from .. import linear
 from ..common import checks, status
 from ..common.rules import Rule, refuse
-from ..common.tree import copy, fill, pytree, thaw, where
+from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
-from ..numerics.cases import one_by_one
 from .iteration import Method, Task, limit, no_stiffness
 from .newton_step import WORTH, largest
 
@@ -290,20 +289,6 @@ def march(
         memory: memory of laws at the end.
         factored: what is factored at the end.
     """
-    given = ramp, x, increments, method, code, factored, seen, fresh
-    pattern = ramp.freedoms.pattern
-    if tell is None and pattern is not None and pattern.solver.fused:
-        return one_by_one(_march_case)(*thaw(lax.stop_gradient(given)))
-    return _march(*given, tell)
-
-
-def _march_case(thawed, arrays):
-    """`_march` with arguments that `thaw` has split."""
-    return _march(*fill(thawed, arrays))
-
-
-def _march(ramp, x, increments, method, code, factored, seen, fresh, tell=None):
-    """See `march`."""
     begun = ramp.begun()
     x = first = begun.refined(x)
 

@@ -13,6 +13,7 @@ from jax import lax
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from .linear_map import linear_map
 
 _WIDEST = 16  # most numbers that a row of a table adds
 _NOTHING = 2**32 - 1  # past every end
@@ -27,13 +28,24 @@ class Gathering:
             others of sums of the table before. A position past the end stands for nothing.
         place: the results, [n]: as rows of the array, after these nothing, and then the sums of
             all tables in turn. None if they are the sums of the last table.
+        target: the sum that every row is added to, [m]; None if rows are added to several.
     """
 
     tables: list[Int[ArrayLike, "n_sum w"]]
     place: Int[ArrayLike, " n"] | None
+    target: Int[ArrayLike, " m"] | None
 
     def __call__(self, source: Float[Array, "m ..."]) -> Float[Array, "n ..."]:
         """The sums of rows of `source`, [m, ...]."""
+        if self.target is None:
+            return self._summed(source)
+        return linear_map(_sums, _copies, source, self)
+
+    def spread(self, sums: Float[Array, "n ..."]) -> Float[Array, "m ..."]:
+        """For every row the number at its sum, [m, ...]: the transpose."""
+        return linear_map(_copies, _sums, sums, self)
+
+    def _summed(self, source):
         # XLA would compute the rows anew for each of their uses, but not what it concatenates
         rows = jnp.concatenate([source, jnp.zeros_like(source[:1])])
         sums, below = [], rows
@@ -60,8 +72,9 @@ def gathering(
         source: [k]; a row may be added to several sums. None for the rows in turn.
         m: number of rows of the array, if `source` is given.
     """
+    of_rows = None
     if source is None or m is None:
-        source, m = np.arange(len(target)), len(target)
+        source, m, of_rows = np.arange(len(target)), len(target), target.astype(np.uint32)
     used = np.flatnonzero(target < n)
     used = used[np.argsort(target[used], kind="stable")]
     member, owner = source[used], target[used]
@@ -80,7 +93,15 @@ def gathering(
         tables.append(np.where(table < 0, _NOTHING if tables else m, table).astype(np.uint32))
         member = np.arange(len(table))
     last = len(tables) > 0 and np.array_equal(place, first + np.arange(n))
-    return Gathering(tables, None if last else place.astype(np.uint32))
+    return Gathering(tables, None if last else place.astype(np.uint32), of_rows)
+
+
+def _sums(rows, gathering):
+    return gathering._summed(rows)
+
+
+def _copies(sums, gathering):
+    return _there(sums, gathering.target)
 
 
 def with_zero(values: Float[Array, "n ..."]) -> Float[Array, "n+1 ..."]:

@@ -18,10 +18,10 @@ from ..common.types import Array, Bool, Float
 from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element, ElementState
 from ..spaces import Space
-from ..spaces.freedoms import Freedoms, carriers
+from ..spaces.freedoms import carriers
 from ..spaces.space import Forces, Matrix, Motion, Part, Step
 from ..spaces.translations import coarse, refined
-from .elementwise import Elementwise, PerGroup, each, over
+from .elementwise import Elementwise, PerGroup, each, over_ends
 from .load_stacks import Following
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -48,11 +48,6 @@ class System(Elementwise):
     load: Float[Array, "n_row n_freedom"]
     space: Space
     followers: list[Following] | None = None
-
-    @property
-    def freedoms(self) -> Freedoms:
-        """The numbering of the unknowns, `Freedoms`."""
-        return self.space.freedoms
 
     # --- points and steps
 
@@ -122,9 +117,10 @@ class System(Elementwise):
     def _end_forces_about(self, x, spread):
         """End forces of every group conjugate to a step of all rows from `x`."""
         found = []
-        for group, state in zip(self.groups, self.states, strict=True):
-            step = spread[group.links, : group.n_freedom]
-            found.append(over(_about, group, state, self.nodes, x, beside=(step,)))
+        placed = zip(*map(self.at_ends, (self.nodes, x, spread)), strict=True)
+        for group, state, (*at, step) in zip(self.groups, self.states, placed, strict=True):
+            beside = (step[..., : group.n_freedom],)
+            found.append(over_ends(_about, group, state, at, beside))
         return found
 
     def part_sizes(

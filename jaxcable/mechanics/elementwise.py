@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeAlias
 
 import jax
@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.element import PEAK_TENSION, TENSION, Element, ElementState, Result
 from ..elements.prestress import element, of_each
-from ..spaces.space import Motion
+from ..spaces.freedoms import Freedoms
+from ..spaces.space import Motion, Space
 from ..spaces.translations import is_fine
 
 PerGroup: TypeAlias = 'list[Float[Array, "n_elem ..."] | None]'
@@ -21,11 +22,28 @@ Memory: TypeAlias = 'list[PyTree[Float[Array, "n_elem ..."]] | None]'
 
 
 class Elementwise:
-    """The part of a `System` that concerns its elements; needs `nodes`, `groups` and `states`."""
+    """The part of a `System` that concerns its elements; needs the attributes named here."""
 
     nodes: Float[Array, "n_row 3"]
     groups: list[Element]
     states: list[ElementState]
+    space: Space
+
+    @property
+    def freedoms(self) -> Freedoms:
+        """The numbering of the unknowns, `Freedoms`."""
+        return self.space.freedoms
+
+    def at_ends(self, values: Float[Array, "n_row ..."]) -> list[Float[Array, "n_elem n_end ..."]]:
+        """`values` of rows at the ends of every group's elements; the transpose is `at_rows`."""
+        if self.freedoms.meeting is None:
+            return [values[group.links] for group in self.groups]
+        flat, found = self.freedoms.meeting.spread(values), []
+        for group in self.groups:
+            count = group.links.size
+            found.append(flat[:count].reshape(*group.links.shape, *values.shape[1:]))
+            flat = flat[count:]
+        return found
 
     def stored_energy(self, motion: Motion) -> Float[Array, ""]:
         """Energy stored in the elements, J."""
@@ -48,13 +66,14 @@ class Elementwise:
             of elements without load along them, which is their axial force.
         """
         found = []
-        for group, state in zip(self.groups, self.states, strict=True):
+        placed = zip(self.at_ends(self.nodes), self.at_ends(motion), strict=True)
+        for group, state, at in zip(self.groups, self.states, placed, strict=True):
             present = [name for name in names if group.has_result(name, state)]
 
             def read(one, *at, present=present):
                 return one.reading(*at, present)
 
-            found.append(over(read, group, state, self.nodes, motion))
+            found.append(over_ends(read, group, state, at))
         return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
@@ -182,17 +201,35 @@ def over(
     By a motion with a fine part elements are brought to where they have moved: functions know
     motions [n_end, 3] only. Unless this is to be `exact`, the fine part is as good as none.
     """
+    at = nodes[group.links], *(motion[group.links] for motion in motions)
+    return over_ends(function, group, state, at, beside, exact)
+
+
+def over_ends(
+    function: Callable[..., Any],
+    group: Element,
+    state: ElementState,
+    at: Sequence[Float[Array, "n_elem n_end ..."]],
+    beside: tuple[Float[Array, "n_elem ..."], ...] = (),
+    exact: Bool[ArrayLike, ""] = True,
+) -> Any:
+    """`over` where nodes and motions are known `at` the ends of the elements."""
     exact = jnp.asarray(exact)
+    nodes, *motions = at
 
     def one(properties, beside, *at):
         law = element(group, properties)
         return function(law, *(law.brought(*at, exact) if is_fine(at[-1]) else at), *beside)
 
-    at = [nodes[group.links], *(motion_of(group, motion) for motion in motions)]
+    at = [nodes, *(_own(group, motion) for motion in motions)]
     return jax.vmap(one)(group.properties(), beside, state, *at)
 
 
 def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:
     """Motion of the ends of a group's elements, [n_elem, n_end, 3 or 7], or 6 with a fine part."""
-    ends = motion[group.links]
-    return ends if is_fine(motion) else ends[..., : group.n_motion]
+    return _own(group, motion[group.links])
+
+
+def _own(group, ends):
+    """The columns of motions at ends that concern a group."""
+    return ends if is_fine(ends) else ends[..., : group.n_motion]

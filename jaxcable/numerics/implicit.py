@@ -18,7 +18,6 @@ from .. import linear
 from ..common.tree import fill, thaw, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import Factored
-from .cases import one_by_one
 from .rooted import rooted
 
 Tree = TypeVar("Tree")
@@ -105,8 +104,6 @@ def _solved(problem, linearized, rhs):
 
         def adjoint(_, b):
             return factor.adjoint(b)
-    elif pattern.solver.fused:
-        answered, adjoint = one_by_one(_answered), one_by_one(_adjoint)
     else:
         answered, adjoint = _answered, _adjoint
 

@@ -97,7 +97,7 @@ def _derivative(primals, tangents, *, equation, solver):
         if jnp.issubdtype(x.dtype, jnp.inexact) and not isinstance(change, ad.Zero)
     }
     if not changes:
-        return found, ad.Zero.from_primal_value(found)
+        return found, ad.Zero(jax.typeof(found).to_tangent_aval())
     given = {"equation": equation, "solver": solver, "moving": tuple(changes)}
     return found, _CHANGE.bind(found, *leaves, *changes.values(), **given)
 

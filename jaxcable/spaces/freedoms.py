@@ -80,6 +80,8 @@ class Freedoms:
         pattern: `linear.Pattern` of sparse matrices; None if they are dense.
         meeting: sums at every row over the ends of all elements that meet there; None to scatter,
             which is as fast where loops are not fused (`common.fusion`), in a smaller program.
+        numbering: sums at every unknown over its freedoms, with `meeting` where every freedom has
+            an unknown of its own; its transpose needs no scatter.
     """
 
     free: Int[ArrayLike, " n_free"]
@@ -93,6 +95,7 @@ class Freedoms:
     spins: FreeSpins | None = None
     bound: Bool[ArrayLike, " n_free"] | None = None
     meeting: linear.Gathering | None = None
+    numbering: linear.Gathering | None = None
 
     def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
         """A vector [n_free] with zeros at the unknowns that are bound in this phase."""
@@ -118,7 +121,9 @@ class Freedoms:
     @property
     def of_supports(self) -> Freedoms:
         """The part that results need: supports, rows and carried nodes, without the numbering."""
-        nothing = {name: None for name in ("free", "number", "pattern", "spins", "bound")}
+        nothing = {
+            name: None for name in ("free", "number", "pattern", "spins", "bound", "numbering")
+        }
         return copy(self, **nothing)
 
 
@@ -226,11 +231,23 @@ def number_freedoms(
 
 
 @functools.lru_cache(maxsize=16)
-def number_meetings(links: tuple[Indices, ...], n_row: int) -> linear.Gathering:
-    """`Freedoms.meeting` of element groups with these links, on `n_row` rows; cached."""
+def gatherings(
+    links: tuple[Indices, ...], number: Indices, n_free: int, own: bool
+) -> dict[str, linear.Gathering]:
+    """`Freedoms.meeting` of element groups with these links, and `Freedoms.numbering`; cached.
+
+    Args:
+        links: rows of the elements of every group.
+        number: as of `Freedoms`.
+        n_free: number of unknowns.
+        own: whether every free freedom has an unknown of its own.
+    """
     ends = np.concatenate([indices.array.ravel() for indices in links])
+    found = {"meeting": linear.gathering(ends, len(number))}
+    if own:
+        found["numbering"] = linear.gathering(number.array.ravel(), n_free)
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        return jax.tree.map(jax.device_put, linear.gathering(ends, n_row))
+        return jax.tree.map(jax.device_put, found)
 
 
 def along(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:

@@ -83,7 +83,11 @@ class Translations(Space):
 
     def spread(self, x: Motion, step: Step) -> Forces:
         """Displacement of every row."""
-        components = with_zero(step)[self.freedoms.number]
+        numbering = self.freedoms.numbering
+        if numbering is None:
+            components = with_zero(step)[self.freedoms.number]
+        else:
+            components = numbering.spread(step).reshape(self.freedoms.number.shape)
         return (
             components if self.freedoms.axes is None else combined(self.freedoms.axes, components)
         )
@@ -100,7 +104,9 @@ class Translations(Space):
     def collected(self, force: Forces, x: Motion, spread: Forces | None = None) -> Step:
         """Components of forces along the free freedoms."""
         components = force if self.freedoms.axes is None else along(self.freedoms.axes, force)
-        return self.freedoms.released(components.reshape(-1)[self.freedoms.free])
+        flat, numbering = components.reshape(-1), self.freedoms.numbering
+        chosen = flat[self.freedoms.free] if numbering is None else numbering(flat)
+        return self.freedoms.released(chosen)
 
     def reactions(self, unbalanced: Forces, motion: Motion) -> Forces:
         """Unbalanced forces along held freedoms."""

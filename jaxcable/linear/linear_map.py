@@ -1,0 +1,85 @@
+"""Linear functions with a given transpose, as a primitive of jax.
+
+jax transposes a gather to a scatter, which keeps XLA for CPUs from compiling a loop to one function
+(`common.fusion`). Where the sums of the transpose can be gathered, too, it is told how.
+`jax.custom_derivatives.linear_call` is the same without `jax.vmap` (jax 0.10).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+
+from ..common.types import Array, Float, PyTree
+
+_MAP = Primitive("linear_map")
+
+
+def linear_map(
+    function: Callable[[Float[Array, ...], PyTree[Any]], Float[Array, ...]],
+    transpose: Callable[[Float[Array, ...], PyTree[Any]], Float[Array, ...]],
+    x: Float[Array, ...],
+    given: PyTree[Any],
+) -> Float[Array, ...]:
+    """``function(x, given)``, linear in x, whose transpose in x is ``transpose(y, given)``.
+
+    Args:
+        function, transpose: functions of an array and of `given`.
+        x: an array.
+        given: a pytree of integers, which have no derivatives.
+    """
+    leaves, tree = jax.tree.flatten(given)
+
+    def of_leaves(function):
+        return lambda x, *leaves: function(x, tree.unflatten(leaves))
+
+    pair = of_leaves(function), of_leaves(transpose)
+    return _MAP.bind(x, *map(jnp.asarray, leaves), pair=pair)
+
+
+def _evaluated(x, *leaves, pair):
+    return pair[0](x, *leaves)
+
+
+def _shape(x, *leaves, pair):
+    found = jax.eval_shape(pair[0], x, *leaves)
+    return jax.core.ShapedArray(found.shape, found.dtype)
+
+
+def _derivative(primals, tangents, *, pair):
+    found, change = _MAP.bind(*primals, pair=pair), tangents[0]
+    if isinstance(change, ad.Zero):
+        return found, ad.Zero(jax.typeof(found).to_tangent_aval())
+    return found, _MAP.bind(change, *primals[1:], pair=pair)
+
+
+def _transposed(back, x, *leaves, pair):
+    nothing = [None] * len(leaves)
+    if isinstance(back, ad.Zero):
+        return [None, *nothing]
+    return [_MAP.bind(back, *leaves, pair=pair[::-1]), *nothing]
+
+
+def _mapped(arguments, axes, *, pair):
+    moved = [
+        x if axis is None else jnp.moveaxis(x, axis, 0)
+        for x, axis in zip(arguments, axes, strict=True)
+    ]
+    over = [None if axis is None else 0 for axis in axes]
+    size = next(len(x) for x, axis in zip(moved, over, strict=True) if axis == 0)
+    if over[0] is None:
+        moved[0], over[0] = jnp.broadcast_to(moved[0], (size, *moved[0].shape)), 0
+    return _MAP.bind(*moved, pair=tuple(jax.vmap(each, over) for each in pair)), 0
+
+
+_MAP.def_impl(_evaluated)
+_MAP.def_abstract_eval(_shape)
+ad.primitive_jvps[_MAP] = _derivative
+ad.primitive_transposes[_MAP] = _transposed
+batching.primitive_batchers[_MAP] = _mapped
+mlir.register_lowering(_MAP, mlir.lower_fun(_evaluated, multiple_results=False))
