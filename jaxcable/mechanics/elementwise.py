@@ -36,9 +36,10 @@ class Elementwise:
 
     def at_ends(self, values: Float[Array, "n_row ..."]) -> list[Float[Array, "n_elem n_end ..."]]:
         """`values` of rows at the ends of every group's elements; the transpose is `at_rows`."""
-        if self.freedoms.meeting is None:
+        meeting = None if self.freedoms is None else self.freedoms.meeting
+        if meeting is None:
             return [values[group.links] for group in self.groups]
-        flat, found = self.freedoms.meeting.spread(values), []
+        flat, found = meeting.spread(values), []
         for group in self.groups:
             count = group.links.size
             found.append(flat[:count].reshape(*group.links.shape, *values.shape[1:]))
