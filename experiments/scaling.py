@@ -30,6 +30,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from record import commit
+
 HERE = Path(__file__).parent
 RESULTS = HERE / "results"
 SIDES = (4, 10, 20, 50, 100, 200, 577)
@@ -192,9 +194,6 @@ def machine():
     import jax
     import scipy
 
-    commit = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, cwd=HERE
-    ).stdout.strip()
     model = [
         line.split(":")[1].strip()
         for line in Path("/proc/cpuinfo").read_text().splitlines()
@@ -203,7 +202,7 @@ def machine():
     return (
         f"{time.strftime('%Y-%m-%d')}, {model[0]}, {os.cpu_count()} cores, Python "
         f"{platform.python_version()}, jax {jax.__version__}, scipy {scipy.__version__}, "
-        f"commit {commit}"
+        f"commit {commit()}"
     )
 
 
