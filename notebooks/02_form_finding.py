@@ -24,7 +24,7 @@ from scipy.optimize import root
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to five times faster
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## The frame and the topology

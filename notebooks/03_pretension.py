@@ -25,7 +25,7 @@ from scipy import optimize
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to five times faster
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## Net and prestress

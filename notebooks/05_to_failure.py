@@ -29,7 +29,7 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to five times faster
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 # %% [markdown]
 # ## A truss that snaps

@@ -37,7 +37,7 @@ import numpy as np
 
 import jaxcable as jc
 
-jc.fuse_loops()  # before jax computes anything: small nets are two to five times faster
+jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
 
 print(f"{len(jax.devices())} device(s) of {os.cpu_count()} cores")
 
