@@ -123,6 +123,12 @@ def test_a_case_computes_what_it_needs():
     close(whole(x), mapped(x))
 
 
+def test_no_sums_at_all():
+    sums = jax.tree.map(jnp.asarray, gathering(np.zeros(4, int), 0))
+    assert sums(np.ones((4, 2))).shape == (0, 2)
+    np.testing.assert_array_equal(sums.spread(jnp.zeros((0, 2))), np.zeros((4, 2)))
+
+
 TARGETS = {
     "hub": [0, 3, 3, 1, 3, 3, 3, 5, 3, 9, 3],  # 2 and 4 have none; 9 is no sum
     "each_one": [2, 0, 1, 4, 3, 5],

@@ -101,6 +101,8 @@ def _sums(rows, gathering):
 
 
 def _copies(sums, gathering):
+    if not len(sums):  # nothing is free
+        return jnp.zeros((len(gathering.target), *sums.shape[1:]), sums.dtype)
     return _there(sums, gathering.target)
 
 
