@@ -15,17 +15,17 @@ import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
-from ..common.types import Array, Float, PyTree
+from ..common.types import Array, PyTree
 
 _MAP = Primitive("linear_map")
 
 
 def linear_map(
-    function: Callable[[Float[Array, ...], PyTree[Any]], Float[Array, ...]],
-    transpose: Callable[[Float[Array, ...], PyTree[Any]], Float[Array, ...]],
-    x: Float[Array, ...],
+    function: Callable[[Array, PyTree[Any]], Array],
+    transpose: Callable[[Array, PyTree[Any]], Array],
+    x: Array,
     given: PyTree[Any],
-) -> Float[Array, ...]:
+) -> Array:
     """``function(x, given)``, linear in x, whose transpose in x is ``transpose(y, given)``.
 
     Args:
