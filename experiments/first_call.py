@@ -13,7 +13,7 @@ Every first call is one in a process of its own, without compilation cache; the 
 before and after each of them, and its mean taken, since the machine is not as fast every minute.
 "plain" is a call of `solve` as it is, with all its results; "jitted" the sum of the squares of the
 displacements inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient. Run:
-median of 15 further calls, other nodes in each.
+median of 15 further calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.
 """
 
 import itertools
@@ -27,6 +27,7 @@ SCENES = {
     "flat net": "flat_net",
     "hypar": "hypar_net",
     "saddle 4 x 4": "saddle",
+    "saddle 4 x 4, fused": "saddle fused",
     "cable truss": "cable_truss",
     "Geiger dome": "geiger_dome",
     "isolated cable": "isolated_cable",
@@ -96,6 +97,7 @@ def scene_of(name):
 
     import jaxcable as jc
 
+    name = name.removesuffix(" fused")
     if not name.startswith("phases"):
         return getattr(jc.scenes, name)(*((4, 4) if name == "saddle" else ()))[:2]
     structure, (prestress, loading) = jc.scenes.flat_net(load=15.0)
@@ -145,6 +147,8 @@ def measured(name, kind):
         function, numbers = bare()
         seconds, lines, _ = stages(jax.jit(function), *numbers)
         return {"first": sum(seconds), "lines": lines}
+    if name.endswith("fused"):
+        jc.fuse_loops()
     structure, phases = scene_of(name)
     nodes = np.asarray(structure.nodes)
 

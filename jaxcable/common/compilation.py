@@ -6,14 +6,17 @@ import contextlib
 import functools
 import gc
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.extend.core import get_opaque_trace_state
 
 # XLA's older emitters of CPU code compile in half the time of the present ones (jax 0.10). Their
 # programs are as fast for some hundred unknowns, and take up to half as long again for thousands.
 _QUICK = {"xla_cpu_use_fusion_emitters": False}
 _SMALL = 400  # unknowns
+_UNTRACED = get_opaque_trace_state()  # as long as nothing is being traced
 
 
 def program(function, static=()):
@@ -27,7 +30,7 @@ def program(function, static=()):
 
     @functools.wraps(function)
     def run(*arguments, size, **options):
-        small = size <= _SMALL and _by_itself(arguments) and _has_quick()
+        small = size <= _SMALL and by_itself(arguments) and _has_quick()
         with without_collection():
             return (quick if small else plain)(*arguments, **options)
 
@@ -53,18 +56,11 @@ def without_collection() -> Iterator[None]:
         gc.enable()
 
 
-def _by_itself(arguments):
+def by_itself(arguments: Any) -> bool:
     """Whether a program is compiled by itself and not as part of another program."""
     if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
         return False
-    return not isinstance(-_one(), jax.core.Tracer)  # new arrays are tracers inside of jit
-
-
-@functools.cache
-def _one():
-    """An array, also if a caller is being traced."""
-    with jax.ensure_compile_time_eval():
-        return jnp.ones(())
+    return get_opaque_trace_state() == _UNTRACED
 
 
 @functools.cache

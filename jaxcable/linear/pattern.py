@@ -168,7 +168,7 @@ def _band(rows, columns, size):
         return None, None, None
     band = np.full((size, width), len(rows), np.int32)
     band[low, high - low] = np.arange(len(rows))
-    return places(order), places(place.astype(np.int32)), band
+    return places(order), places(place.astype(np.int32)), places(band)
 
 
 def _table(rows, columns, size, symmetric):
