@@ -25,7 +25,7 @@ import scipy.sparse as sp
 from jax import lax
 
 from ..common.types import Array, ArrayLike, Bool, Float
-from . import host, sparse
+from . import foreign, host, sparse
 from .pattern import Matrix, Sparse
 
 _CLOSE = 64  # largest residual, in roundings (eps) of the sizes of its terms
@@ -95,7 +95,8 @@ def _on_host(matrix, column, row, corner, rhs, last, loose):
     p = matrix.pattern
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
-    return sparse._call(
+    return foreign.call(
+        f"jaxcable: bordered, {sparse._words(p)}",
         _solver(p.solver, p.symmetric),
         shapes,
         *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),

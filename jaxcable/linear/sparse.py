@@ -1,9 +1,4 @@
-"""Sparse direct solves on the host, called from a compiled program.
-
-`buffer_callback` gives the callback the buffers of the program: nothing is copied, and no array of
-jax is made, for which a busy program can wait for ever. `pure_callback` does both; it is used only
-where the program does not run on the CPU.
-"""
+"""Sparse direct solves on the host, called from a compiled program (`foreign`)."""
 
 from __future__ import annotations
 
@@ -15,12 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jax.custom_batching import custom_vmap
-from jax.experimental.buffer_callback import buffer_callback
 from jax.typing import DTypeLike
 
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import host
+from . import foreign, host
 from .banded import solve_banded
 from .direct import Direct
 from .pattern import Pattern, Sparse
@@ -28,29 +22,15 @@ from .pattern import Pattern, Sparse
 _PAUSE = 3  # solves: where cables change between slack and taut, matrices differ for some steps
 
 
-def _call(function, shapes, *arguments):
-    """Run ``function(*arrays) -> arrays`` on the host; batches gain leading axes everywhere."""
-    if jax.default_backend() == "cpu":
-
-        def in_place(_, out, *buffers):
-            results = function(*(np.asarray(buffer) for buffer in buffers))
-            for buffer, result in zip(out, results, strict=True):
-                np.asarray(buffer)[...] = result
-
-        return buffer_callback(in_place, shapes, vmap_method="expand_dims")(*arguments)
-
-    def converted(*arrays):
-        results = function(*(np.asarray(array) for array in arrays))
-        pairs = zip(results, shapes, strict=True)
-        return tuple(np.asarray(result, shape.dtype) for result, shape in pairs)
-
-    return jax.pure_callback(converted, shapes, *arguments, vmap_method="expand_dims")
-
-
 def _pattern_of(solver, symmetric, digest, indptr, indices):
     """Arguments of `host.kept`; the pattern is the same for all cases of a batch."""
     first = [array.reshape(-1, array.shape[-1])[0] for array in (digest, indptr, indices)]
     return solver, symmetric, *first
+
+
+def _words(pattern):
+    """What a callback for a pattern is made for, in words: a part of its name."""
+    return f"{pattern.solver.name}, {'symmetric' if pattern.symmetric else 'general'}"
 
 
 @functools.cache
@@ -149,7 +129,8 @@ def solve_next(
         jax.ShapeDtypeStruct((), bool),
     )
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
-    x, definite, fresh = _call(
+    x, definite, fresh = foreign.call(
+        f"jaxcable: step, {_words(p)}",
         _stepper(p.solver, p.symmetric),
         shapes,
         *(p.digest, p.indptr, p.indices, matrix.values, rhs),
@@ -274,7 +255,8 @@ def _solve(matrix, loose, b, transposed, factored, tol, limit):
     stale, usable = matrix.values, jnp.zeros((), bool)
     if factored is not None:
         stale, usable = factored.values, factored.usable & (limit > 0)
-    return _call(
+    return foreign.call(
+        f"jaxcable: solve, {_words(p)}{', transposed' if transposed else ''}",
         _solver(p.solver, p.symmetric, transposed),
         shapes,
         *(p.digest, p.indptr, p.indices, b, matrix.values, loose, stale),

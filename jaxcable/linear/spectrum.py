@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from jax import lax
 
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import sparse
+from . import foreign, sparse
 from .pattern import Matrix, Sparse
 
 _FEW = 40  # unknowns up to which a sparse matrix is treated as dense on the host
@@ -104,7 +104,7 @@ def _by_singular_values(matrix, sure):
         number, sign = jnp.int32(NOT_COUNTED), jnp.linalg.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = sparse._call(_count, shapes, matrix, sure)
+        number, sign = foreign.call("jaxcable: count", _count, shapes, matrix, sure)
     return number, sign * values[-1], right[-1], left[:, -1]
 
 
@@ -127,9 +127,12 @@ def _on_host(matrix, loose, general, strict):
         jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
         jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
     )
-    function = _analyser(p.symmetric, general)
-    return sparse._call(
-        function, shapes, p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)
+    words = "symmetric" if p.symmetric else "general"
+    return foreign.call(
+        f"jaxcable: spectrum, {words}{', may be unsymmetric' if general else ''}",
+        _analyser(p.symmetric, general),
+        shapes,
+        *(p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)),
     )
 
 

@@ -1,0 +1,108 @@
+"""NumPy functions called by name from compiled programs (`linear.foreign`)."""
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcable.linear import foreign
+
+SHAPES = jax.ShapeDtypeStruct((3,), jnp.float64), jax.ShapeDtypeStruct((), bool)
+SEEN = []
+
+
+def shifted(vector, number):
+    SEEN.append((vector.shape, number.shape, vector.dtype, number.dtype))
+    return vector + number[..., None], number > 0
+
+
+def call(vector, number):
+    return foreign.call("test: shifted", shifted, SHAPES, vector, number)
+
+
+def test_results_and_what_the_function_sees():
+    SEEN.clear()
+    vector, positive = jax.jit(call)(jnp.arange(3.0), jnp.int32(4))
+    np.testing.assert_array_equal(vector, [4.0, 5.0, 6.0])
+    assert bool(positive) and positive.dtype == bool
+    assert SEEN == [((3,), (), np.float64, np.int32)]
+    assert not bool(call(jnp.arange(3.0), jnp.int32(-1))[1])
+
+
+def test_a_batch_is_one_call():
+    SEEN.clear()
+    numbers = jnp.arange(5, dtype=jnp.int32)
+    vectors, positive = jax.jit(jax.vmap(call, (None, 0)))(jnp.arange(3.0), numbers)
+    np.testing.assert_array_equal(vectors, np.arange(3.0) + np.arange(5)[:, None])
+    np.testing.assert_array_equal(positive, np.arange(5) > 0)
+    assert SEEN == [((1, 3), (5,), np.float64, np.int32)]
+
+
+@pytest.mark.parametrize("dtype", [bool, np.int8, np.int64, np.uint8, np.uint32, np.float32])
+def test_dtypes(dtype):
+    given = jnp.array([[1, 0, 1], [0, 0, 1]], dtype)
+    same = jax.ShapeDtypeStruct(given.shape, given.dtype)
+    (found,) = jax.jit(lambda x: foreign.call("test: same", _same, [same], x))(given)
+    np.testing.assert_array_equal(found, given)
+
+
+def _same(x):
+    return (x,)
+
+
+def test_empty_arrays():
+    none = jax.ShapeDtypeStruct((0, 2), jnp.float64)
+    (found,) = foreign.call("test: same", _same, [none], jnp.zeros((0, 2)))
+    assert found.shape == (0, 2)
+
+
+def fails(_):
+    raise ZeroDivisionError("of no matrix")
+
+
+def test_an_error_of_the_function_ends_the_program_with_its_text():
+    with pytest.raises(jax.errors.JaxRuntimeError, match="ZeroDivisionError: of no matrix"):
+        jax.block_until_ready(foreign.call("test: fails", fails, SHAPES, jnp.zeros(3)))
+    vector, _ = call(jnp.zeros(3), jnp.int32(1))  # and only that program
+    np.testing.assert_array_equal(vector, np.ones(3))
+
+
+def test_other_platforms_get_a_callback(monkeypatch):
+    monkeypatch.setattr(foreign, "_register", lambda *_: False)
+    vector, positive = jax.jit(jax.vmap(call))(jnp.zeros((2, 3)), jnp.array([1, -1], jnp.int32))
+    np.testing.assert_array_equal(vector, [[1.0] * 3, [-1.0] * 3])
+    np.testing.assert_array_equal(positive, [True, False])
+
+
+PROGRAM = """
+    import jax, jax.numpy as jnp
+    from jax import monitoring
+    hits = []
+    monitoring.register_event_listener(lambda name, **_: hits.append(name))
+    from jaxcable.linear import foreign
+    shape = jax.ShapeDtypeStruct((3,), jnp.float32)
+    double = lambda x: (2 * x,)
+    found = jax.jit(lambda x: foreign.call("test: double", double, [shape], x))(jnp.ones(3))
+    print(float(found[0].sum()), hits.count("/jax/compilation_cache/cache_hits"))
+"""
+
+
+def test_another_process_finds_the_program_on_disk(tmp_path):
+    flags = {
+        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    }
+    command = [sys.executable, "-c", textwrap.dedent(PROGRAM)]
+    said = [
+        subprocess.run(command, env=os.environ | flags, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    (first, none), (second, some) = (run.stdout.split() for run in said)
+    assert (first, second) == ("6.0", "6.0")
+    assert int(none) == 0 and int(some) > 0
