@@ -12,10 +12,14 @@ from jaxcable import linear
 
 getcontext().prec = 60
 
-INSTALLED = [name for name in ("dense", "superlu", "pardiso") if linear.named(name).available()]
+_NAMES = ("dense", "superlu", "cholmod", "pardiso")
+INSTALLED = [name for name in _NAMES if linear.named(name).available()]
 """Linear solvers that are there."""
 _THERE = pytest.mark.skipif("pardiso" not in INSTALLED, reason="pypardiso not installed")
 PARDISO = pytest.param("pardiso", marks=_THERE)
+CHOLMOD = pytest.param(
+    "cholmod", marks=pytest.mark.skipif("cholmod" not in INSTALLED, reason="cvxopt not installed")
+)
 SOLVERS = ["dense", "superlu", pytest.param("pardiso", marks=[pytest.mark.slow, _THERE])]
 """Linear solvers for a cheap test of a small structure."""
 HEAVY = ["dense", pytest.param("superlu", marks=pytest.mark.slow), SOLVERS[-1]]

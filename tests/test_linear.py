@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg as sla
 from jax import lax
 from own_solver import NUMPY
-from problems import PARDISO
+from problems import CHOLMOD, PARDISO
 
 import jaxcable as jc
 from jaxcable import linear
@@ -20,6 +20,7 @@ SPARSE = [
     "superlu",
     "banded",
     NUMPY,
+    CHOLMOD,
     PARDISO,
 ]
 RNG = np.random.default_rng(0)
@@ -265,14 +266,19 @@ def test_solver_by_size_and_by_name(monkeypatch):
     assert chain(48, True, None)[0].solver.name == "dense"
     assert chain(48, True, "superlu")[0].solver.name == "superlu"
     assert choose(300, True).name == "banded"
-    pardiso = type(linear.named("pardiso"))
+    pardiso, cholmod = (type(linear.named(name)) for name in ("pardiso", "cholmod"))
     monkeypatch.setattr(pardiso, "available", lambda self: False)
+    monkeypatch.setattr(cholmod, "available", lambda self: False)
     assert choose(5000, False).name == "superlu"
+    with pytest.raises(ValueError, match=r"linear_solver = 'cholmod': cvxopt is not installed"):
+        jc.Newton(linear_solver="cholmod")
+    monkeypatch.setattr(cholmod, "available", lambda self: True)
+    assert choose(5000, False).name == "cholmod"
     with pytest.raises(ValueError, match=r"linear_solver = 'pardiso': pypardiso is not installed"):
         jc.Newton(linear_solver="pardiso")
     monkeypatch.setattr(pardiso, "available", lambda self: True)
     assert choose(5000, False).name == "pardiso"
-    assert choose(5000, False, exchanges_rows=True).name == "superlu"
+    assert choose(5000, False, exchanges_rows=True).name == "cholmod"
     for method in (jc.Newton, jc.Incremental):
         with pytest.raises(ValueError, match="linear_solver = 'umfpack': expected None or one of"):
             method(linear_solver="umfpack")

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from own_solver import NUMPY
-from problems import PARDISO, unbalanced
+from problems import CHOLMOD, PARDISO, unbalanced
 
 import jaxcable as jc
 from jaxcable.linear import host
@@ -13,6 +13,7 @@ from jaxcable.linear import host
 SPARSE = [
     "superlu",
     pytest.param(NUMPY, marks=pytest.mark.slow),
+    CHOLMOD,
     PARDISO,
 ]
 HEAVY = ["superlu", pytest.param("pardiso", marks=[pytest.mark.slow, *PARDISO.marks])]

@@ -16,8 +16,8 @@ METHODS = {
     "superlu": jc.Newton(tol=1e-13, linear_solver="superlu"),
     "tangent, superlu": jc.Incremental(1, tol=9.0, linear_solver="superlu"),
 }
-if "pardiso" in INSTALLED:
-    METHODS["pardiso"] = jc.Newton(tol=1e-13, linear_solver="pardiso")
+for name in [name for name in ("cholmod", "pardiso") if name in INSTALLED]:
+    METHODS[name] = jc.Newton(tol=1e-13, linear_solver=name)
 
 # compiled anew for every method, and alike: one is enough but for `make slow`
 NAMES = [pytest.param(n, marks=pytest.mark.slow if n != "newton" else []) for n in METHODS]

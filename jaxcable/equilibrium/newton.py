@@ -64,9 +64,10 @@ class Newton:
             forces of a net under load, the status is AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
-        linear_solver: "dense", "superlu" (SciPy) or "pardiso" (MKL, if `pypardiso` is installed);
-            None chooses by size: dense up to 150 unknowns, LAPACK's banded solver for nets of
-            some hundred, else PARDISO where installed, else SuperLU.
+        linear_solver: "dense", "superlu" (SciPy), "cholmod" (if `cvxopt` is installed) or "pardiso"
+            (MKL, if `pypardiso` is installed); None chooses by size: dense up to 150 unknowns,
+            LAPACK's banded solver for nets of some hundred, else what is installed of PARDISO,
+            CHOLMOD and SuperLU, in this order.
         watch: whether to judge the stability of every increment (`path.stable`), and not only of
             the last one of a phase; costs one factorisation per increment.
 
