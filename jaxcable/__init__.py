@@ -38,7 +38,9 @@ from .analysis.solution import Solution
 from .analysis.solver import solve
 from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
+from .common.compilation import forget_programs
 from .common.fusion import fuse_loops
+from .common.keeping import keep_programs
 from .common.selection import only
 from .common.status import AnalysisError, describe, raise_if_failed
 from .common.tree import replace
@@ -105,9 +107,11 @@ __all__ = [
     "find_form",
     "fit",
     "force_density",
+    "forget_programs",
     "forms",
     "fuse_loops",
     "influence",
+    "keep_programs",
     "load_scene",
     "loads",
     "materials",

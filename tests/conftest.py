@@ -24,6 +24,8 @@ if FUSED:
 import jax
 import pytest
 
+import jaxcable
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # the suite compiles hundreds of small programs and runs each a few times
@@ -53,4 +55,4 @@ def _forget_programs():
     yield
     maps = pathlib.Path("/proc/self/maps")  # elsewhere there is no such limit
     if maps.exists() and len(maps.read_bytes().splitlines()) > MAPS:
-        jax.clear_caches()
+        jaxcable.forget_programs()

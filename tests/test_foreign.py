@@ -21,8 +21,13 @@ def shifted(vector, number):
     return vector + number[..., None], number > 0
 
 
+@foreign.family
+def shifts():
+    return shifted
+
+
 def call(vector, number):
-    return foreign.call("test: shifted", shifted, SHAPES, vector, number)
+    return foreign.call(["shifts"], SHAPES, vector, number)
 
 
 def test_results_and_what_the_function_sees():
@@ -47,33 +52,39 @@ def test_a_batch_is_one_call():
 def test_dtypes(dtype):
     given = jnp.array([[1, 0, 1], [0, 0, 1]], dtype)
     same = jax.ShapeDtypeStruct(given.shape, given.dtype)
-    (found,) = jax.jit(lambda x: foreign.call("test: same", _same, [same], x))(given)
+    (found,) = jax.jit(lambda x: foreign.call(["same", "array"], [same], x))(given)
     np.testing.assert_array_equal(found, given)
 
 
-def _same(x):
-    return (x,)
+@foreign.family
+def same(what):
+    assert what == "array"
+    return lambda x: (x,)
 
 
 def test_empty_arrays():
     none = jax.ShapeDtypeStruct((0, 2), jnp.float64)
-    (found,) = foreign.call("test: same", _same, [none], jnp.zeros((0, 2)))
+    (found,) = foreign.call(["same", "array"], [none], jnp.zeros((0, 2)))
     assert found.shape == (0, 2)
 
 
-def fails(_):
-    raise ZeroDivisionError("of no matrix")
+@foreign.family
+def fails():
+    def function(_):
+        raise ZeroDivisionError("of no matrix")
+
+    return function
 
 
 def test_an_error_of_the_function_ends_the_program_with_its_text():
     with pytest.raises(jax.errors.JaxRuntimeError, match="ZeroDivisionError: of no matrix"):
-        jax.block_until_ready(foreign.call("test: fails", fails, SHAPES, jnp.zeros(3)))
+        jax.block_until_ready(foreign.call(["fails"], SHAPES, jnp.zeros(3)))
     vector, _ = call(jnp.zeros(3), jnp.int32(1))  # and only that program
     np.testing.assert_array_equal(vector, np.ones(3))
 
 
 def test_other_platforms_get_a_callback(monkeypatch):
-    monkeypatch.setattr(foreign, "_register", lambda *_: False)
+    monkeypatch.setattr(foreign, "_known", lambda _: False)
     vector, positive = jax.jit(jax.vmap(call))(jnp.zeros((2, 3)), jnp.array([1, -1], jnp.int32))
     np.testing.assert_array_equal(vector, [[1.0] * 3, [-1.0] * 3])
     np.testing.assert_array_equal(positive, [True, False])
@@ -86,8 +97,10 @@ PROGRAM = """
     monitoring.register_event_listener(lambda name, **_: hits.append(name))
     from jaxcable.linear import foreign
     shape = jax.ShapeDtypeStruct((3,), jnp.float32)
-    double = lambda x: (2 * x,)
-    found = jax.jit(lambda x: foreign.call("test: double", double, [shape], x))(jnp.ones(3))
+    @foreign.family
+    def double():
+        return lambda x: (2 * x,)
+    found = jax.jit(lambda x: foreign.call(["double"], [shape], x))(jnp.ones(3))
     print(float(found[0].sum()), hits.count("/jax/compilation_cache/cache_hits"))
 """
 

@@ -96,8 +96,8 @@ def solve(
     core = task.thawed, task.arrays, task.method, task.code
     # a program of its own hands over as many results as there are; one function gains nothing
     whole = listen is None and not by_itself(core)
-    static = differentiate_path, listen, whole, task.bundles
-    solution = _analyse(*core, *static, size=task.n_free)
+    static = {"differentiate_path": differentiate_path, "listen": listen, "whole": whole}
+    solution = _analyse(*core, **static, bundles=task.bundles, size=task.n_free)
     if task.may_warn:  # only then: the check waits until the numbers have been computed
         plausibility.stability(solution)
     return arranged(structure, solution, task)

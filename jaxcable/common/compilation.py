@@ -3,40 +3,135 @@
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import functools
 import gc
-from collections.abc import Iterator
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.extend.core import get_opaque_trace_state
+
+from .keeping import kept
 
 # XLA's older emitters of CPU code compile in half the time of the present ones (jax 0.10). Their
 # programs are as fast for some hundred unknowns, and take up to half as long again for thousands.
 _QUICK = {"xla_cpu_use_fusion_emitters": False}
 _SMALL = 400  # unknowns
+MOST = 32
+"""Programs of a function that are known at the same time."""
+_SETTINGS = (
+    *("jax_enable_x64", "jax_default_device", "jax_default_matmul_precision"),
+    *("jax_numpy_rank_promotion", "jax_numpy_dtype_promotion"),
+)
+_CHECKS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
 _UNTRACED = get_opaque_trace_state()  # as long as nothing is being traced
 
 
 def program(function, static=()):
     """`jax.jit` of a function, with one more argument, ``size``: the number of unknowns.
 
-    A program with few unknowns is compiled quickly. Inside of another program the argument is
-    ignored: the function is compiled as part of that program.
+    A program with few unknowns is compiled quickly. Called by itself, the function is compiled here
+    and not by `jax.jit`: the last `MOST` programs are known, and no more; they may come from disk
+    (`keeping`). Inside of another program the function is compiled as part of that program, and
+    `size` is ignored.
+
+    Args:
+        function: its arguments are pytrees of arrays.
+        static: names of further arguments, hashable, to be given by keyword.
     """
     plain = jax.jit(function, static_argnames=static)
-    quick = jax.jit(function, static_argnames=static, compiler_options=_QUICK)
+    known, lock = OrderedDict(), threading.Lock()
 
     @functools.wraps(function)
     def run(*arguments, size, **options):
-        small = size <= _SMALL and by_itself(arguments) and _has_quick()
-        with without_collection():
-            return (quick if small else plain)(*arguments, **options)
+        if not by_itself(arguments) or _step_by_step():
+            with without_collection():
+                return plain(*arguments, **options)
+        leaves, tree = jax.tree.flatten(arguments)
+        small = size <= _SMALL
+        key = tree, tuple(map(_kind, leaves)), tuple(options.items()), small, settings()
+        with lock:
+            compiled = known.pop(key, None)
+        if compiled is None:
+            compiled = _compiled(function, arguments, options, small)
+        with lock:
+            known[key] = compiled  # as the last one
+            while len(known) > MOST:
+                known.popitem(last=False)
+        return compiled(*arguments)
 
-    run.sizes = lambda: plain._cache_size() + quick._cache_size()
-    run.plain = plain
+    run.known = known
+    _PROGRAMS.append(run)
     return run
+
+
+def _compiled(function, arguments, options, small):
+    """The program of a function for arguments like these: from disk, or compiled now."""
+    words = function.__module__, function.__qualname__, small
+    with without_collection(), kept(words, arguments, options) as found:
+        if found.program is None:
+            # a function of its own: jax forgets what it has traced together with it
+            own = functools.partial(function, **options)
+            quick = _QUICK if small and _has_quick() else None
+            found.program = jax.jit(own, compiler_options=quick).trace(*arguments).lower().compile()
+        return found.program
+
+
+def forget_programs() -> None:
+    """Forget all compiled programs, analyses of patterns and factors, and give their memory back.
+
+    A process that analyses structures of many different shapes grows with each of them. The
+    programs of the last 32 analyses by `jc.solve` and its like are known at most; those of
+    `jax.jit` are as many as there are functions. What is used again is compiled again, or comes
+    from disk (`keep_programs`).
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net()
+        >>> solution = jc.solve(structure, phases)
+        >>> jc.forget_programs()
+        >>> print(f"{solution.displacement[3, 2]:.4f} m")  # results stay
+        -0.0118 m
+    """
+    for run in _PROGRAMS:
+        run.known.clear()
+    jax.clear_caches()
+    for forget in _FORGET:
+        forget()
+    gc.collect()
+    with contextlib.suppress(OSError, AttributeError):  # glibc: freed memory back to the system
+        ctypes.CDLL(None).malloc_trim(0)
+
+
+_PROGRAMS: list[Any] = []
+_FORGET: list[Callable[[], object]] = []
+
+
+def forgets(function: Callable[[], object]) -> Callable[[], object]:
+    """Have `forget_programs` call a function."""
+    _FORGET.append(function)
+    return function
+
+
+def _kind(x):
+    """What a program depends on of an argument: shape and dtype, and where it is."""
+    if isinstance(x, jax.Array):
+        return x.aval, x.sharding
+    return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
+
+
+def settings() -> tuple[Any, ...]:
+    """What a program depends on of jax's settings."""
+    return tuple(getattr(jax.config, name) for name in _SETTINGS)
+
+
+def _step_by_step():
+    """Whether jax is to run every operation by itself, or to check it."""
+    return any(getattr(jax.config, name) for name in _CHECKS)
 
 
 @contextlib.contextmanager

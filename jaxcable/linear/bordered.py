@@ -15,8 +15,6 @@ exchanges.
 
 from __future__ import annotations
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import jax.scipy.linalg as jsl
@@ -27,6 +25,7 @@ from jax import lax
 from ..common.types import Array, ArrayLike, Bool, Float
 from . import foreign, host, sparse
 from .pattern import Matrix, Sparse
+from .solver import named
 
 _CLOSE = 64  # largest residual, in roundings (eps) of the sizes of its terms
 _IMPROVE = 4  # most improvements of a solution by blocks before the whole matrix is factorised
@@ -96,17 +95,17 @@ def _on_host(matrix, column, row, corner, rhs, last, loose):
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
     return foreign.call(
-        f"jaxcable: bordered, {sparse._words(p)}",
-        _solver(p.solver, p.symmetric),
+        ("bordered", *sparse.words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),
         *(column, row, rhs, jnp.asarray(corner, rhs.dtype), jnp.asarray(last, rhs.dtype)),
     )
 
 
-@functools.cache
-def _solver(solver, symmetric):
+@foreign.family
+def bordered(solver, stored):
     """The callback that solves all cases of a batch, NumPy."""
+    solver, symmetric = named(solver), stored == "symmetric"
 
     def function(digest, indptr, indices, *arrays):
         vectors, scalars = arrays[:-2], arrays[-2:]

@@ -1,8 +1,8 @@
 """NumPy functions inside of compiled programs, called by name.
 
 jax keeps compiled programs on disk, but none with a callback: a callback is an address, which
-another process does not know. XLA's interface for foreign functions calls by name, and `call`
-registers a Python function there. It gets the buffers of the program: nothing is copied, and no
+another process does not know. XLA's interface for foreign functions calls by name, and Python
+functions are registered there. They get the buffers of the program: nothing is copied, and no
 array of jax is made, for which a busy program can wait for ever.
 
 XLA's interface is one of C (``xla/ffi/api/c_api.h`` in `jax.ffi.include_dir`), stable for programs
@@ -21,6 +21,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..common.keeping import host_function, names_host_functions
 from ..common.types import Array
 
 Function = Callable[..., Sequence[np.ndarray]]
@@ -103,8 +104,20 @@ class _Frame(ctypes.Structure):
 _Handler = ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Frame))
 
 
+_FAMILIES: dict[str, Callable[..., Function]] = {}
+
+
+def family(make: Callable[..., Function]) -> Callable[..., Function]:
+    """Register a function that makes a host function from words, and keeps it.
+
+    A program that is kept on disk knows the words only.
+    """
+    _FAMILIES[make.__name__] = functools.cache(make)
+    return _FAMILIES[make.__name__]
+
+
 def call(
-    name: str, function: Function, shapes: Sequence[jax.ShapeDtypeStruct], *arguments: Array
+    words: Sequence[str], shapes: Sequence[jax.ShapeDtypeStruct], *arguments: Array
 ) -> tuple[Array, ...]:
     """Results of a NumPy function of arrays, called by a compiled program.
 
@@ -112,14 +125,17 @@ def call(
     not change in the batch have length 1.
 
     Args:
-        name: of the function, the same in every process, and of no other function.
-        function: returns a sequence of arrays; it must not call jax.
+        words: name of a `family`, and what it makes the function from. The function returns a
+            sequence of arrays; it must not call jax.
         shapes: `jax.ShapeDtypeStruct` of every result.
         arguments: arrays.
     """
-    if jax.default_backend() == "cpu" and _register(name, function):
-        found = jax.ffi.ffi_call(name, tuple(shapes), vmap_method="expand_dims")(*arguments)
+    name = ", ".join(words)
+    if jax.default_backend() == "cpu" and _known(name):
+        target = host_function(name)
+        found = jax.ffi.ffi_call(target, tuple(shapes), vmap_method="expand_dims")(*arguments)
         return tuple(found)
+    function = _made(name)
 
     def converted(*arrays):
         results = function(*(np.asarray(array) for array in arrays))
@@ -129,19 +145,26 @@ def call(
     return jax.pure_callback(converted, tuple(shapes), *arguments, vmap_method="expand_dims")
 
 
+def _made(name):
+    """The function of a name."""
+    family, *words = name.split(", ")
+    return _FAMILIES[family](*words)
+
+
 @functools.cache
-def _register(name, function):
-    """Make a function known to XLA; False if XLA's interface is too new."""
-    handler = _Handler(functools.partial(_handle, function))
+def _known(name):
+    """Make the function of a name known to XLA; False if XLA's interface is too new."""
+    handler = _Handler(functools.partial(_handle, _made(name)))
     _ALIVE.append(handler)
-    address = ctypes.cast(handler, ctypes.c_void_p).value
+    capsule = jax.ffi.pycapsule(ctypes.cast(handler, ctypes.c_void_p).value)
     try:
-        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(address), platform="cpu")
+        jax.ffi.register_ffi_target(host_function(name), capsule, platform="cpu")
     except jax.errors.JaxRuntimeError:
         return False
     return True
 
 
+names_host_functions(_known)
 _ALIVE: list[Any] = []  # handlers, which XLA calls as long as the process lives
 
 

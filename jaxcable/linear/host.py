@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
+from ..common.compilation import forgets
 from ..common.types import Bool, Float, Int
 from .solver import NumericFactor, Solver
 
@@ -41,6 +42,14 @@ def kept(
         _kept[key] = Analysed(solver, symmetric, indptr, indices)
     _kept.move_to_end(key)
     return _kept[key]
+
+
+@forgets
+def forget() -> None:
+    """Free the memory of all analyses and factors."""
+    with _lock:
+        while _kept:
+            _kept.popitem()[1].release()
 
 
 class Analysed:

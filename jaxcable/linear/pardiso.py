@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.util
+import threading
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,10 @@ class Pardiso(solver.Solver):
     def missing(self) -> str:
         """Text of the error where `pypardiso` is not installed."""
         return 'pypardiso is not installed; use "superlu", or install the extra jaxcable[pardiso]'
+
+    def load(self) -> None:
+        """Load MKL in a thread of its own: it takes as long as to read a program."""
+        threading.Thread(target=library, daemon=True).start()
 
     def suits(self, n: int, banded: bool) -> bool:
         """True: any matrix."""

@@ -110,6 +110,7 @@ def make_pattern(
         *(_band(row, indices, size) if symmetric else (None, None, None)),
     )
     solver = choose(size, arrays[-1] is not None, name, exchanges_rows, definite)
+    solver.load()
     whole = solver.on_device and not solver.definite
     table = _table(row, indices, size, symmetric) if whole else None
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced

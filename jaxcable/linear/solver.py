@@ -55,6 +55,10 @@ class Solver(abc.ABC):
         """Text of the error where the solver is not installed."""
         return "is not installed"
 
+    def load(self) -> None:
+        """Load the library, if there is one, while the program is compiled or read from disk."""
+        return None
+
     def suits(self, n: int, banded: bool) -> bool:
         """Whether to choose this solver if none is named and no earlier one in the list suits.
 

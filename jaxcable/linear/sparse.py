@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 
 import jax
@@ -18,6 +17,7 @@ from . import foreign, host
 from .banded import solve_banded
 from .direct import Direct
 from .pattern import Pattern, Sparse
+from .solver import named
 
 _PAUSE = 3  # solves: where cables change between slack and taut, matrices differ for some steps
 
@@ -28,14 +28,15 @@ def _pattern_of(solver, symmetric, digest, indptr, indices):
     return solver, symmetric, *first
 
 
-def _words(pattern):
-    """What a callback for a pattern is made for, in words: a part of its name."""
-    return f"{pattern.solver.name}, {'symmetric' if pattern.symmetric else 'general'}"
+def words(pattern: Pattern) -> tuple[str, str]:
+    """What a host function for a pattern is made from: solver, and what is stored."""
+    return pattern.solver.name, "symmetric" if pattern.symmetric else "general"
 
 
-@functools.cache
-def _stepper(solver, symmetric):
+@foreign.family
+def step(solver, stored):
     """The callback for `host.step`: flattens the axes of batches."""
+    solver, symmetric = named(solver), stored == "symmetric"
 
     def function(digest, indptr, indices, values, rhs, stale, *scalars):
         if digest.ndim == 1:  # fast path: no batch axes
@@ -53,9 +54,11 @@ def _stepper(solver, symmetric):
     return function
 
 
-@functools.cache
-def _solver(solver, symmetric, transposed):
+@foreign.family
+def solve(solver, stored, direction):
     """The callback for `host.solve`: flattens the axes of batches of matrices and right sides."""
+    solver, symmetric = named(solver), stored == "symmetric"
+    transposed = direction == "transposed"
 
     def function(digest, indptr, indices, rhs, values, loose, stale, *scalars):
         matrices = np.broadcast_shapes(*(a.shape[:-1] for a in (values, loose, stale)))
@@ -130,8 +133,7 @@ def solve_next(
     )
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
     x, definite, fresh = foreign.call(
-        f"jaxcable: step, {_words(p)}",
-        _stepper(p.solver, p.symmetric),
+        ("step", *words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, matrix.values, rhs),
         *(factored.values, tried, tol, limit, wanted),
@@ -256,8 +258,7 @@ def _solve(matrix, loose, b, transposed, factored, tol, limit):
     if factored is not None:
         stale, usable = factored.values, factored.usable & (limit > 0)
     return foreign.call(
-        f"jaxcable: solve, {_words(p)}{', transposed' if transposed else ''}",
-        _solver(p.solver, p.symmetric, transposed),
+        ("solve", *words(p), "transposed" if transposed else "as it is"),
         shapes,
         *(p.digest, p.indptr, p.indices, b, matrix.values, loose, stale),
         *(usable, jnp.asarray(tol, b.dtype), jnp.int32(limit)),

@@ -11,8 +11,6 @@ sign of the determinant is known.
 
 from __future__ import annotations
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -104,8 +102,14 @@ def _by_singular_values(matrix, sure):
         number, sign = jnp.int32(NOT_COUNTED), jnp.linalg.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = foreign.call("jaxcable: count", _count, shapes, matrix, sure)
+        number, sign = foreign.call(["count"], shapes, matrix, sure)
     return number, sign * values[-1], right[-1], left[:, -1]
+
+
+@foreign.family
+def count():
+    """The callback that counts eigenvalues of dense matrices, NumPy."""
+    return _count
 
 
 def _count(matrix, sure):
@@ -127,18 +131,18 @@ def _on_host(matrix, loose, general, strict):
         jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
         jax.ShapeDtypeStruct(loose.shape, matrix.values.dtype),
     )
-    words = "symmetric" if p.symmetric else "general"
+    stored = "symmetric" if p.symmetric else "general"
     return foreign.call(
-        f"jaxcable: spectrum, {words}{', may be unsymmetric' if general else ''}",
-        _analyser(p.symmetric, general),
+        ("analysis", stored, "may be unsymmetric" if general else "is symmetric"),
         shapes,
         *(p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)),
     )
 
 
-@functools.cache
-def _analyser(symmetric, general):
+@foreign.family
+def analysis(stored, kind):
     """The callback that analyses all cases of a batch, NumPy."""
+    symmetric, general = stored == "symmetric", kind == "may be unsymmetric"
 
     def function(indptr, indices, values, loose, strict):
         batch = np.broadcast_shapes(values.shape[:-1], loose.shape[:-1], strict.shape)

@@ -122,7 +122,7 @@ def trace_path(
     task = prepare(structure, phases[-1:], method, start, len(phases) - 1)
     room = int(steps), int(events)
     core = task.thawed, task.arrays, task.method, settings, task.code
-    path, n_row, n_event = _trace(*core, room, task.bundles, size=task.n_free)
+    path, n_row, n_event = _trace(*core, room=room, bundles=task.bundles, size=task.n_free)
     path = per_element(with_peaks(on_nodes(structure, path)), structure.arrange)
     happened = on_nodes(structure, path.events, ("displacement", "mode"))
     happened = copy(happened, elements=structure.arrange(happened.elements))
