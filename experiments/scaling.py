@@ -87,7 +87,7 @@ def nets():
         load = 5000.0 / (n + 1)
         repeats = 30 if n <= 50 else 7 if n <= 200 else 2
         own, rows = {}, {}
-        solvers = ["pardiso", "superlu"] if n <= 200 else ["pardiso"]
+        solvers = ["pardiso", "cholmod", "superlu"] if n <= 200 else ["pardiso"]
         for solver in [*([None] if n <= 10 else []), *solvers]:
             case = {"n": n, "load": load, "solver": solver, "repeats": repeats, "gradient": True}
             own[str(solver)] = ask("scaling_child.py", {**case, "pieces": solver is not None})

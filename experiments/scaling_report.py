@@ -250,6 +250,7 @@ def draw(kept, path):
     sizes = {n: 3 * int(n) ** 2 for n in found}
     for solver, label, style in (
         ("pardiso", "jaxcable, PARDISO", "C0o-"),
+        ("cholmod", "jaxcable, CHOLMOD", "C5P-"),
         ("superlu", "jaxcable, SuperLU", "C2s-"),
         ("None", "jaxcable, default (dense, banded)", "C4^-"),
         ("fused", "jaxcable, fused loops", "C1v-"),

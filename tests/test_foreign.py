@@ -1,4 +1,4 @@
-"""NumPy functions called by name from compiled programs (`linear.foreign`)."""
+"""NumPy functions called by name from compiled programs (`common.foreign`)."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcable.linear import foreign
+from jaxcable.common import foreign
 
 SHAPES = jax.ShapeDtypeStruct((3,), jnp.float64), jax.ShapeDtypeStruct((), bool)
 SEEN = []
@@ -95,7 +95,7 @@ PROGRAM = """
     from jax import monitoring
     hits = []
     monitoring.register_event_listener(lambda name, **_: hits.append(name))
-    from jaxcable.linear import foreign
+    from jaxcable.common import foreign
     shape = jax.ShapeDtypeStruct((3,), jnp.float32)
     @foreign.family
     def double():
@@ -119,3 +119,32 @@ def test_another_process_finds_the_program_on_disk(tmp_path):
     (first, none), (second, some) = (run.stdout.split() for run in said)
     assert (first, second) == ("6.0", "6.0")
     assert int(none) == 0 and int(some) > 0
+
+
+HEARD = []
+
+
+@foreign.family
+def hears():
+    def function(x):
+        HEARD.append(x.item())
+        return ()
+
+    return function
+
+
+def test_a_function_without_results_is_told_in_turn():
+    HEARD.clear()
+
+    def told(n):
+        def turn(k):
+            foreign.tell(["hears"], k)
+            return k + 1
+
+        return jax.lax.while_loop(lambda k: k < n, turn, jnp.int32(0))
+
+    assert int(jax.block_until_ready(jax.jit(told)(3))) == 3
+    assert HEARD == [0, 1, 2]
+    HEARD.clear()
+    jax.block_until_ready(jax.vmap(lambda x: (foreign.tell(["hears"], x), x)[1])(jnp.arange(4.0)))
+    assert HEARD == [0.0, 1.0, 2.0, 3.0]

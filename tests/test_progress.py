@@ -49,7 +49,8 @@ def test_a_program_without_a_listener_has_nothing_of_it(scene):
         )
 
     assert "callback" not in text(None) and text(None) == text(False)
-    assert "callback" in text(True)
+    assert "jaxcable: show, Increment" in text(True) and "jaxcable" not in text(False)
+    assert "callback" in text(print)
 
 
 @pytest.mark.slow
@@ -111,3 +112,29 @@ def test_wrong_listeners_are_named(scene):
         jc.solve(*scene, progress=3)
     assert listener(None) is None and listener(False) is None
     assert listener(True) is listener(True)  # one object: no second compilation
+
+
+def test_long_compilation_is_said():
+    structure, phases = jc.scenes.saddle(3, 4)
+
+    def said(pause, function):
+        stream = io.StringIO()
+        function(Printer(pause=pause, stream=stream))
+        jax.effects_barrier()
+        return stream.getvalue().splitlines()
+
+    def analyse(show):
+        jc.raise_if_failed(jc.solve(structure, phases, progress=show))
+
+    def improve(show):
+        jc.minimize(lambda x: jnp.sum((x - 2.0) ** 4), jnp.zeros(3), progress=show)
+
+    for function in (analyse, improve):
+        assert said(1e-3, function)[0] == "compiling"
+        assert said(1e3, function) == []
+    show = Printer(pause=0.0, stream=io.StringIO())  # the second call compiles nothing
+    jc.solve(structure, phases, progress=show)
+    show.stream = io.StringIO()
+    jc.solve(structure, phases, progress=show)
+    jax.effects_barrier()
+    assert "compiling" not in show.stream.getvalue()

@@ -76,39 +76,51 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
     Args:
         folder: the folder, which should belong to the user alone, because programs are run from
             it; default: ``jaxcable`` in the user's folder for caches.
-        limit: bytes to keep at most; what was not used for longest is removed.
+        limit: bytes to keep at most; what was not used for longest is removed. With 0 programs are
+            neither kept nor looked for from now on.
 
     Returns:
         The folder.
 
     Raises:
-        ValueError: `limit` is not a positive integer.
+        ValueError: `limit` is negative or no integer.
 
     Example:
         The first lines of a script:
 
         >>> import tempfile  # for this example: a script gives no folder
         >>> folder = jc.keep_programs(tempfile.mkdtemp())
-        >>> solution = jc.solve(*jc.scenes.flat_net())
-        >>> len(list(folder.glob("*.program")))
-        1
+        >>> folder.is_dir()
+        True
+        >>> folder = jc.keep_programs(limit=0)  # no more
     """
-    whole(limit, "limit")
+    whole(limit, "limit", least=0)
     place = Place(Path(folder).expanduser() if folder is not None else _usual(), int(limit))
+    before = jax.config.values["jax_compilation_cache_dir"]
+    own = before is None or [before] == [str(known.folder) for known in _place]
+    if limit == 0:
+        _place.clear()
+        if own:
+            _jax_keeps(None)
+        return place.folder
     with contextlib.suppress(OSError):
         place.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if jax.config.values["jax_compilation_cache_dir"] is None:
-        jax.config.update("jax_compilation_cache_dir", str(place.folder))
+    if own:
+        _jax_keeps(str(place.folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", _SHORT)
-        compilation_cache.reset_cache()
         # a file that another process is just writing, or a damaged one
         for verb in ("reading", "writing"):
             warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
-    if not _place:
-        jax.monitoring.register_event_listener(_heard)
+    _listens()
     _place[:] = [place]
     _bounded(place)
     return place.folder
+
+
+def _jax_keeps(folder):
+    """Have jax keep programs in a folder, or in none."""
+    jax.config.update("jax_compilation_cache_dir", folder)
+    compilation_cache.reset_cache()
 
 
 def _usual():
@@ -127,7 +139,7 @@ def _usual():
 class Found:
     """A program from disk, or None; then one that has been compiled is to be put here."""
 
-    program: Any = None
+    program: jax.stages.Compiled | None = None
 
 
 @contextlib.contextmanager
@@ -175,10 +187,15 @@ def _unknown_to_jax():
         jax.config.update(name, before)
 
 
-def _heard(event, **_):
+@functools.cache
+def _listens():
     """Listen to what jax does with its cache."""
-    if event == "/jax/compilation_cache/cache_hits":
-        _hits.append(event)
+
+    def heard(event, **_):
+        if event == "/jax/compilation_cache/cache_hits":
+            _hits.append(event)
+
+    jax.monitoring.register_event_listener(heard)
 
 
 def _load(path, arguments):
@@ -206,7 +223,10 @@ def _load(path, arguments):
 
 def _store(path, program):
     """Write a file, as a whole or not at all: the folder may be full, or read-only."""
-    targets = set(re.findall(f'custom_call_target="({_PREFIX}[^"]*)"', program.as_text()))
+    targets = set(re.findall('custom_call_target="([^"]*)"', program.as_text()))
+    if any("callback" in name for name in targets):  # by its address: a listener of the user
+        return
+    targets = {name for name in targets if name.startswith(_PREFIX)}
     executable, _, tree = serialize_executable.serialize(program)
     results = tree.unflatten([0] * tree.num_leaves)
     text = zlib.compress(pickle.dumps((sorted(targets), executable, results)), 1)

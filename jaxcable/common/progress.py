@@ -5,15 +5,17 @@ Compiled programs contain the calls to a listener only if there is a listener.
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import IO, Any, NamedTuple
 
 import jax
 import numpy as np
 
-from . import status
+from . import foreign, status
 from .types import Array, Float
 
 __all__ = ["Increment", "Printer", "Step"]
@@ -125,15 +127,27 @@ class Printer:
     def __init__(self, pause: float = _PAUSE, stream: IO[str] | None = None):
         self.pause, self.stream = pause, stream
         self.last: float | None = None
+        self.count = 0  # reports so far
 
     def __call__(self, news: Increment | Step) -> None:
         """Print `news`, an `Increment` or a `Step`, unless a line was printed within the pause."""
+        self.count += 1
         now = time.monotonic()
         if news.first or self.last is None:
             self.last = now
         if now - self.last >= self.pause:
             self.last = now
-            print(news, file=self.stream or sys.stderr, flush=True)
+            self.say(news)
+
+    def __reduce__(self) -> str:
+        """The printer of ``progress=True`` is known by its name, for programs kept on disk."""
+        if self is SHOW:
+            return "SHOW"
+        raise TypeError("a Printer cannot be pickled")
+
+    def say(self, text: object) -> None:
+        """Print a line."""
+        print(text, file=self.stream or sys.stderr, flush=True)
 
 
 SHOW = Printer()
@@ -160,6 +174,27 @@ def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any],
     return progress
 
 
+@contextlib.contextmanager
+def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
+    """Where progress is printed, say "compiling" if that takes long: until a report, or the end."""
+    if not isinstance(listen, Printer):
+        yield
+        return
+    count = listen.count
+
+    def still():
+        if listen.count == count:
+            listen.say("compiling")
+
+    timer = threading.Timer(listen.pause, still)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 def tell(
     listen: Callable[[Any], object],
     kind: type[Increment] | type[Step],
@@ -171,15 +206,32 @@ def tell(
     Args:
         listen: the function to call.
         kind: class of the report, `Increment` or `Step`.
-        known: fields of the report that are known when the program is compiled, a dict.
+        known: the field of the report that is known when the program is compiled, an integer, as a
+            dict.
         traced: fields that the program computes, a dict of scalars.
     """
-    names = tuple(traced)
+    if listen is SHOW:  # by name, so that the program can be kept on disk
+        ((field, number),) = known.items()
+        foreign.tell(["show", kind.__name__, field, str(number), *traced], *traced.values())
+        return
+    jax.debug.callback(_teller(listen, kind, known, tuple(traced)), *traced.values())
 
-    def call(*values):
+
+def _teller(listen, kind, known, names):
+    """A function of the values of `names` that calls `listen`."""
+
+    def function(*values):
         computed = {
             name: np.asarray(value).item() for name, value in zip(names, values, strict=True)
         }
         listen(kind(**known, **computed))
+        return ()
 
-    jax.debug.callback(call, *traced.values())
+    return function
+
+
+@foreign.family
+def show(kind, field, number, *names):
+    """The function that prints news, see `tell`."""
+    kinds = {cls.__name__: cls for cls in (Increment, Step)}
+    return _teller(SHOW, kinds[kind], {field: int(number)}, names)

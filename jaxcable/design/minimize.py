@@ -12,7 +12,7 @@ from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import Step, listener
+from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .box import Box, checked_call, default_tol, make_box, numbers, spread
@@ -180,9 +180,10 @@ def minimize(
         scale = jax.tree.map(lambda s: _PART * s, floor)
     else:
         scale = spread(scale, params, "scale", absent=1.0, positive=True)
-    return _programs(loss, optimizer, int(steps), listener(progress))(
-        params, args, box, floor, scale, tol
-    )
+    listen = listener(progress)
+    with compiling(listen):  # most of the time before the first report
+        program = _programs(loss, optimizer, int(steps), listen)
+        return program(params, args, box, floor, scale, tol)
 
 
 def _floor(x, low, high):

@@ -22,8 +22,9 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
+from ..common import foreign
 from ..common.types import Array, ArrayLike, Bool, Float
-from . import foreign, host, sparse
+from . import host, sparse
 from .pattern import Matrix, Sparse
 from .solver import named
 

@@ -1,4 +1,4 @@
-"""Sparse direct solves on the host, called from a compiled program (`foreign`)."""
+"""Sparse direct solves on the host, called from a compiled program (`common.foreign`)."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.typing import DTypeLike
 
+from ..common import foreign
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import foreign, host
+from . import host
 from .banded import solve_banded
 from .direct import Direct
 from .pattern import Pattern, Sparse

@@ -17,8 +17,9 @@ import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
+from ..common import foreign
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import foreign, sparse
+from . import sparse
 from .pattern import Matrix, Sparse
 
 _FEW = 40  # unknowns up to which a sparse matrix is treated as dense on the host

@@ -147,8 +147,9 @@ def energy_balance(
         if count != len(path.status):
             raise ValueError(f"phases[{k}]: {count} increments, in the solution {len(path.status)}")
     records = [(p.status, p.displacement if p.motion is None else p.motion) for p in paths]
-    arguments = task.thawed, task.arrays, records, task.bundles
-    phase_terms, end = jax.tree.map(np.asarray, works(*arguments, size=task.n_free))
+    arguments = task.thawed, task.arrays, records
+    found = works(*arguments, bundles=task.bundles, size=task.n_free)
+    phase_terms, end = jax.tree.map(np.asarray, found)
     for computed, given in zip(end, marks(solution.last.carry), strict=True):
         difference = np.abs(computed - np.asarray(given)).max()
         if difference > np.sqrt(np.finfo(computed.dtype).eps) * np.abs(computed).max():

@@ -21,8 +21,8 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..common.keeping import host_function, names_host_functions
-from ..common.types import Array
+from .keeping import host_function, names_host_functions
+from .types import Array
 
 Function = Callable[..., Sequence[np.ndarray]]
 
@@ -114,6 +114,21 @@ def family(make: Callable[..., Function]) -> Callable[..., Function]:
     """
     _FAMILIES[make.__name__] = functools.cache(make)
     return _FAMILIES[make.__name__]
+
+
+def tell(words: Sequence[str], *arguments: Array) -> None:
+    """Call a NumPy function of arrays without results; under `jax.vmap` for every case.
+
+    Args:
+        words, arguments: as for `call`.
+    """
+    name = ", ".join(words)
+    if jax.default_backend() == "cpu" and _known(name):
+        target = host_function(name)
+        none = jax.ffi.ffi_call(target, (), has_side_effect=True, vmap_method="sequential")
+        none(*arguments)
+    else:
+        jax.debug.callback(_made(name), *arguments)
 
 
 def call(
