@@ -218,7 +218,8 @@ def ratio(value):
 def first_call_ratios():
     """First calls of nets over those of the bare one, and that of the mast; runs, ms."""
     text = (RESULTS / "first_call.txt").read_text()
-    plain = {line[:24].strip(): float(line[24:].split()[1]) for line in text.splitlines()[6:15]}
+    rows = re.findall(r"^(\S.{21}) +[\d.]+ +([\d.]+) ", text, re.M)  # Y, and plain
+    plain = {name.strip(): float(ratio) for name, ratio in rows}
     nets = [plain[name] for name in ("flat net", "hypar", "saddle 4 x 4")]
     return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
 

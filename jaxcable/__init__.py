@@ -36,6 +36,7 @@ from .analysis.batches import batched
 from .analysis.phases import Phase
 from .analysis.solution import Solution
 from .analysis.solver import solve
+from .analysis.streamed import streamed
 from .common import progress, status
 from .common.checks import InputWarning, UnstableWarning
 from .common.compilation import forget_programs
@@ -135,5 +136,6 @@ __all__ = [
     "solve",
     "status",
     "stiffness",
+    "streamed",
     "trace_path",
 ]

@@ -1,6 +1,7 @@
 """Results of analyses, and quantities derived from them: section forces, stresses, energies."""
 
 from ..analysis.solution import Path, PhaseResult, PhaseResults, Solution, State
+from ..analysis.streamed import Study
 from .energy import EnergyBalance, energy_balance
 from .internal_forces import section_forces
 from .stresses import fibre_stress
@@ -12,6 +13,7 @@ __all__ = [
     "PhaseResults",
     "Solution",
     "State",
+    "Study",
     "energy_balance",
     "fibre_stress",
     "section_forces",
