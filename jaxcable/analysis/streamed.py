@@ -151,9 +151,7 @@ def _cases(cases, n_case):
     """A function from numbers to cases, the number of cases, and a digest of arrays or None."""
     if callable(cases):
         if n_case is None:
-            raise ValueError(
-                "n_case: missing; a function of cases does not tell their number"
-            )
+            raise ValueError("n_case: missing; a function of cases does not tell their number")
         checks.whole(n_case, "n_case")
         return cases, n_case, None
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(cases)]
