@@ -184,15 +184,15 @@ def gradient_ratios():
     return tuple(found.values())
 
 
-def large_nets(column):
-    """A row of the table of nets: of every size PARDISO's, or below 1 200 that of fused loops."""
+def large_nets(column, name="pardiso"):
+    """A row of the table of nets: of every size a solver's, or below 1 200 that of fused loops."""
 
     def figures():
         rows = {}
         for unknowns, solver, numbers in scaling_rows():
-            if solver == ("fused" if unknowns < 1200 else "pardiso"):
+            if solver == ("fused" if unknowns < 1200 and name == "pardiso" else name):
                 rows[unknowns] = column(numbers)
-        return tuple(rows.values())
+        return tuple(row for n, row in rows.items() if n >= 1200 or name == "pardiso")
 
     return figures
 
@@ -222,6 +222,44 @@ def first_call_ratios():
     plain = {name.strip(): float(ratio) for name, ratio in rows}
     nets = [plain[name] for name in ("flat net", "hypar", "saddle 4 x 4")]
     return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
+
+
+# --- kept_programs_first.txt, kept_programs_many.txt
+
+SHOWN = (
+    *("hypar", "Geiger dome", "guyed mast"),
+    *("1 200 unknowns, CHOLMOD", "7 500 unknowns, CHOLMOD", "7 500 unknowns, PARDISO"),
+)
+
+
+def kept_programs():
+    """Seconds of first calls by scene: plain once and again, jitted once and again."""
+    text = (RESULTS / "kept_programs_first.txt").read_text()
+    number = r" +([\d.]+)"
+    rows = re.findall(rf"^(\S.{{25}}){number}{number} \(.+?\){number}{number} \(", text, re.M)
+    return {name.strip(): [float(cell) for cell in cells] for name, *cells in rows}
+
+
+def kept_row(k):
+    """A row of the table of first calls."""
+    return lambda: tuple(f"{kept_programs()[name][k]:.1f}" for name in SHOWN)
+
+
+def memory_of_many():
+    """MB after as many nets as programs are known, after all, and after they are forgotten."""
+    text = (RESULTS / "kept_programs_many.txt").read_text()
+    rows = dict(re.findall(r"^ +(\d+) +(\d+) +\d+$", text, re.M))
+    forgotten = re.search(r"forget_programs\(\): (\d+) MB", text)[1]
+    return tuple(f"{round(int(mb), -1)}" for mb in (rows["32"], rows["500"], forgotten))
+
+
+def many_cases():
+    """Rate of two processes over one; cases that differ; hours of a core for a million."""
+    text = (RESULTS / "many_cases.txt").read_text()
+    rate = re.search(r"rate of two over one: ([\d.]+)", text)[1]
+    differ = re.search(r"^(\d+) cases that differ", text, re.M)[1]
+    hours = re.search(r"1 000 000 cases: ([\d.]+) hours", text)[1]
+    return f"{float(rate):.1f}", differ, f"{float(hours):.1f}"
 
 
 def compile_times():
@@ -261,6 +299,11 @@ CLAIMS = [
         for text, kind in ROWS.items()
     ),
     Claim("README.md", r"first call takes ([\d.]+) to\s([\d.]+) s", first_calls),
+    Claim(
+        "README.md",
+        r"next process the first call takes ([\d.]+) to ([\d.]+) s",
+        lambda: span([row[1] for row in kept_programs().values()], "{:.1f}"),
+    ),
     Claim("README.md", r"takes ([\d.]+) to ([\d.]+) of OpenSees' time", behind_opensees),
     Claim("README.md", r"jaxcable is (\d+) to (\d+) times faster in batches", batch_ratios),
     Claim("README.md", r"and (\d+) to (\d+) times on single nets", ahead_of_opensees),
@@ -326,6 +369,38 @@ CLAIMS = [
         STUDIES,
         r"^\| OpenSees over it" + r" \| (.+?)" * 7 + r" \|$",
         large_nets(lambda row: ratio(row[4])),
+    ),
+    *(
+        Claim(
+            STUDIES,
+            rf"^\| OpenSees over jaxcable with {name} \| \|" + r" \| (.+?)" * 4 + r" \| not run",
+            large_nets(lambda row: ratio(row[4]), name.lower()),
+        )
+        for name in ("CHOLMOD", "SuperLU")
+    ),
+    *(
+        Claim(STUDIES, rf"^\| {words}" + r" \| (.+?)" * 6 + r" \|$", kept_row(k))
+        for k, words in ((0, "`jc.solve`, once"), (2, "inside of `jax.jit`, once"))
+    ),
+    Claim(
+        STUDIES,
+        r"`jc.solve`, once.+\n\| in the next process" + r" \| (.+?)" * 6 + r" \|$",
+        kept_row(1),
+    ),
+    Claim(
+        STUDIES,
+        r"`jax.jit`, once.+\n\| in the next process" + r" \| (.+?)" * 6 + r" \|$",
+        kept_row(3),
+    ),
+    Claim(
+        STUDIES,
+        r"different shape has ([\d ]+) MB after 32 of them and ([\d ]+) MB after all, and (\d+) MB",
+        memory_of_many,
+    ),
+    Claim(
+        STUDIES,
+        r"compute ([\d.]+) times as many cases[^|]+?and (\d+) differ[^|]+?take ([\d.]+) hours",
+        many_cases,
     ),
     Claim(
         STUDIES,

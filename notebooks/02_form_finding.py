@@ -25,6 +25,7 @@ from scipy.optimize import root
 import jaxcable as jc
 
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
+jc.keep_programs()  # on disk: the next run of this notebook compiles little
 
 # %% [markdown]
 # ## The frame and the topology

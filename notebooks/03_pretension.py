@@ -26,6 +26,7 @@ from scipy import optimize
 import jaxcable as jc
 
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
+jc.keep_programs()  # on disk: the next run of this notebook compiles little
 
 # %% [markdown]
 # ## Net and prestress

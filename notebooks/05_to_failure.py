@@ -30,6 +30,7 @@ import numpy as np
 import jaxcable as jc
 
 jc.fuse_loops()  # before jax computes anything: small nets are two to three times faster
+jc.keep_programs()  # on disk: the next run of this notebook compiles little
 
 # %% [markdown]
 # ## A truss that snaps

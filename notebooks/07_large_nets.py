@@ -178,8 +178,8 @@ print(f"largest difference {jnp.abs(again - tensions).max():.1e} N")
 # ## Out of the notebook
 #
 # A scene goes into a JSON file and comes back; a result goes to ParaView as a VTK file.
-# `JAX_COMPILATION_CACHE_DIR=...` in the environment keeps compiled programs of small (dense)
-# systems between runs; those with sparse solvers are compiled anew.
+# `jc.keep_programs()` keeps compiled programs on disk for the next process (not here: first calls
+# are what this notebook shows).
 
 # %%
 with tempfile.TemporaryDirectory() as folder:

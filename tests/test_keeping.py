@@ -206,6 +206,24 @@ def test_what_is_defined_elsewhere_is_not_kept():
         key(structure, phases, jc.Newton(linear_solver=NUMPY))
 
 
+@pytest.mark.parametrize("folder", ["", "named"])
+def test_the_environment_names_the_folder(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(keeping, "_place", [])
+    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / folder) if folder else "")
+    found = jc.keep_programs()
+    assert [place.folder for place in keeping._place] == ([tmp_path / "named"] if folder else [])
+    assert not folder or found == tmp_path / "named"
+
+
+def test_the_folder_for_caches(tmp_path, monkeypatch):
+    monkeypatch.setattr(keeping, "_place", [])
+    monkeypatch.delenv("JAXCABLE_PROGRAMS")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    if sys.platform.startswith("linux"):
+        assert jc.keep_programs() == tmp_path / "jaxcable"
+        assert (tmp_path / "jaxcable").stat().st_mode & 0o777 == 0o700
+
+
 def test_wrong_limits():
     for limit in (-1, 2.5):
         with pytest.raises(ValueError, match="limit"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
 
 import jax
@@ -15,9 +14,6 @@ from ..files.reading import number, whole
 from . import convert, demo, form, info, optimize, solve
 from .guard import guarded
 
-PROGRAMS = "JAXCABLE_PROGRAMS"
-"""Environment variable: the folder where programs are kept, empty for none."""
-
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
 
 
@@ -25,8 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = parser().parse_args(arguments)
     fusion.ask()
-    if os.environ.get(PROGRAMS) != "":
-        keep_programs(os.environ.get(PROGRAMS))
+    keep_programs()
     jax.config.update("jax_enable_x64", True)
     import matplotlib
 

@@ -33,6 +33,7 @@ from jax.experimental.compilation_cache import compilation_cache
 
 from .checks import whole
 
+_VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
 """Bytes that kept programs take at most, if nothing else is said."""
 
@@ -75,7 +76,8 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
 
     Args:
         folder: the folder, which should belong to the user alone, because programs are run from
-            it; default: ``jaxcable`` in the user's folder for caches.
+            it; default: that of the environment variable JAXCABLE_PROGRAMS (none is kept where it
+            is empty), or ``jaxcable`` in the user's folder for caches.
         limit: bytes to keep at most; what was not used for longest is removed. With 0 programs are
             neither kept nor looked for from now on.
 
@@ -95,7 +97,10 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         >>> folder = jc.keep_programs(limit=0)  # no more
     """
     whole(limit, "limit", least=0)
-    place = Place(Path(folder).expanduser() if folder is not None else _usual(), int(limit))
+    if folder is None:
+        folder = os.environ.get(_VARIABLE, _usual())
+        limit = limit if folder else 0
+    place = Place(Path(folder).expanduser(), int(limit))
     before = jax.config.values["jax_compilation_cache_dir"]
     own = before is None or [before] == [str(known.folder) for known in _place]
     if limit == 0:
