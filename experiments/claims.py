@@ -224,7 +224,7 @@ def first_call_ratios():
     return (*span(nets, "{:.1f}"), f"{plain['guyed mast']:.0f}")
 
 
-# --- kept_programs_first.txt, kept_programs_many.txt
+# --- kept_programs_first.txt, many_cases.txt
 
 SHOWN = (
     *("hypar", "Geiger dome", "guyed mast"),
@@ -243,14 +243,6 @@ def kept_programs():
 def kept_row(k):
     """A row of the table of first calls."""
     return lambda: tuple(f"{kept_programs()[name][k]:.1f}" for name in SHOWN)
-
-
-def memory_of_many():
-    """MB after as many nets as programs are known, after all, and after they are forgotten."""
-    text = (RESULTS / "kept_programs_many.txt").read_text()
-    rows = dict(re.findall(r"^ +(\d+) +(\d+) +\d+$", text, re.M))
-    forgotten = re.search(r"forget_programs\(\): (\d+) MB", text)[1]
-    return tuple(f"{round(int(mb), -1)}" for mb in (rows["32"], rows["500"], forgotten))
 
 
 def many_cases():
@@ -391,11 +383,6 @@ CLAIMS = [
         STUDIES,
         r"`jax.jit`, once.+\n\| in the next process" + r" \| (.+?)" * 6 + r" \|$",
         kept_row(3),
-    ),
-    Claim(
-        STUDIES,
-        r"different shape has ([\d ]+) MB after 32 of them and ([\d ]+) MB after all, and (\d+) MB",
-        memory_of_many,
     ),
     Claim(
         STUDIES,
