@@ -37,6 +37,17 @@ class Study:
         folder: where the files are: ``chunk-000000.npz`` and so on.
         n_case: number of cases.
         chunk: number of cases in a file; the last may have fewer.
+
+    Example:
+        What an earlier process has left in a folder:
+
+        >>> import tempfile
+        >>> folder = tempfile.mkdtemp()
+        >>> study = jc.streamed(lambda x: {"double": 2 * x}, np.arange(3.0), folder, chunk=2)
+        >>> for numbers, results in jc.results.Study(study.folder, n_case=3, chunk=2).chunks():
+        ...     print(numbers.tolist(), results["double"].tolist())
+        [0, 1] [0.0, 2.0]
+        [2] [4.0]
     """
 
     folder: Path
