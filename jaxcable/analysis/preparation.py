@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -13,7 +14,7 @@ import numpy as np
 from ..common import checks, status
 from ..common.fusion import fuses
 from ..common.rules import kept, rules_of
-from ..common.tree import Indices, cast, copy, thaw
+from ..common.tree import cast, copy, once, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import Secant
 from ..elements.element import Element
@@ -30,7 +31,7 @@ from ..model.structure import Structure, place_rules
 from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
-from ..spaces.freedoms import gatherings, number_freedoms
+from ..spaces.freedoms import gathering, number_freedoms
 from .phases import Phase, keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
@@ -89,7 +90,7 @@ def prepare(
     plausibility.precision(structure.nodes)
     carry, code, fixed = _begin(structure, start)
     rows, groups = structure.rows()
-    bundles = Bundles.of(groups)
+    bundles = _bundles(structure)
     sets = _support_sets(structure, phases, fixed)
     loads = [_loads(structure, phase, held) for phase, held in zip(phases, sets[1:], strict=True)]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
@@ -127,9 +128,14 @@ def prepare(
     return Prepared(thawed, arrays, method, code, tuple(sets), everything, bundles, count, warns)
 
 
+@functools.cache
+def _usual_method():
+    return Newton()
+
+
 def _method(structure, method):
     """The method of an analysis, checked; `Newton` by default."""
-    method = Newton() if method is None else method
+    method = _usual_method() if method is None else method
     if not isinstance(method, Newton | Incremental):
         raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
     if isinstance(method, Incremental) and method.stiffness == "secant":
@@ -140,6 +146,12 @@ def _method(structure, method):
                     'stiffness; use "tangent"'
                 )
     return method
+
+
+@once
+def _bundles(structure):
+    """The `Bundles` of a structure; they do not depend on its numbers."""
+    return Bundles.of(structure.rows()[1])
 
 
 def _loads(structure, phase, fixed):
@@ -173,10 +185,8 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
         coupled = (*links, *pressed)
         settings = solver, symmetric, structure.rigid, space, convex, paired
         found = number_freedoms(fixed, rows, coupled, *settings)
-        if not fuses():
-            return found
-        ends, own = tuple(group.links for group in groups), rows is None and not space.rotates
-        return copy(found, **gatherings(ends, Indices(found.number), len(found.free), own))
+        ends = tuple(group.links for group in groups)
+        return gathering(found, ends, rows is None and not space.rotates) if fuses() else found
 
     return number
 

@@ -11,7 +11,7 @@ from jax import lax
 
 from .. import linear
 from ..common import status
-from ..common.compilation import by_itself, program
+from ..common.compilation import program
 from ..common.progress import Increment, listener, tell
 from ..common.tree import copy, fill, pytree
 from ..common.types import Array, Bool, Int
@@ -94,20 +94,20 @@ def solve(
     listen = listener(progress)
     task = prepare(structure, phases, method, start, to_end=True)
     core = task.thawed, task.arrays, task.method, task.code
-    # a program of its own hands over as many results as there are; one function gains nothing
-    whole = listen is None and not by_itself(core)
-    static = {"differentiate_path": differentiate_path, "listen": listen, "whole": whole}
-    solution = _analyse(*core, **static, bundles=task.bundles, size=task.n_free)
+    static = {"differentiate_path": differentiate_path, "listen": listen, "bundles": task.bundles}
+    solution = _analyse(*core, **static, size=task.n_free)
     if task.may_warn:  # only then: the check waits until the numbers have been computed
         plausibility.stability(solution)
     return arranged(structure, solution, task)
 
 
-@functools.partial(program, static=("differentiate_path", "listen", "whole", "bundles"))
-def _analyse(thawed, arrays, method, code, differentiate_path, listen, whole, bundles):
+@functools.partial(program, static=("differentiate_path", "listen", "bundles", "alone"))
+def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, alone):
     """The compiled core. Results of elements are lists over groups."""
     through = functools.partial(_through, differentiate_path, listen, bundles)
     pattern = thawed[-1].freedoms.pattern
+    # a program of its own hands over as many results as there are; one function gains nothing
+    whole = listen is None and not alone
     if whole and pattern is not None and pattern.solver.fused:
         through = as_one(through)
     return through(thawed, arrays, method, code)

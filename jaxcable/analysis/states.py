@@ -22,20 +22,19 @@ from .schedule import Schedule
 from .solution import Solution, State
 from .told import named
 
-_PER_ELEMENT = (
-    *("tension", "peak_tension", "rest_length", "section_forces", "strain", "began", "results"),
-)
+_PER_ELEMENT = (*("tension", "peak_tension", "rest_length", "section_forces", "strain", "began"),)
 
 Part = TypeVar("Part")
 
 
 def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
     """A result with `function` applied to every field that is a list with an item per group."""
-    fields = {name: getattr(part, name, None) for name in _PER_ELEMENT}
-    others = fields.pop("results") or {}
-    changes = {name: function(value) for name, value in fields.items() if value is not None}
-    others = {name: function(value) for name, value in others.items()}
-    return copy(part, **changes, results=others)
+    fields = vars(part)
+    changes = {
+        name: function(fields[name]) for name in _PER_ELEMENT if fields.get(name) is not None
+    }
+    others = fields.get("results") or {}
+    return copy(part, **changes, results={name: function(x) for name, x in others.items()})
 
 
 @pytree

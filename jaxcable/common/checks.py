@@ -104,7 +104,9 @@ def per_element(
             f"got shape {array.shape}"
         )
     if array.shape == ():
-        array = (jnp if isinstance(array, jax.Array) else np).broadcast_to(array, (n_elem,))
+        if isinstance(array, jax.Array):
+            return jnp.broadcast_to(array, (n_elem,))
+        array = np.full(n_elem, array)
     return array
 
 

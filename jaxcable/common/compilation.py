@@ -8,7 +8,7 @@ import functools
 import gc
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -39,7 +39,8 @@ def program(function, static=()):
     A program with few unknowns is compiled quickly. Called by itself, the function is compiled here
     and not by `jax.jit`: the last `MOST` programs are known, and no more; they may come from disk
     (`keeping`). Inside of another program the function is compiled as part of that program, and
-    `size` is ignored.
+    `size` is ignored. A function with a static argument ``alone`` is told whether it is called by
+    itself.
 
     Args:
         function: its arguments are pytrees of arrays.
@@ -50,37 +51,45 @@ def program(function, static=()):
 
     @functools.wraps(function)
     def run(*arguments, size, **options):
-        if not by_itself(arguments) or _step_by_step():
+        leaves, tree = jax.tree.flatten(arguments)
+        alone = by_itself(leaves)
+        if "alone" in static:
+            options["alone"] = alone
+        if not alone or _step_by_step():
             with without_collection():
                 return plain(*arguments, **options)
-        leaves, tree = jax.tree.flatten(arguments)
         small = size <= _SMALL
         key = tree, tuple(map(_kind, leaves)), tuple(options.items()), small, settings()
         with lock:
             compiled = known.pop(key, None)
         if compiled is None:
-            compiled = _compiled(function, arguments, options, small)
+            compiled = _compiled(function, arguments, leaves, options, small)
         with lock:
             known[key] = compiled  # as the last one
             while len(known) > MOST:
                 known.popitem(last=False)
-        return compiled(*arguments)
+        return compiled(*leaves)
 
     run.known = known
     _PROGRAMS.append(run)
     return run
 
 
-def _compiled(function, arguments, options, small):
-    """The program of a function for arguments like these: from disk, or compiled now."""
-    words = function.__module__, function.__qualname__, small
-    with without_collection(), kept(words, arguments, options) as found:
+def _compiled(function, arguments, leaves, options, small):
+    """The program of a function for arguments like these: from disk, or compiled now.
+
+    It takes the leaves of the arguments, so that a call does not look for them once more.
+    """
+    words, tree = (function.__module__, function.__qualname__, small), jax.tree.structure(arguments)
+
+    def own(*leaves):  # jax forgets what it has traced together with it
+        return function(*tree.unflatten(leaves), **options)
+
+    with without_collection(), kept(words, arguments, leaves, options) as found:
         if found.program is None:
-            # a function of its own: jax forgets what it has traced together with it
-            own = functools.partial(function, **options)
             quick = _QUICK if small and _has_quick() else None
             with compiling(options.get("listen")):
-                stages = jax.jit(own, compiler_options=quick).trace(*arguments)
+                stages = jax.jit(own, compiler_options=quick).trace(*leaves)
                 found.program = stages.lower().compile()
         return found.program
 
@@ -123,7 +132,7 @@ def forgets(function: Callable[[], object]) -> Callable[[], object]:
 def _kind(x):
     """What a program depends on of an argument: shape and dtype, and where it is."""
     if isinstance(x, jax.Array):
-        return x.aval, x.sharding
+        return x.shape, x.dtype, x.weak_type, x.sharding
     return (x.shape, x.dtype) if isinstance(x, np.ndarray | np.generic) else type(x)
 
 
@@ -154,9 +163,9 @@ def without_collection() -> Iterator[None]:
         gc.enable()
 
 
-def by_itself(arguments: Any) -> bool:
-    """Whether a program is compiled by itself and not as part of another program."""
-    if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(arguments)):
+def by_itself(leaves: Sequence[Any]) -> bool:
+    """Whether a program of these arrays is compiled by itself, not as part of another program."""
+    if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False
     return get_opaque_trace_state() == _UNTRACED
 

@@ -148,12 +148,14 @@ class Found:
 
 
 @contextlib.contextmanager
-def kept(words: tuple[Any, ...], arguments: Any, options: dict[str, Any]) -> Iterator[Found]:
+def kept(
+    words: tuple[Any, ...], arguments: Any, leaves: list[Any], options: dict[str, Any]
+) -> Iterator[Found]:
     """Look a program up on disk; if it is compiled meanwhile, it is kept.
 
     Args:
         words: name of the function, and how it is compiled.
-        arguments: pytree of arrays.
+        arguments, leaves: pytree of arrays, and its leaves, which the program takes.
         options: static arguments.
 
     Yields:
@@ -167,7 +169,7 @@ def kept(words: tuple[Any, ...], arguments: Any, options: dict[str, Any]) -> Ite
     if path is None:
         yield Found()
         return
-    found = Found(_load(path, arguments))
+    found = Found(_load(path, leaves))
     if found.program is not None:
         yield found
         return
@@ -203,7 +205,7 @@ def _listens():
     jax.monitoring.register_event_listener(heard)
 
 
-def _load(path, arguments):
+def _load(path, leaves):
     """The program in a file; None if there is none, or it is damaged."""
     try:
         text = path.read_bytes()
@@ -213,7 +215,7 @@ def _load(path, arguments):
     if hashlib.blake2b(text, digest_size=_DIGEST).digest() != digest:
         return None
     targets, executable, results = pickle.loads(zlib.decompress(text))
-    trees = jax.tree.structure((arguments, {})), jax.tree.structure(results)
+    trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(results)
     try:
         for name in targets:
             _targets[0](name)

@@ -65,6 +65,11 @@ class Indices:
         return f"Indices{self.array.shape}"
 
 
+_NO_INDICES = "_no_indices"
+_PLAIN = {np.ndarray, type(None), float, int, bool}
+"""Common types of leaves."""
+
+
 @dataclasses.dataclass(frozen=True)
 class _Slot:
     """Takes the place of the index array of this number in a thawed object."""
@@ -90,10 +95,12 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
     data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
     cls._index_fields = tuple(indices)
     cls._static_fields = tuple(static)
+    cls._data_fields = data
     cls._all_fields = tuple(f.name for f in dataclasses.fields(cls))
 
     def flatten(obj):
-        return [getattr(obj, n) for n in data], tuple(getattr(obj, n) for n in meta)
+        values = obj.__dict__
+        return [values[n] for n in data], tuple([values[n] for n in meta])
 
     def flatten_with_keys(obj):
         children, aux = flatten(obj)
@@ -101,8 +108,7 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
 
     def unflatten(aux, children):
         obj = object.__new__(cls)
-        for name, value in zip(data + meta, (*children, *aux), strict=True):
-            object.__setattr__(obj, name, value)
+        obj.__dict__.update(zip(data + meta, (*children, *aux), strict=True))
         return obj
 
     jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
@@ -125,9 +131,9 @@ def once(function: Callable[[Any], _T]) -> Callable[[Any], _T]:
 
 def copy(obj: _T, **changes: Any) -> _T:
     """Copy a `pytree` object with some fields changed, without running its constructor."""
-    new = object.__new__(type(obj))
-    for name in type(obj)._all_fields:  # type: ignore[attr-defined]  # an object of a `pytree` class
-        object.__setattr__(new, name, changes[name] if name in changes else getattr(obj, name))
+    new, values = object.__new__(type(obj)), obj.__dict__
+    fields = type(obj)._all_fields  # type: ignore[attr-defined]  # an object of a `pytree` class
+    new.__dict__.update({n: changes[n] if n in changes else values[n] for n in fields})
     return new
 
 
@@ -210,18 +216,34 @@ def thaw(tree: _T) -> tuple[_T, list[Int[ArrayLike, " ..."]]]:
     """
     arrays = []
 
-    def visit(obj):
-        if not _holds_indices(obj):
-            return obj
-        slots = {}
-        for name in obj._index_fields:
-            value = getattr(obj, name)
-            if value is not None:
-                slots[name] = _Slot(len(arrays))
-                arrays.append(places(value.array) if isinstance(value, Indices) else value)
-        return copy(obj, **slots)
+    def slot(value):
+        arrays.append(places(value.array) if isinstance(value, Indices) else value)
+        return _Slot(len(arrays) - 1)
 
-    return jax.tree.map(visit, tree, is_leaf=_holds_indices), arrays
+    def visit(obj):
+        kind = type(obj)
+        if kind in _PLAIN or isinstance(obj, jax.Array):
+            return obj
+        if kind is list or kind is tuple:
+            return kind(map(visit, obj))
+        if not hasattr(kind, "_all_fields"):
+            return jax.tree.map(
+                lambda x: visit(x) if _holds_indices(x) else x, obj, is_leaf=_holds_indices
+            )
+        values = vars(obj)
+        if _holds_indices(obj):
+            names = (name for name in obj._index_fields if values[name] is not None)
+            return copy(obj, **{name: slot(values[name]) for name in names})
+        if _NO_INDICES in values:
+            return obj
+        changes = {name: visit(values[name]) for name in obj._data_fields}
+        changes = {name: value for name, value in changes.items() if value is not values[name]}
+        if changes:
+            return copy(obj, **changes)
+        values[_NO_INDICES] = True  # it need not be searched again
+        return obj
+
+    return visit(tree), arrays
 
 
 def cast(tree: _T, dtype: Any) -> _T:
@@ -251,8 +273,10 @@ def stacked(trees: Sequence[_T]) -> _T:
 
     def stack(*leaves):
         traced = any(isinstance(x, jax.core.Tracer) for x in leaves)
-        return jnp.stack(leaves) if traced else np.stack([np.asarray(x) for x in leaves])
+        return jnp.stack(leaves) if traced else np.array([np.asarray(x) for x in leaves])
 
+    if type(trees[0]) is np.ndarray:
+        return stack(*trees)
     return jax.tree.map(stack, *trees)
 
 

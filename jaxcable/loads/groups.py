@@ -121,10 +121,9 @@ def scattered(
         if part is None:
             continue
         columns = slice(3 * k, 3 * k + 3)
-        pack = jnp if traced else np
-        values = pack.broadcast_to(pack.asarray(part, dtype), (len(nodes), 3))
         if traced:
+            values = jnp.broadcast_to(jnp.asarray(part, dtype), (len(nodes), 3))
             total = total.at[nodes, columns].add(values)
         else:
-            np.add.at(total[:, columns], nodes, values)
+            np.add.at(total[:, columns], nodes, np.full((len(nodes), 3), part, dtype))
     return total

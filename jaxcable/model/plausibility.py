@@ -194,7 +194,7 @@ def loading(
         return
     total = np.zeros((len(fixed), 3))
     for load, force in zip(loads, forces, strict=True):
-        nodes, each = load.nodes.array, np.broadcast_to(force, (len(load.nodes), 3))
+        nodes, each = load.nodes.array, np.full((len(load.nodes), 3), force)
         for axis in np.flatnonzero(each.any(axis=0)):
             total[:, axis] += np.bincount(nodes, each[:, axis], len(fixed))
     acts = total != 0

@@ -182,7 +182,15 @@ class Structure:
 
     def arrange(self, per_group: Sequence[Any]) -> PyTree[Any]:
         """Put a list with one item per group into the shape of `elements`."""
-        return jax.tree.unflatten(jax.tree.structure(self.elements, is_leaf=is_group), per_group)
+        if is_group(self.elements):
+            return per_group[0]
+        return jax.tree.unflatten(self._shape, per_group)
+
+    @property
+    @once
+    def _shape(self):
+        """The tree of the element groups, without them."""
+        return jax.tree.structure(self.elements, is_leaf=is_group)
 
     @property
     @once

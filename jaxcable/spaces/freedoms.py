@@ -231,23 +231,21 @@ def number_freedoms(
 
 
 @functools.lru_cache(maxsize=16)
-def gatherings(
-    links: tuple[Indices, ...], number: Indices, n_free: int, own: bool
-) -> dict[str, linear.Gathering]:
-    """`Freedoms.meeting` of element groups with these links, and `Freedoms.numbering`; cached.
+def gathering(freedoms: Freedoms, links: tuple[Indices, ...], own: bool) -> Freedoms:
+    """`Freedoms` with `meeting`, of element groups with these links, and `numbering`; cached.
 
     Args:
+        freedoms: from `number_freedoms`.
         links: rows of the elements of every group.
-        number: as of `Freedoms`.
-        n_free: number of unknowns.
         own: whether every free freedom has an unknown of its own.
     """
     ends = np.concatenate([indices.array.ravel() for indices in links])
-    found = {"meeting": linear.gathering(ends, len(number))}
+    found = {"meeting": linear.gathering(ends, len(freedoms.number))}
     if own:
-        found["numbering"] = linear.gathering(number.array.ravel(), n_free)
+        numbers = np.asarray(freedoms.number).ravel()
+        found["numbering"] = linear.gathering(numbers, len(freedoms.free))
     with jax.ensure_compile_time_eval():  # concrete arrays, also when a caller is being traced
-        return jax.tree.map(jax.device_put, found)
+        return copy(freedoms, **jax.tree.map(jax.device_put, found))
 
 
 def along(axes: Float[ArrayLike, "n 3 3"], vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
