@@ -230,7 +230,7 @@ def test_a_toggle_is_pushed_through_its_limit_point():
 
 def tangent_of(structure, solution):
     from jaxcable.common.tree import fill, thaw
-    from jaxcable.mechanics.ramp import make_system
+    from jaxcable.mechanics.carry import make_system
     from jaxcable.spaces.freedoms import number_freedoms
 
     rows, groups = structure.rows()

@@ -22,7 +22,7 @@ from jaxcable.analysis.solution import State
 from jaxcable.common import status
 from jaxcable.common.tree import fill, thaw
 from jaxcable.design.box import spread
-from jaxcable.mechanics.ramp import unloaded
+from jaxcable.mechanics.carry import unloaded
 from jaxcable.paths.trace import _settings
 
 NODES = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [2.0, 0.0, 0.0]])

@@ -51,7 +51,7 @@ def timed(function, *arguments):
 def system(structure, solution, solver):
     """The loaded state as a `System` of arrays, and the motion of its nodes."""
     from jaxcable.common.tree import fill, thaw
-    from jaxcable.mechanics.ramp import make_system
+    from jaxcable.mechanics.carry import make_system
     from jaxcable.spaces.freedoms import number_freedoms
 
     fixed = structure.fixed(structure.supports)

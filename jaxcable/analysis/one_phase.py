@@ -15,7 +15,7 @@ from ..common.types import Array, Bool, Float, Int
 from ..equilibrium import incremental, newton
 from ..equilibrium.newton import Newton
 from ..linear.sparse import Factored
-from ..mechanics.ramp import Carry
+from ..mechanics.carry import Carry
 from ..mechanics.reading import Reading, read
 from ..numerics import implicit
 from ..numerics.rooted import told

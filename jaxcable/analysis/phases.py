@@ -11,7 +11,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.rules import Rule, kept, not_negative, positive, refuse
-from ..common.selection import Only, Selection
+from ..common.selection import Named, Only, Selection
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import Jacked, Prestressable, Sagging
@@ -31,7 +31,11 @@ INCREMENTS = ("shortening", "temperature")
 _TENSIONS = ("pretension", "force_density", "jacking")
 
 
-@pytree(static=("increments",))
+PLACES = "drawn", "attached"
+"""Where the nodes that new elements bring are placed."""
+
+
+@pytree(static=("increments", "placed"))
 class Phase:
     """One phase of the analysis: everything in it is scaled by a load factor from 0 to 1.
 
@@ -63,11 +67,21 @@ class Phase:
             and nodal loads on it end (an anchored jack does not also pull). A freedom that becomes
             free begins with its reaction as a load, which is ramped out.
         increments: number of equal steps of the load factor.
+        adds: elements that are there from this phase on, and not before: keys of groups, or a
+            prefix pytree of `only(numbers)` or booleans [n_elem]. An element is unstressed where it
+            finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
+            the structure's nodes. Its weight, and loads along it, are ramped in.
+        removes: elements that go, likewise; their end forces are ramped out, their loads end.
+        placed: where nodes wait that no element touches: "drawn", where they are, so that new
+            elements reach from where others have moved; or "attached": they go along with the node
+            that their first element joins them to, as if rigidly, with its rotation. A load on a
+            node that waits is held there.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
-            `supports` is no `Supports`; in an analysis, two absolute statements for one element, or
-            a value that an element cannot take. The message names statement and element.
+            `supports` is no `Supports`, `placed` is unknown; in an analysis, two absolute
+            statements for one element, a value that an element cannot take, elements that are added
+            twice. The message names statement and element.
 
     Example:
         A flat net with 200 N in every cable, then loads on its free nodes in ten increments:
@@ -79,6 +93,18 @@ class Phase:
         >>> solution = jc.solve(structure, [prestress, loading])
         >>> print(f"{jc.describe(solution.status)}: {solution.displacement[3, 2]:.9f} m")
         converged: -0.012838093 m
+
+        A bar under 1 kN, which a second one helps to carry from the second kN on:
+
+        >>> bars = {n: jc.Bars([[0, 1]], axial_stiffness=1e6) for n in ("first", "second")}
+        >>> nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, -2.0]]
+        >>> guide = jc.restrained([1], "xy")
+        >>> structure = jc.Structure(nodes, bars, supports=jc.pinned([0]) + guide)
+        >>> load = jc.NodalLoads([1], (0.0, 0.0, -1e3))
+        >>> stages = [jc.Phase(loads=load), jc.Phase(adds="second", loads=load)]
+        >>> solution = jc.solve(structure, stages)
+        >>> print({name: float(force[0].round(2)) for name, force in solution.tension.items()})
+        {'first': 1500.25, 'second': 499.75}
     """
 
     loads: Load | Sequence[Load] | None = None
@@ -92,8 +118,15 @@ class Phase:
     jacking: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
     shortening: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
     temperature: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
+    adds: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
+    removes: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
+    placed: str = "drawn"
 
     def __post_init__(self):
+        for name in ("adds", "removes"):
+            object.__setattr__(self, name, by_name(getattr(self, name)))
+        if self.placed not in PLACES:
+            raise ValueError(f"placed = {self.placed!r}: expected one of {', '.join(PLACES)}")
         if isinstance(self.increments, bool) or not isinstance(self.increments, int | np.integer):
             if isinstance(self.increments, jax.core.Tracer):
                 raise ValueError(
@@ -135,6 +168,15 @@ class Phase:
             for name, stated in statements.items():
                 plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
+
+
+def by_name(value: Any) -> Any:
+    """What a phase adds or removes, with keys of groups as `Named`."""
+    if isinstance(value, str):
+        return Named(value)
+    if isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value):
+        return Named(value)
+    return value
 
 
 def _require_apart(statements, k, group):
@@ -203,7 +245,7 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
         )
 
     def is_one(x):
-        return x is None or isinstance(x, Only | Selection)
+        return x is None or isinstance(x, Named | Only | Selection)
 
     # a list is first taken as a branch of the tree of groups, then as the values of one group
     for is_leaf in (is_one, lambda x: is_one(x) or is_values(x)):

@@ -24,8 +24,8 @@ from ..loads import as_list
 from ..loads.load import Acting, Load, Moving, OnNodes
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
+from ..mechanics.carry import Carry, unloaded
 from ..mechanics.load_stacks import LoadStack, continued
-from ..mechanics.ramp import Carry, unloaded
 from ..model import plausibility, spins
 from ..model.structure import Structure, place_rules
 from ..model.supports import Fixed
@@ -33,6 +33,7 @@ from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import gathering, number_freedoms
 from .phases import Phase, keeps_rules
+from .presence import attached_of, presence_of
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
 
@@ -107,7 +108,12 @@ def prepare(
     bundled = bundles.groups(groups)
     convex = to_end and isinstance(method, Newton) and _always_convex(bundled, everything)
     numbered = _numbered(structure, method, everything, bundled, bundles, convex)
-    freedoms, changes, before = numbering(sets, numbered)
+    presence = presence_of(structure, phases, None if carry is None else carry.states)
+    idle = attached = None
+    if presence is not None:
+        presence, attached = presence.bundled(bundles), attached_of(phases)
+        idle = presence.idle(structure, bundled)
+    freedoms, changes, before = numbering(sets, numbered, idle)
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
     schedule = Schedule(
@@ -121,6 +127,9 @@ def prepare(
         loads=stacks,
         increments=tuple(int(phase.increments) for phase in phases),
         n_node=structure.n_node,
+        present=None if presence is None else presence.present,
+        first=None if presence is None else presence.first,
+        attached=attached,
     )
     thawed, arrays = thaw((nodes, bundled, carry, schedule))
     warns = _may_warn(bundled, carry, everything, nodal)
@@ -282,6 +291,10 @@ def ready(parameters: Frame, bundles: Bundles) -> Frame:
         carry = unloaded(nodes, groups)
     else:
         carry = copy(carry, states=_warm(groups, bundles, carry.states))
+    if schedule.first is not None:
+        parts = zip(groups, carry.states, schedule.first, strict=True)
+        states = [group.partly(state, jnp.asarray(first)) for group, state, first in parts]
+        carry = copy(carry, states=states)
     if carry.bearing is None and schedule.freedoms.axes is not None:
         carry = copy(carry, bearing=space_of(groups).rotations(carry.motion))
     begun = nodes + carry.motion[:, :3]

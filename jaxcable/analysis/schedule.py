@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from ..common.tree import copy, pytree, stacked
-from ..common.types import ArrayLike, Float, Int, PyTree
+from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.prestress import Stated
 from ..loads.load import Load
@@ -38,6 +38,10 @@ class Schedule:
         loads: element loads of all phases, list of `LoadStack`.
         increments: number of increments of every phase, a tuple.
         n_node: number of nodes; further rows of motion belong to elements.
+        present: elements that are there in every phase, per group [n_phase, n_elem] bool; None if
+            no element ever comes or goes.
+        first: those that are there before the first phase, per group [n_elem] bool, or None.
+        attached: whether new nodes go along with others, [n_phase] bool; None if no phase has any.
     """
 
     number: Int[ArrayLike, " n_phase"]
@@ -50,6 +54,9 @@ class Schedule:
     loads: list[LoadStack]
     increments: tuple[int, ...] = ()
     n_node: int = 0
+    present: list[Bool[ArrayLike, "n_phase n_elem"]] | None = None
+    first: list[Bool[ArrayLike, " n_elem"]] | None = None
+    attached: Bool[ArrayLike, " n_phase"] | None = None
 
     def __len__(self) -> int:
         return len(self.increments)
@@ -64,14 +71,14 @@ class Schedule:
     def rows(self) -> tuple[Any, ...]:
         """All arrays with an axis of phases, a tuple to be scanned; see `of`."""
         data = self.inputs, self.added_load, self.moved, self.changes, self.before
-        return self.number, *data
+        return self.number, *data, self.present, self.attached
 
     def of(self, row: tuple[Any, ...]) -> PhaseData:
         """The `PhaseData` of one phase from its entry in `rows`."""
-        number, inputs, added, moved, changes, before = row
+        number, inputs, added, moved, changes, before, present, attached = row
         freedoms = self.freedoms if changes is None else copy(self.freedoms, **changes)
         was = None if before is None else copy(self.freedoms.of_supports, **before)
-        return PhaseData(number, inputs, added, moved, freedoms, was)
+        return PhaseData(number, inputs, added, moved, freedoms, was, present, attached)
 
     def phase(self, k: int) -> PhaseData:
         """The `PhaseData` of the phase `k`."""
@@ -124,28 +131,37 @@ def on_rows(
 
 
 def numbering(
-    sets: Sequence[Fixed], numbered: Callable[[Fixed], Freedoms]
+    sets: Sequence[Fixed],
+    numbered: Callable[[Fixed], Freedoms],
+    idle: Bool[ArrayLike, "1+n_phase n_row n_freedom"] | None = None,
 ) -> tuple[Freedoms, dict[str, PyTree[ArrayLike]] | None, dict[str, ArrayLike] | None]:
     """Numbering of the unknowns of all phases, and what supports change of it.
 
     Args:
         sets: held freedoms before the first phase and in every phase, `Fixed`.
         numbered: function from a `Fixed` to the `Freedoms` that it leaves.
+        idle: freedoms that no element touches before the first phase and in every phase; None if
+            elements neither come nor go. They are held.
 
     Returns:
         freedoms, changes, before: see `Schedule`.
     """
     was, now = sets[:-1], sets[1:]
-    if all(fixed == now[0] for fixed in now):
+    if idle is None and all(fixed == now[0] for fixed in now):
         freedoms, changes = numbered(now[0]), None
     else:  # a freedom is unknown if any phase leaves it free
         always = np.logical_and.reduce([fixed.array for fixed in now])
         freedoms = numbered(Fixed(always, now[0].axes))
         changes = _held(now)
+        if idle is not None:
+            changes["fixed"] = changes["fixed"] | idle[1:]
         changes["bound"] = changes["fixed"].reshape(len(now), -1)[:, np.asarray(freedoms.free)]
         spins = _spins([fixed.spins for fixed in now])
         if spins is not None:
             changes["spins"] = spins
+    if idle is not None:
+        before = _held(was)
+        return freedoms, changes, before | {"fixed": before["fixed"] | idle[:-1]}
     return freedoms, changes, None if was == now else _held(was)
 
 

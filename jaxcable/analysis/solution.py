@@ -10,7 +10,7 @@ import numpy as np
 
 from ..common.tree import Indices, computed, copy, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..mechanics.ramp import Carry
+from ..mechanics.carry import Carry
 from ..model.supports import Fixed
 from ..model.topology import Topology
 from .told import Told

@@ -18,7 +18,8 @@ from ..common.types import Array, Bool, Int
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..linear.sparse import Factored
-from ..mechanics.ramp import Carry, Ramp, knowing
+from ..mechanics.carry import Carry, knowing
+from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..model import plausibility
 from ..model.structure import Structure
@@ -144,7 +145,7 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         reached = run.reached.after(data, done.factor)
         end = state_of(frame, carry, done.point, reached, schedule, done.seen)
         end = _unless(sound, end, touched)
-        moved = end.displacement - run.carry.motion[: schedule.n_node, :3]
+        moved = end.displacement - ramp.begin.motion[: schedule.n_node, :3]
         result = _unless(code == status.OK, copy(end, displacement=moved), touched)
         result = {name: getattr(result, name) for name in PER_PHASE}
         began = [state.memory for state in ramp.begin.states]

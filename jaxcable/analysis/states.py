@@ -12,8 +12,9 @@ from ..common.tree import copy, fill, pytree, thaw, where
 from ..common.types import Array, Float, Int, PyTree
 from ..elements.element import Element
 from ..mechanics.assembly import System
+from ..mechanics.carry import Carry, make_system
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import Carry, PhaseData, make_system
+from ..mechanics.ramp import PhaseData
 from ..model.structure import Structure
 from ..model.topology import topology_of
 from ..numerics.rooted import told

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -65,6 +67,26 @@ class Only:
         """Array [n_elem] of the values at their elements, and of `others` elsewhere."""
         values = jnp.asarray(self.values)
         return jnp.asarray(others, values.dtype).at[self.elements.array].set(values)
+
+
+@pytree(static=("names",))
+class Named:
+    """Whole groups of elements, by their keys in the structure's elements.
+
+    Args:
+        names: a key, or a list of keys.
+
+    Raises:
+        ValueError: no key is given.
+    """
+
+    names: str | Sequence[str]
+
+    def __post_init__(self):
+        names = (self.names,) if isinstance(self.names, str) else tuple(self.names)
+        object.__setattr__(self, "names", names)
+        if not names:
+            raise ValueError("names: an empty list names no group")
 
 
 def only(

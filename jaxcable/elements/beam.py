@@ -28,7 +28,7 @@ from ..numerics.rotations import cross
 from ..numerics.vectors import inner
 from ..sections import Section
 from .abilities import Bending, Rounding
-from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Scalar
+from .element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Ends, Motion, Scalar
 from .member import Member
 from .prestress import AxialState, Prestressed, checked_links, of_each
 
@@ -219,6 +219,18 @@ class Beams(Member, Prestressed, Bending, Rounding):
         sine = jnp.sqrt(jnp.sum(chord[:, :2] ** 2, axis=1) / jnp.sum(chord**2, axis=1))
         unknown = (sine >= _UPRIGHT) & (sine < _LEANING) & ~of_each("bends_alike", self)
         return copy(state, rest_length=jnp.where(unknown, jnp.nan, state.rest_length))
+
+    def partly(self, state: AxialState, present: Bool[Array, " n_elem"]) -> AxialState:
+        """State of a group whose elements come and go: those that come may be joined with kinks."""
+        kinks = state.kinks
+        if kinks is None:
+            kinks = jnp.zeros((len(state.rest_length), 2, 3), state.rest_length.dtype)
+        return copy(state, present=present, kinks=kinks)
+
+    def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+        """State of a beam that is added here: straight, and joined to its ends as it finds them."""
+        state = super().found(state, ends, motion)
+        return copy(state, kinks=self._pose(copy(state, kinks=None), ends, motion)[1].rotations)
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]

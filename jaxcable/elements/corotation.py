@@ -56,7 +56,7 @@ class Pose:
         axes: axes of the element after its rotation, [3, 3], one in each row of the matrix.
         half: half of the rotation between the ends, quaternion [4].
         turns: rotations of the ends relative to the frame, `stereographic`, along its axes, [2, 3].
-        rotations: `turns` as rotation vectors, [2, 3], rad.
+        rotations: `turns` as rotation vectors, less those of the unstressed element, [2, 3], rad.
     """
 
     length: Scalar
@@ -74,8 +74,12 @@ def pose(
     ends: Float[Array, "2 3"],
     displacements: Float[Array, "2 3"],
     quaternions: Float[Array, "2 4"],
+    kinks: Float[Array, "2 3"] | None = None,
 ) -> Pose:
-    """`Pose` from initial axes [3, 3], as of `Pose.axes`, initial ends [2, 3] and their motion."""
+    """`Pose` from initial axes [3, 3], as of `Pose.axes`, initial ends [2, 3] and their motion.
+
+    `kinks` are the rotations [2, 3] at which the element is unstressed; None where they are zero.
+    """
     vector, length, change, _ = stretch(ends, displacements)
     halfway = middle(*quaternions)
     # a small rotation is a difference of directions: take both as changes of the initial axis
@@ -89,6 +93,8 @@ def pose(
     half = product(quaternions[1], inverse(halfway))
     half = jnp.where(half[0] < 0, -half, half)
     rotations = jax.vmap(from_stereographic)(turns)
+    if kinks is not None:
+        rotations = rotations - kinks
     turned = axes @ matrix(frame).T
     return Pose(length, change, mean, chord, turned, half, turns, rotations)
 

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common.rules import Rule
-from ..common.tree import Each
+from ..common.tree import Each, copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..sections import Section
 
@@ -77,6 +77,7 @@ class ElementState:
     """What phases change in a group: a pytree whose arrays have a leading axis [n_elem].
 
     A field is None if the kind of element has no use for it. `prestress.AxialState` describes them.
+    Elements that come and go need `present`, and the method `found` of their group.
     """
 
     rest_length: Float[Array, " n_elem"] | None = None
@@ -86,6 +87,7 @@ class ElementState:
     memory: PyTree[Float[Array, "n_elem ..."]] | None = None
     line_load: Float[Array, "n_elem 3"] | None = None
     pressed: Pressures | None = None
+    present: Bool[Array, " n_elem"] | None = None
 
 
 class Element(abc.ABC):
@@ -218,6 +220,10 @@ class Element(abc.ABC):
         """The group for an iteration, with laws that go on beyond their ends."""
         return self
 
+    def partly(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:
+        """State of a group whose elements come and go; those that are `present` are there now."""
+        return copy(state, present=present)
+
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Smallest and largest axial force, N."""
         return -jnp.inf, jnp.inf
@@ -227,6 +233,14 @@ class Element(abc.ABC):
         return None
 
     # --- one element
+
+    def found(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
+        """State of an element that is added here, unstressed where it finds its ends.
+
+        Raises:
+            ValueError: elements of this kind cannot be added.
+        """
+        raise ValueError(f"adds: a group of {type(self).__name__} cannot be added in a phase")
 
     @abc.abstractmethod
     def end_forces(self, state: OwnState, ends: Ends, motion: Motion) -> Forces:

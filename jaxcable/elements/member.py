@@ -57,7 +57,7 @@ class Member(Inner):
                 product(turn, exp_stereographic(joint @ axes))
                 for turn, joint in zip(turns, self._joints(state, motion), strict=True)
             ]
-        return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns))
+        return axes, corotation.pose(axes, ends, motion[:2, :3], jnp.stack(turns), state.kinks)
 
     def _field(self, state, axes, pose, motion):
         """`bending.Field` of the element, and its line load along the turned axes, or None."""

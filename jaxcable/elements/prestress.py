@@ -40,6 +40,9 @@ class AxialState(ElementState):
             makes sag, or along which it slides; else None.
         pressed: pressures that follow beams: for each length that they are per, by name, a list
             of pairs (pressure [n_elem], unit axis [n_elem, 3]), N/m; or None.
+        present: which elements are there, [n_elem] bool; None if all are, in all phases.
+        kinks: of beams that were added where their ends had turned, the rotations of the ends
+            against the chord at which they are unstressed, [n_elem, 2, 3], rad; else None.
 
     Example:
         A cable of 4.98 m between ends that are 5 m apart, before its first phase:
@@ -59,6 +62,8 @@ class AxialState(ElementState):
     memory: PyTree[Float[Array, "n_elem ..."]] | None = None
     line_load: Float[Array, "n_elem 3"] | None = None
     pressed: Pressures | None = None
+    present: Bool[Array, " n_elem"] | None = None
+    kinks: Float[Array, "n_elem 2 3"] | None = None
 
     @property
     def loaded(self) -> Float[Array, " n_elem"]:
@@ -80,7 +85,10 @@ class Prestressed(Prestressable):
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
         """Weight of every element, [n_elem], N; None if the group has none."""
-        return None if self.weight is None else self.weight * state.loaded
+        if self.weight is None:
+            return None
+        weights = self.weight * state.loaded
+        return weights if state.present is None else jnp.where(state.present, weights, 0.0)
 
     @abc.abstractmethod
     def strain_at(
@@ -108,6 +116,25 @@ class Prestressed(Prestressable):
             loaded_length=rest_length,
             warmth=warmth,
             memory=self.initial_memory(),
+        )
+
+    def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+        """State of an element that is added here: unstressed, or of its own `rest_length`."""
+        _, length, change, start = stretch(ends[:2], motion[:2, :3])
+        return self._new(state, length, change, start)
+
+    def _new(self, state, length, change, start):
+        """State of a new element of a `length`, which is `change` above the initial one."""
+        rest_length, elongation = length, -change
+        if self.rest_length is not None:
+            rest_length, elongation = self.rest_length, start - self.rest_length
+        warmth = None if state.warmth is None else jnp.ones_like(state.warmth)
+        return copy(
+            state,
+            rest_length=rest_length,
+            elongation=elongation,
+            loaded_length=rest_length,
+            warmth=warmth,
         )
 
     def restate(

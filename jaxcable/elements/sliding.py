@@ -147,6 +147,11 @@ class SlidingCables(TensionOnly, Jacked, Rounding):
         pull = 8 * jnp.finfo(length.dtype).eps * moved * stiffness * unit
         return jnp.pad(pull, ((1, 0), (0, 0))) + jnp.pad(pull, ((0, 1), (0, 0)))
 
+    def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
+        """State of a cable that is added here: unstressed, or of its own `rest_length`."""
+        start, length = (jnp.sum(of[1]) for of in (_pieces(ends), _moved(ends, motion)))
+        return self._new(state, length, _change(ends, motion), start)
+
     def lock(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State after anchoring the jack: its unstressed length gives the jack force here."""
         return self.locked(state, jnp.sum(_moved(ends, motion)[1]), _change(ends, motion))

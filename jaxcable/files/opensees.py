@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..analysis.presence import idle_of
 from ..analysis.solution import Solution
 from ..common import checks
 from ..elements.straight import Straight
@@ -70,7 +71,11 @@ def save_opensees(
     elements = []
     for group, state in zip(structure.groups, solution.last.carry.states, strict=True):
         elements += _members(structure, group, state)
-    fixed = solution.last.fixed[-1].array[: structure.n_node, :3]
+    fixed = solution.last.fixed[-1].array
+    idle = idle_of(structure, solution.last.carry.states)
+    if idle is not None:  # nodes that wait for elements
+        fixed = fixed | idle
+    fixed = fixed[: structure.n_node, :3]
     moved = np.where(fixed, np.asarray(solution.displacement), 0.0)
     data = {
         "NODES": np.asarray(structure.nodes, float).tolist(),
@@ -118,7 +123,9 @@ def _members(structure, group, state):
     chord = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     rest, elongation = (np.asarray(v, float) for v in (state.rest_length, state.elongation))
     elements = []
-    for k, (i, j) in enumerate(links.tolist()):
+    there = np.ones(len(links), bool) if state.present is None else np.asarray(state.present)
+    for k in np.flatnonzero(there).tolist():
+        i, j = links[k].tolist()
         strain, force = _curve(group, k)
         chord_strain = (strain * rest[k] - elongation[k]) / chord[k]
         elements.append([i, j, chord_strain.tolist(), force.tolist()])

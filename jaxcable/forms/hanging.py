@@ -15,8 +15,8 @@ from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging
 from ..elements.abilities import Sagging
 from ..elements.prestress import element
+from ..mechanics.carry import make_system
 from ..mechanics.elementwise import motion_of
-from ..mechanics.ramp import make_system
 from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 

@@ -10,8 +10,8 @@ from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from ..elements.abilities import Sagging
 from ..elements.prestress import element
+from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import make_system
 from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 

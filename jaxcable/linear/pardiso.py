@@ -25,8 +25,7 @@ _SMALL = 3000  # unknowns up to which one thread is as fast as several, see expe
 # nets with one unknown per node (a third less time at 5 000 to 40 000 unknowns).
 _THIN = 4
 _FEW = 16  # right sides up to which it is faster to solve one after the other (3 sides: 4 times)
-_INT = ctypes.POINTER(ctypes.c_int32)
-_FLOAT = ctypes.POINTER(ctypes.c_double)
+_ARGUMENTS = 16  # of MKL's function `pardiso`, all of them addresses
 
 
 @functools.cache
@@ -35,7 +34,9 @@ def library() -> Any:
     from pypardiso.pardiso_wrapper import PyPardisoSolver
 
     mkl = PyPardisoSolver().libmkl
-    mkl.pardiso_getdiag.argtypes = [ctypes.c_void_p, _FLOAT, _FLOAT, _INT, _INT]
+    mkl.pardiso.argtypes = [ctypes.c_void_p] * _ARGUMENTS
+    mkl.pardiso.restype = None
+    mkl.pardiso_getdiag.argtypes = [ctypes.c_void_p] * 5
     mkl.pardiso_getdiag.restype = None
     mkl.MKL_Set_Num_Threads_Local.argtypes = [ctypes.c_int]
     mkl.MKL_Set_Num_Threads_Local.restype = ctypes.c_int
@@ -124,6 +125,10 @@ class _Handle:
         self.iparm[55] = 1  # keep the diagonal of the factor readable
         self.free = list(range(_SLOTS, 0, -1))
         self.alone = n <= _SMALL
+        # maximum of slots, slot, matrix type, phase, unknowns, right sides, messages, error, unused
+        self.numbers = np.array([_SLOTS, 0, kind, 0, n, 1, 0, 0, 0], np.int32)
+        self.pointer = _pointer(self.numbers)
+        self.constant = tuple(map(_pointer, (self.memory, self.indptr, self.indices, self.iparm)))
         self.call(11, 1, np.ones(len(self.indices)))
 
     def factorize(self, values: Float[np.ndarray, " n_value"]) -> _Factor | None:
@@ -145,14 +150,10 @@ class _Handle:
         """Whether every pivot of a factor has significant digits."""
         if self.kind == _GENERAL:
             return self.iparm[13] == 0  # no pivot was perturbed
-        pivot, diagonal = np.empty(self.n), np.empty(self.n)
-        library().pardiso_getdiag(
-            self.memory.ctypes.data,
-            pivot.ctypes.data_as(_FLOAT),
-            diagonal.ctypes.data_as(_FLOAT),
-            ctypes.byref(ctypes.c_int32(slot)),
-            ctypes.byref(ctypes.c_int32(0)),
-        )
+        pivot, diagonal, numbers = np.empty(self.n), np.empty(self.n), np.array([slot, 0], np.int32)
+        first = _pointer(numbers)
+        arrays = _pointer(self.memory), _pointer(pivot), _pointer(diagonal)
+        library().pardiso_getdiag(*arrays, first, first + 4)
         return bool((pivot > self.n * np.finfo(float).eps * diagonal).all())
 
     def call(
@@ -164,39 +165,26 @@ class _Handle:
         x: Float[np.ndarray, "n ..."] | None = None,
     ) -> int:
         """Run a phase of PARDISO (its word); returns its error number."""
-        mkl = library()
-        error = ctypes.c_int32(0)
-        count = 1 if b is None or b.ndim == 1 else b.shape[1]
-        unused = np.zeros(1)
-
-        def integer(value):
-            return ctypes.byref(ctypes.c_int32(value))
-
-        def floats(array):
-            return (unused if array is None else array).ctypes.data_as(_FLOAT)
-
+        mkl, numbers, at = library(), self.numbers, self.pointer
+        numbers[[1, 3, 5]] = slot, phase, 1 if b is None or b.ndim == 1 else b.shape[1]
+        numbers[7] = 0
+        # addresses of the numbers; ctypes would take as long to make pointers as MKL to solve
+        most, number, kind, what, n, count, silent, error, unused = range(at, at + 36, 4)
+        memory, indptr, indices, iparm = self.constant
+        values, b, x = (unused if array is None else _pointer(array) for array in (values, b, x))
         before = mkl.MKL_Set_Num_Threads_Local(1) if self.alone else None
         mkl.pardiso(
-            self.memory.ctypes.data_as(ctypes.POINTER(ctypes.c_int64)),
-            integer(_SLOTS),
-            integer(slot),
-            integer(self.kind),
-            integer(phase),
-            integer(self.n),
-            floats(values),
-            self.indptr.ctypes.data_as(_INT),
-            self.indices.ctypes.data_as(_INT),
-            unused.ctypes.data_as(_INT),
-            integer(count),
-            self.iparm.ctypes.data_as(_INT),
-            integer(0),
-            floats(b),
-            floats(x),
-            ctypes.byref(error),
+            *(memory, most, number, kind, what, n, values, indptr, indices, unused, count),
+            *(iparm, silent, b, x, error),
         )
         if before is not None:
             mkl.MKL_Set_Num_Threads_Local(before)
-        return error.value
+        return int(numbers[7])
+
+
+def _pointer(array):
+    """Address of the first entry of an array."""
+    return array.__array_interface__["data"][0]
 
 
 class _Factor(solver.NumericFactor):

@@ -104,7 +104,7 @@ class SelfWeight(Dead):
         for number, (group, state) in enumerate(zip(groups, states, strict=True)):
             weights = group.weights(state) if number in self.on else None
             if weights is not None:
-                weights = partly(self, number, weights)
+                weights = partly(self, number, weights, state)
                 total = total.at[group.links].add(group.at_ends(weights, nodes[group.links]))
         return padded(jnp.outer(total, self.direction.astype(dtype)), shape)
 
@@ -114,7 +114,7 @@ class SelfWeight(Dead):
         """Load along the elements of a group per unstressed length, [n_elem, 3], N/m, or None."""
         if number not in self.on or group.weight is None:
             return None
-        share = partly(self, number, group.weights(state)) / state.rest_length
+        share = partly(self, number, group.weights(state), state) / state.rest_length
         return jnp.outer(share, self.direction)
 
 
@@ -221,7 +221,7 @@ class LineLoads(Measured):
                     half = 0.5 * self._pieces(ends[:, : ends.shape[1] - n_inner])
                     share = jnp.pad(half, ((0, 0), (0, 1))) + jnp.pad(half, ((0, 0), (1, 0)))
                     share = jnp.pad(share, ((0, 0), (0, n_inner)))
-                total = total.at[group.links].add(partly(self, number, share))
+                total = total.at[group.links].add(partly(self, number, share, state))
         return padded(jnp.outer(total, (self.factor * self.forces).astype(dtype)), shape)
 
     def per_length(
@@ -237,7 +237,7 @@ class LineLoads(Measured):
             outer_ends = ends[:, : ends.shape[1] - group.n_inner_row]
             length = jnp.sum(self._pieces(outer_ends), axis=-1)
         return jnp.outer(
-            partly(self, number, length) / state.rest_length, self.factor * self.forces
+            partly(self, number, length, state) / state.rest_length, self.factor * self.forces
         )
 
     def _ends(self, group, nodes):

@@ -14,6 +14,7 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import Indices, copy, plain
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..elements.element import ElementState
 from ..model.structure import Structure
 from .load import Bundles
 
@@ -78,13 +79,21 @@ def settled(load: ByGroup, structure: Structure, **changes: Any) -> ByGroup:
 
 
 def partly(
-    load: ByGroup, number: int, amounts: Float[ArrayLike, "n_elem ..."]
+    load: ByGroup,
+    number: int,
+    amounts: Float[ArrayLike, "n_elem ..."],
+    state: ElementState | None = None,
 ) -> Float[Array, "n_elem ..."]:
-    """Amounts of the elements of a group, [n_elem, ...], zero where a `settled` load is not."""
-    if load.part is None or number not in load.part:
+    """Amounts of the elements of a group, [n_elem, ...], zero where a `settled` load is not.
+
+    They are zero where an element is not there, too, if the `state` of the group says so.
+    """
+    across = -1, *(1,) * (amounts.ndim - 1)
+    if load.part is not None and number in load.part:
+        amounts = amounts * load.part[number].astype(amounts.dtype).reshape(across)
+    if state is None or state.present is None:
         return amounts
-    part = load.part[number].astype(amounts.dtype)
-    return amounts * part.reshape(-1, *(1,) * (amounts.ndim - 1))
+    return jnp.where(state.present.reshape(across), amounts, 0.0)
 
 
 def bundled(load: ByGroup, bundles: Bundles) -> ByGroup:

@@ -152,7 +152,7 @@ class CablePressure(Following):
         for number in self.on:
             group, state = groups[number], states[number]
             pressure = jnp.broadcast_to(self.pressure, (len(group.links),)).astype(moved.dtype)
-            pressure = partly(self, number, pressure)
+            pressure = partly(self, number, pressure, state)
             links = group.links[:, :2]  # without the inner numbers of beams
             yield moved[links], (pressure, state.rest_length), links
 

@@ -21,7 +21,7 @@ from ..spaces import Space
 from ..spaces.freedoms import carriers
 from ..spaces.space import Forces, Matrix, Motion, Part, Step
 from ..spaces.translations import coarse, refined
-from .elementwise import Elementwise, PerGroup, each, over_ends
+from .elementwise import Elementwise, PerGroup, each, only_present, over_ends
 from .load_stacks import Following
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -296,8 +296,10 @@ class System(Elementwise):
     ) -> Bool[Array, " n_row"]:
         """Nodes that are not fully supported and touch only slack elements, [n_node] bool."""
         slack = self.slack(motion) if slack is None else slack
-        pairs = zip(self.groups, slack, strict=True)
-        taut = [jnp.broadcast_to(~s[:, None], g.links.shape).astype(jnp.int32) for g, s in pairs]
+        taut = []
+        for group, state, loose in zip(self.groups, self.states, slack, strict=True):
+            bears = only_present(state.present, ~loose)[:, None]
+            taut.append(jnp.broadcast_to(bears, group.links.shape).astype(jnp.int32))
         stiffened = self.at_rows(taut) > 0
         if self.freedoms.rows is not None:
             stiffened = stiffened.at[self.freedoms.rows].max(stiffened)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.element import PEAK_TENSION, TENSION, Element, ElementState, Result
 from ..elements.prestress import element, of_each
+from ..numerics.rotations import IDENTITY
 from ..spaces.freedoms import Freedoms
 from ..spaces.space import Motion, Space
 from ..spaces.translations import is_fine
@@ -179,13 +180,14 @@ def each(
     nodes: Float[Array, "n_row 3"],
     *motions: Motion,
     exact: Bool[ArrayLike, ""] = True,
+    absent: bool = False,
 ) -> Any:
-    """Results of an element method for all elements of a group, by vmap; `exact` as of `over`."""
+    """Results of an element method for all elements of a group, by vmap; options as of `over`."""
 
     def one(law, *at):
         return getattr(law, method)(*at)
 
-    return over(one, group, state, nodes, *motions, exact=exact)
+    return over(one, group, state, nodes, *motions, exact=exact, absent=absent)
 
 
 def over(
@@ -196,14 +198,18 @@ def over(
     *motions: Motion,
     beside: tuple[Float[Array, "n_elem ..."], ...] = (),
     exact: Bool[ArrayLike, ""] = True,
+    absent: bool = False,
 ) -> Any:
     """``function(element, state, ends, motion, *beside)`` for all elements of a group.
 
     By a motion with a fine part elements are brought to where they have moved: functions know
     motions [n_end, 3] only. Unless this is to be `exact`, the fine part is as good as none.
+
+    Elements that are not `ElementState.present` have not moved, and their results are zero; with
+    `absent` these are what an element there would have.
     """
     at = nodes[group.links], *(motion[group.links] for motion in motions)
-    return over_ends(function, group, state, at, beside, exact)
+    return over_ends(function, group, state, at, beside, exact, absent)
 
 
 def over_ends(
@@ -213,17 +219,42 @@ def over_ends(
     at: Sequence[Float[Array, "n_elem n_end ..."]],
     beside: tuple[Float[Array, "n_elem ..."], ...] = (),
     exact: Bool[ArrayLike, ""] = True,
+    absent: bool = False,
 ) -> Any:
     """`over` where nodes and motions are known `at` the ends of the elements."""
     exact = jnp.asarray(exact)
     nodes, *motions = at
+    motions = [_own(group, motion) for motion in motions]
+    if state.present is not None:
+        motions = [_still_unless(state.present, motion) for motion in motions]
 
     def one(properties, beside, *at):
         law = element(group, properties)
         return function(law, *(law.brought(*at, exact) if is_fine(at[-1]) else at), *beside)
 
-    at = [nodes, *(_own(group, motion) for motion in motions)]
-    return jax.vmap(one)(group.properties(), beside, state, *at)
+    found = jax.vmap(one)(group.properties(), beside, state, nodes, *motions)
+    if state.present is None or absent or isinstance(found, ElementState):
+        return found
+    return only_present(state.present, found)
+
+
+def only_present(present: Bool[Array, " n_elem"] | None, values: PyTree[Array]) -> PyTree[Array]:
+    """A tree of arrays [n_elem, ...], zero or False for elements that are not there."""
+    if present is None:
+        return values
+
+    def one(x):
+        return jnp.where(present.reshape(-1, *(1,) * (x.ndim - 1)), x, jnp.zeros((), x.dtype))
+
+    return jax.tree.map(one, values)
+
+
+def _still_unless(present, motion):
+    """Motions of ends, those of elements that are not there without any displacement or turn."""
+    still = jnp.zeros(motion.shape[-1], motion.dtype)
+    if len(still) == 7:
+        still = still.at[3:].set(jnp.asarray(IDENTITY, motion.dtype))
+    return jnp.where(present[:, None, None], motion, still)
 
 
 def motion_of(group: Element, motion: Motion) -> Float[Array, "n_elem n_end n_motion"]:

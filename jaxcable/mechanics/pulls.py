@@ -11,14 +11,14 @@ from itertools import pairwise
 
 import jax.numpy as jnp
 
-from ..common.tree import pytree
+from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import Room
 from ..elements.prestress import of_each
 from ..spaces.space import Forces, Motion, Step
 from ..spaces.translations import coarse
 from .assembly import System
-from .elementwise import each, motion_of
+from .elementwise import each, motion_of, only_present
 
 _ROUNDINGS = 8  # eps^2 of a displacement, in an elongation (`elements.fine`)
 
@@ -44,10 +44,10 @@ class Pulls:
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> Pulls:
         """The pulls of a system at `x`; `exact` as of `elementwise.over`."""
-        found = [
-            each("pulled", group, state, system.nodes, x, exact=exact)
-            for group, state in zip(system.groups, system.states, strict=True)
-        ]
+        found = []
+        for group, state in zip(system.groups, system.states, strict=True):
+            pull = each("pulled", group, state, system.nodes, x, exact=exact, absent=True)
+            found.append(copy(only_present(state.present, pull), shape=pull.shape))
         return cls(
             jnp.concatenate([pull.tension for pull in found]),
             jnp.concatenate([pull.slope for pull in found]),
@@ -79,12 +79,12 @@ class Pulls:
     def under(self, system: System, tensions: Float[Array, " n"]) -> Under:
         """What `tensions` would do to the cables here, N."""
         split = _split(system, tensions)
-        rooms: list[Room] = [
-            of_each("room", group, state, tension, shape)
-            for group, state, tension, shape in zip(
-                system.groups, system.states, split, self.shapes, strict=True
-            )
-        ]
+        rooms: list[Room] = []
+        for group, state, tension, shape in zip(
+            system.groups, system.states, split, self.shapes, strict=True
+        ):
+            room = of_each("room", group, state, tension, shape)
+            rooms.append(room if state.present is None else _empty(room, state))
         sags = _filled([room.sag for room in rooms], rooms)
         less = _filled([room.less for room in rooms], rooms)
         return Under(
@@ -173,7 +173,7 @@ def stiffness(
         at = system.nodes[group.links], motion_of(group, coarse(x))
         bent = of_each("bent", group, state, *at, tension)
         g = g.reshape(len(g), -1)
-        bent = bent.reshape(*g.shape, g.shape[1])
+        bent = only_present(state.present, bent.reshape(*g.shape, g.shape[1]))
         found.append(bent + slope[:, None, None] * g[:, :, None] * g[:, None, :])
     return found
 
@@ -190,10 +190,18 @@ def lengthened(
 def turned(system: System, spread: Forces) -> Float[Array, " n"]:
     """Largest relative step of two nodes of a cable in succession, over the length between them."""
     found = []
-    for group in system.groups:
+    for group, state in zip(system.groups, system.states, strict=True):
         apart = jnp.sum(jnp.diff(spread[group.links][..., :3], axis=1) ** 2, axis=-1)
+        apart = only_present(state.present, apart)
         found.append(jnp.sqrt(jnp.max(apart, axis=1)) * (group.links.shape[1] - 1))
     return jnp.concatenate(found) / rest_lengths(system)
+
+
+def _empty(room, state):
+    """The room of cables, where some are not there: as slack as they can be, and without forces."""
+    gap = jnp.where(state.present, room.gap, state.rest_length)
+    rest = copy(room, gap=None, compliance=None)
+    return copy(only_present(state.present, rest), gap=gap, compliance=room.compliance)
 
 
 def rest_lengths(system: System) -> Float[Array, " n"]:

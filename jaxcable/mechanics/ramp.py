@@ -1,8 +1,8 @@
 """A phase as a function of its load factor: the system that has to be in equilibrium.
 
-The phase begins with what earlier phases left (`Carry`) and adds new data (`PhaseData`), both with
-index arrays in place of topology. `Ramp.build` converts the prestress statements into start and end
-states once; `Ramp.at` interpolates.
+The phase begins with what earlier phases left (`carry.Carry`) and adds new data (`PhaseData`), both
+with index arrays in place of topology. `Ramp.build` converts the prestress statements into start
+and end states once; `Ramp.at` interpolates.
 """
 
 from __future__ import annotations
@@ -18,42 +18,10 @@ from ..elements.stated import Stated
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms, along, combined
 from ..spaces.space import Motion
-from . import load_stacks
+from . import load_stacks, presence
 from .assembly import System
+from .carry import Carry, make_system
 from .elementwise import Memory, PerGroup, each
-
-
-@pytree
-class Carry:
-    """What a phase hands to the next one.
-
-    Attributes:
-        motion: of all rows since the initial nodes, [n_row, n_motion]; see `spaces`.
-        states: element states, one per group.
-        nodal_load: sum of the nodal loads so far, [n_row, n_freedom], N and N m.
-        loads: element loads of all phases, a list of `LoadStack`.
-        amounts: how much of these loads acts, a list of `Amounts`.
-        bearing: `RigidNodes.bearing`: rotation of every row when its support was set.
-    """
-
-    motion: Float[Array, "n_row n_motion"]
-    states: list[ElementState]
-    nodal_load: Float[Array, "n_row n_freedom"]
-    loads: list[load_stacks.LoadStack]
-    amounts: list[load_stacks.Amounts]
-    bearing: Float[Array, "n_row 4"] | None = None
-
-
-def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
-    """The `Carry` of a structure before its first phase."""
-    states = [group.start(nodes[group.links]) for group in groups]
-    space = space_of(groups)
-    return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
-
-
-def knowing(carry: Carry, phase: Int[ArrayLike, ""]) -> Carry:
-    """A `Carry` with the loads that a phase knows; later loads, which may be NaN, become zero."""
-    return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
 
 
 @pytree
@@ -68,6 +36,9 @@ class PhaseData:
         freedoms: numbering of the unknowns, with the supports of this phase.
         freedoms_before: the same with the supports of the phase before, if supports change in any
             phase, else None.
+        present: elements that are there in this phase, per group; None if all are in all phases.
+        attached: whether the nodes that new elements bring go along with others, see
+            `presence.changed`; None if no phase asks for it.
     """
 
     number: Int[ArrayLike, ""]
@@ -76,6 +47,8 @@ class PhaseData:
     moved: Float[ArrayLike, "n_node n_freedom"] | None
     freedoms: Freedoms
     freedoms_before: Freedoms | None
+    present: presence.Present | None = None
+    attached: Bool[Array, ""] | None = None
 
 
 @pytree
@@ -90,8 +63,8 @@ class Ramp:
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
         added: which loads of every stack in `begin` this phase adds, list of [m] bool.
         moved: movements of the supports in this phase, [n_node, 3 or 6], or None.
-        released: reactions of newly freed freedoms, reduced to zero in this phase, as
-            `Carry.nodal_load`, or None.
+        released: reactions of newly freed freedoms, and what elements that come and go leave
+            unbalanced, reduced to zero in this phase, as `Carry.nodal_load`, or None.
         freedoms: numbering of the unknowns.
     """
 
@@ -119,6 +92,10 @@ class Ramp:
         released = None
         if data.freedoms_before is not None:
             carry, released = _change_supports(nodes, groups, carry, data)
+            if data.present is not None:
+                at = data.present, data.freedoms_before, data.freedoms, data.attached
+                carry, left = presence.changed(nodes, groups, carry, *at)
+                released = released + jnp.where(data.freedoms.fixed, 0.0, left)
         end_states, jacks = [], []
         for group, state, inputs in zip(groups, carry.states, data.inputs, strict=True):
             end_state = jack = None
@@ -269,35 +246,6 @@ def _change_supports(nodes, groups, carry, data):
     # without a change the load itself, which `along` and `combined` would round
     left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)
     return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
-
-
-def make_system(
-    nodes: Float[Array, "n_row 3"],
-    groups: list[Element],
-    carry: Carry,
-    prescribed: Motion | None,
-    freedoms: Freedoms,
-    load: Float[Array, "n_row n_freedom"] | None = None,
-) -> System:
-    """The system of a `Carry`; sets the loads that shape its elements.
-
-    `prescribed` is the motion of all rows as supports prescribe it, None if supports are not
-    needed; `load` is the dead load of the carry, if it is known already.
-    """
-    if load is None:
-        load = load_stacks.dead_load(nodes, groups, carry)
-    states = [
-        copy(
-            state,
-            line_load=load_stacks.line_load(number, group, state, nodes, carry),
-            pressed=load_stacks.pressures(number, group, carry),
-        )
-        if group.shaped_by_load
-        else state
-        for number, (group, state) in enumerate(zip(groups, carry.states, strict=True))
-    ]
-    space = space_of(groups).of(nodes, groups, freedoms, prescribed, carry.bearing)
-    return System(nodes, groups, states, load, space, load_stacks.following(carry))
 
 
 def _mix(start, end, factor):

@@ -122,7 +122,8 @@ def energy_balance(
 
     Raises:
         ValueError: `solution` is a batch or being traced, has another number of phases, or does not
-            end where these phases end (as if `start` were missing); those of `solve`.
+            end where these phases end (as if `start` were missing); phases add or remove elements;
+            those of `solve`.
 
     Example:
         200 N of pretension in all cables of a net, then 15 N on each of its four free nodes:
@@ -139,6 +140,8 @@ def energy_balance(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", InputWarning)  # the analysis has issued them already
         task = prepare(structure, phases, None, start)
+    if task.thawed[3].present is not None:
+        raise ValueError("phases: no balance where phases add or remove elements")
     counts = task.thawed[3].increments
     if len(counts) != len(solution.phases):
         raise ValueError(f"phases: {len(counts)} of them, the solution has {len(solution.phases)}")

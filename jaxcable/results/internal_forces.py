@@ -11,7 +11,7 @@ from ..common.rules import Rule, or_nan
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Bending
 from ..elements.prestress import element
-from ..mechanics.ramp import make_system
+from ..mechanics.carry import make_system
 from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 

@@ -20,8 +20,9 @@ from ..common.compilation import program
 from ..common.tree import copy, fill, pytree
 from ..common.types import Array, Float
 from ..elements.element import ElementState
+from ..mechanics.carry import Carry, knowing
 from ..mechanics.elementwise import each
-from ..mechanics.ramp import Carry, Ramp, knowing
+from ..mechanics.ramp import Ramp
 from ..spaces import space_of
 
 _FIRST = 1e-6  # of the first increment's load: stands for no load, and has a direction

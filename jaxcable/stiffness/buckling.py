@@ -13,7 +13,7 @@ from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
-from ..mechanics.ramp import make_system, unloaded
+from ..mechanics.carry import make_system, unloaded
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
 from .tangent import displaced_by, filled, prepared, tangent_at

@@ -8,11 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.presence import idle_of
 from ..analysis.solution import Solution, State
 from ..common.tree import cast, fill, thaw
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
-from ..mechanics.ramp import Carry, make_system
+from ..mechanics.carry import Carry, make_system
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..model.topology import require_same
@@ -92,6 +93,9 @@ def prepared(
     rows, groups = structure.rows()
     held = state.fixed[-1] if fixed is not None else _held(state)
     fixed = held if fixed is None else Fixed(np.asarray(fixed, bool), held.axes)
+    idle = idle_of(structure, state.carry.states)
+    if idle is not None:
+        fixed = Fixed(fixed.array | idle, fixed.axes, fixed.spins)
     if fixed.shape != state.fixed[-1].shape:
         raise ValueError(
             f"fixed: expected booleans of shape {state.fixed[-1].shape}, got {fixed.shape}"

@@ -18,8 +18,8 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..elements.prestress import element
+from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each, motion_of
-from ..mechanics.ramp import make_system
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
 from .tangent import displaced_by, filled, prepared, tangent_at

@@ -1,0 +1,149 @@
+"""Elements that come and go between two phases: their states, the nodes they bring, what is left.
+
+An element that comes is unstressed where it finds its ends. What a change leaves unbalanced (end
+forces of elements that go, weight of those that come) acts as a load, which the phase ramps out.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..common.tree import copy
+from ..common.types import Array, Bool, Float
+from ..elements.element import Element
+from ..numerics.rotations import rotate
+from ..spaces.freedoms import Freedoms, along, combined
+from ..spaces.space import Forces
+from .carry import Carry, make_system
+from .elementwise import each
+
+Present: TypeAlias = 'list[Bool[Array, " n_elem"]]'
+"""For every group, which of its elements are there."""
+
+
+def changed(
+    nodes: Float[Array, "n_row 3"],
+    groups: list[Element],
+    carry: Carry,
+    present: Present,
+    before: Freedoms,
+    now: Freedoms,
+    attached: Bool[Array, ""] | None,
+) -> tuple[Carry, Forces]:
+    """The carry at the start of a phase in which elements come and go.
+
+    Args:
+        nodes, groups, carry: the structure, and what the phase before left.
+        present: elements of this phase.
+        before, now: `Freedoms` with the supports, and the idle nodes, of both phases.
+        attached: whether nodes go along with the node that their first element joins them to; None
+            if no phase asks for it.
+
+    Returns:
+        The carry, and the unbalanced forces [n_row, n_freedom] that the change makes, N and N m.
+    """
+    motion = carry.motion
+    old = make_system(nodes, groups, carry, motion, before)
+    new = [there & ~_present(state) for there, state in zip(present, carry.states, strict=True)]
+    if attached is not None:
+        placed = _attached(nodes, groups, motion, new, before, now)
+        motion = jnp.where(attached, placed, motion)
+    states = []
+    for group, state, there, coming in zip(groups, carry.states, present, new, strict=True):
+        found = each("found", group, copy(state, present=coming), nodes, motion)
+        fresh = group.initial_memory()
+        if fresh is not None:
+            found = copy(found, memory=fresh)
+        state = jax.tree.map(
+            lambda a, b, own=coming: jnp.where(own.reshape(-1, *(1,) * (a.ndim - 1)), a, b),
+            copy(found, present=there),
+            copy(state, present=there),
+        )
+        states.append(state)
+    carry = copy(carry, motion=motion, states=states)
+    system = make_system(nodes, groups, carry, motion, now)
+    return carry, system.unbalanced(motion) - old.unbalanced(old.place(carry.motion))
+
+
+def _present(state):
+    """Which elements are there before the change."""
+    return state.present
+
+
+def _attached(nodes, groups, motion, new, before, now):
+    """Motion with the nodes that elements bring placed as if rigidly joined to the others.
+
+    Every such node goes along with a node that is in place already, over the elements that come:
+    from the elements with the lowest numbers, as far as they reach.
+    """
+    owner = _owners(len(nodes), now)
+    here = jnp.any(~before.fixed[:, :3], axis=1)  # moved with others, or by a support
+    held = jnp.all(now.fixed[:, :3], axis=1)
+    waiting = jnp.all(before.fixed[:, :3], axis=1) & ~held & ~here
+    root = _roots(groups, new, owner, waiting[owner])
+    shift = motion[root, :3]
+    arm = nodes[owner] - nodes[root]
+    if motion.shape[1] == 3:
+        moved = shift
+    else:
+        turn = motion[root, 3:]
+        moved = shift + jax.vmap(rotate)(turn, arm) - arm
+    brought = waiting[owner] & (root != owner)
+    if now.inner is not None:
+        brought = brought & ~now.inner
+    moved = _unheld(moved, motion[:, :3], now)
+    if motion.shape[1] > 3:
+        moved = jnp.concatenate([moved, turn], axis=1)
+    return jnp.where(brought[:, None], moved, motion)
+
+
+def _owners(n_row, freedoms):
+    """The row whose displacement every row has: the node of a hinged end, [n_row]."""
+    rows = jnp.arange(n_row)
+    return rows if freedoms.rows is None else jnp.asarray(freedoms.rows, rows.dtype)
+
+
+def _roots(groups, new, owner, waiting):
+    """The row in place that every waiting row is joined to by elements that come, [n_row].
+
+    Rows that nothing joins to such a row are their own.
+    """
+    pairs, comes = [], []
+    for group, coming in zip(groups, new, strict=True):
+        n_end = group.links.shape[1] - group.n_inner_row
+        for k in range(n_end - 1):
+            pairs.append(owner[group.links[:, k : k + 2]])
+            comes.append(coming)
+    pairs, comes = jnp.concatenate(pairs), jnp.concatenate(comes)
+    number = jnp.arange(len(pairs))
+    none = len(pairs)
+    count = len(waiting)
+
+    def further(state):
+        root, _ = state
+        known = root >= 0
+        to = jnp.full(count, none)
+        for k in (0, 1):
+            joins = comes & known[pairs[:, 1 - k]] & ~known[pairs[:, k]]
+            to = to.at[pairs[:, k]].min(jnp.where(joins, number, none))
+        other = pairs[jnp.minimum(to, none - 1)]
+        other = jnp.where(known[other[:, 0]], other[:, 0], other[:, 1])
+        found = (to < none) & ~known
+        return jnp.where(found, root[other], root), jnp.any(found)
+
+    start = jnp.where(waiting, -1, jnp.arange(count))
+    root, _ = lax.while_loop(lambda state: state[1], further, (start, jnp.ones((), bool)))
+    return jnp.where(root < 0, owner, root[owner])
+
+
+def _unheld(moved, still, freedoms):
+    """Displacements `moved` where supports leave them free, else `still`, [n_row, 3]."""
+    fixed = freedoms.fixed[:, :3]
+    if freedoms.axes is None:
+        return jnp.where(fixed, still, moved)
+    axes = freedoms.axes
+    return combined(axes, jnp.where(fixed, along(axes, still), along(axes, moved)))
