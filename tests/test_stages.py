@@ -475,3 +475,18 @@ def test_scenes_with_stages_are_files(tmp_path):
     own, read = solved(structure, stages), solved(*loaded)
     np.testing.assert_array_equal(own.tension["net"], read.tension["net"])
     assert not read.tension["net"].any()
+
+
+def test_traced_masks_that_contradict_themselves_fail():
+    """What is refused where it is known has a status where it is traced."""
+    structure = cross()
+
+    def codes(masks):
+        stages = [jc.Phase(pretension=900.0), *(jc.Phase(removes=mask) for mask in masks)]
+        return [phase.status for phase in jc.solve(structure, stages).phases]
+
+    last, other = np.eye(4, dtype=bool)[3], np.eye(4, dtype=bool)[2]
+    good = jax.jit(codes)([last, other])
+    twice = jax.jit(codes)([last, last])
+    assert [int(code) for code in good] == [0, 0, 0]
+    assert [int(code) for code in twice] == [0, 0, jc.status.INVALID_INPUT]

@@ -130,6 +130,7 @@ def prepare(
         present=None if presence is None else presence.present,
         first=None if presence is None else presence.first,
         attached=attached,
+        sound=None if presence is None else presence.sound,
     )
     thawed, arrays = thaw((nodes, bundled, carry, schedule))
     warns = _may_warn(bundled, carry, everything, nodal)
@@ -340,6 +341,8 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
         [*rules_of(groups), *(r for group in groups for r in place_rules(nodes, group))]
     )
     good = jnp.broadcast_to(structure_ok & kept(rules_of(others)), len(schedule))
+    if schedule.sound is not None:
+        good = good & schedule.sound
     if jax.tree.leaves(schedule.inputs):
         good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups))(schedule.inputs)
     for stack in schedule.loads:

@@ -12,9 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common import checks
 from ..common.selection import Named, Only, Selection
-from ..common.types import ArrayLike, Bool
+from ..common.types import Array, ArrayLike, Bool
 from ..elements.element import Element, ElementState
 from ..mechanics.bundles import Bundles
 from ..model.structure import Structure
@@ -27,10 +26,13 @@ class Presence(NamedTuple):
     Attributes:
         first: before the first phase, [n_elem] bool.
         present: in every phase, [n_phase, n_elem] bool.
+        sound: whether a phase adds only what is not there, and removes only what is, [n_phase]
+            bool, traced; None if that is known (else it has been refused).
     """
 
     first: list[Bool[ArrayLike, " n_elem"]]
     present: list[Bool[ArrayLike, "n_phase n_elem"]]
+    sound: Bool[Array, " n_phase"] | None = None
 
     def bundled(self, bundles: Bundles) -> Presence:
         """The same for bundles of groups."""
@@ -43,7 +45,7 @@ class Presence(NamedTuple):
                 for numbers in bundles.members
             ]
 
-        return Presence(one(self.first, 0), one(self.present, 1))
+        return Presence(one(self.first, 0), one(self.present, 1), self.sound)
 
     def idle(
         self, structure: Structure, groups: Sequence[Element]
@@ -130,7 +132,7 @@ def presence_of(
         )
         for k, phase in enumerate(phases)
     ]
-    first, present = [], []
+    first, present, sound = [], [], jnp.ones(len(phases), bool)
     for number, (where, group) in enumerate(named):
         own = [(adds[number], removes[number]) for adds, removes in changes]
         pack = _package([mask for pair in own for mask in pair])
@@ -147,11 +149,13 @@ def presence_of(
         first.append(there)
         rows = []
         for k, (adds, removes) in enumerate(own):
-            _require_sound(k, where, there, adds, removes)
+            wrong = _wrong(k, where, there, adds, removes)
+            if wrong is not None:
+                sound = sound.at[k].set(sound[k] & ~wrong)
             there = (there | adds) & ~removes
             rows.append(there)
         present.append(pack.stack(rows))
-    return Presence(first, present)
+    return Presence(first, present, sound if isinstance(sound, jax.core.Tracer) else None)
 
 
 def idle_of(
@@ -180,7 +184,7 @@ def attached_of(phases: Sequence[Phase]) -> Bool[np.ndarray, " n_phase"] | None:
 
 def _package(masks):
     """The module that computes with masks: NumPy unless one is traced."""
-    return jnp if any(checks.concrete(mask) is None for mask in masks) else np
+    return jnp if any(isinstance(mask, jax.core.Tracer) for mask in masks) else np
 
 
 def _masks(value: Any, structure, name):
@@ -233,15 +237,22 @@ def _named(value, structure, name):
     return found
 
 
-def _require_sound(k, where, there, adds, removes):
-    """Raise ValueError if a phase adds what is there, or removes what is not, as far as known."""
-    for mask, wrong, name, text in (
+def _wrong(k, where, there, adds, removes):
+    """Whether a phase adds what is there, or removes what is not, scalar bool, traced.
+
+    None if that is known and not so; ValueError if it is so.
+    """
+    wrong = None
+    for mask, not_so, name, text in (
         (adds & removes, True, "adds, removes", "both name"),
         (adds, there, "adds", "is there already:"),
         (removes, ~there, "removes", "is not there:"),
     ):
-        bad = checks.concrete(mask & wrong)
-        if bad is not None and bad.any():
+        bad = mask & not_so
+        if isinstance(bad, jax.core.Tracer):
+            wrong = jnp.any(bad) if wrong is None else wrong | jnp.any(bad)
+        elif bad.any():
             raise ValueError(
                 f"phases[{k}].{name}: {text} element {int(bad.argmax())} of elements{where}"
             )
+    return wrong

@@ -42,6 +42,7 @@ class Schedule:
             no element ever comes or goes.
         first: those that are there before the first phase, per group [n_elem] bool, or None.
         attached: whether new nodes go along with others, [n_phase] bool; None if no phase has any.
+        sound: `Presence.sound`.
     """
 
     number: Int[ArrayLike, " n_phase"]
@@ -57,6 +58,7 @@ class Schedule:
     present: list[Bool[ArrayLike, "n_phase n_elem"]] | None = None
     first: list[Bool[ArrayLike, " n_elem"]] | None = None
     attached: Bool[ArrayLike, " n_phase"] | None = None
+    sound: Bool[ArrayLike, " n_phase"] | None = None
 
     def __len__(self) -> int:
         return len(self.increments)

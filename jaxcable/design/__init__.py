@@ -18,6 +18,7 @@ from .objectives import (
     total_prestress,
 )
 from .reports import Envelope, envelope, solve_cases, utilisation
+from .tune import Target, Tuned, tune
 
 __all__ = [
     "Confidence",
@@ -27,6 +28,8 @@ __all__ = [
     "Fit",
     "FitHistory",
     "History",
+    "Target",
+    "Tuned",
     "adjustment",
     "confidence",
     "envelope",
@@ -49,5 +52,6 @@ __all__ = [
     "tension_distance",
     "tension_spread",
     "total_prestress",
+    "tune",
     "utilisation",
 ]

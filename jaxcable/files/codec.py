@@ -5,6 +5,7 @@
   ``{"type": "float32", "values": [...]}``.
 - An object with a text under "type" is of the class of that name in `TYPES`; its other fields are
   those of the class.
+- A list of texts is one of keys.
 - An object without "type" is a dict. A list that holds objects is a list. A tuple is
   ``{"type": "tuple", "items": []}``, and a list of numbers that is no array is
   ``{"type": "list", "items": []}``.
@@ -184,6 +185,8 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
         if abs(data) > 2**63 - 1:
             raise FileError(f"{where}: a number of more than 64 bits")
         return data
+    if isinstance(data, list) and data and all(isinstance(item, str) for item in data):
+        return data  # keys of groups
     if isinstance(data, list):
         if not data or any(isinstance(item, dict) for item in data):
             return [decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(data)]

@@ -171,11 +171,11 @@ class _Handle:
         # addresses of the numbers; ctypes would take as long to make pointers as MKL to solve
         most, number, kind, what, n, count, silent, error, unused = range(at, at + 36, 4)
         memory, indptr, indices, iparm = self.constant
-        values, b, x = (unused if array is None else _pointer(array) for array in (values, b, x))
+        values_at, b_at, x_at = (unused if a is None else _pointer(a) for a in (values, b, x))
         before = mkl.MKL_Set_Num_Threads_Local(1) if self.alone else None
         mkl.pardiso(
-            *(memory, most, number, kind, what, n, values, indptr, indices, unused, count),
-            *(iparm, silent, b, x, error),
+            *(memory, most, number, kind, what, n, values_at, indptr, indices, unused, count),
+            *(iparm, silent, b_at, x_at, error),
         )
         if before is not None:
             mkl.MKL_Set_Num_Threads_Local(before)

@@ -15,7 +15,7 @@ from jax import lax
 from ..common.tree import copy
 from ..common.types import Array, Bool, Float
 from ..elements.element import Element
-from ..numerics.rotations import rotate
+from ..spaces import space_of
 from ..spaces.freedoms import Freedoms, along, combined
 from ..spaces.space import Forces
 from .carry import Carry, make_system
@@ -48,7 +48,10 @@ def changed(
     """
     motion = carry.motion
     old = make_system(nodes, groups, carry, motion, before)
-    new = [there & ~_present(state) for there, state in zip(present, carry.states, strict=True)]
+    new = []
+    for there, state in zip(present, carry.states, strict=True):
+        was: Array = state.present  # type: ignore[assignment]  # all groups have it here
+        new.append(there & ~was)
     if attached is not None:
         placed = _attached(nodes, groups, motion, new, before, now)
         motion = jnp.where(attached, placed, motion)
@@ -69,11 +72,6 @@ def changed(
     return carry, system.unbalanced(motion) - old.unbalanced(old.place(carry.motion))
 
 
-def _present(state):
-    """Which elements are there before the change."""
-    return state.present
-
-
 def _attached(nodes, groups, motion, new, before, now):
     """Motion with the nodes that elements bring placed as if rigidly joined to the others.
 
@@ -81,23 +79,14 @@ def _attached(nodes, groups, motion, new, before, now):
     from the elements with the lowest numbers, as far as they reach.
     """
     owner = _owners(len(nodes), now)
-    here = jnp.any(~before.fixed[:, :3], axis=1)  # moved with others, or by a support
-    held = jnp.all(now.fixed[:, :3], axis=1)
-    waiting = jnp.all(before.fixed[:, :3], axis=1) & ~held & ~here
+    # held before, because nothing touched them, and now not by a support
+    waiting = jnp.all(before.fixed[:, :3], axis=1) & ~jnp.all(now.fixed[:, :3], axis=1)
     root = _roots(groups, new, owner, waiting[owner])
-    shift = motion[root, :3]
-    arm = nodes[owner] - nodes[root]
-    if motion.shape[1] == 3:
-        moved = shift
-    else:
-        turn = motion[root, 3:]
-        moved = shift + jax.vmap(rotate)(turn, arm) - arm
+    moved = space_of(groups).borne(motion[root], nodes[owner] - nodes[root])
     brought = waiting[owner] & (root != owner)
     if now.inner is not None:
         brought = brought & ~now.inner
-    moved = _unheld(moved, motion[:, :3], now)
-    if motion.shape[1] > 3:
-        moved = jnp.concatenate([moved, turn], axis=1)
+    moved = moved.at[:, :3].set(_unheld(moved[:, :3], motion[:, :3], now))
     return jnp.where(brought[:, None], moved, motion)
 
 

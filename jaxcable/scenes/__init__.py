@@ -1,6 +1,7 @@
 """Ready scenes: a structure and its phases, `jc.solve(*scene)`."""
 
 from .accuracy import accuracy_cable
+from .bridges import cable_stayed_bridge
 from .cables import isolated_cable, suspended_cable
 from .domes import geiger_dome, levy_dome
 from .hypar import hypar_net
@@ -15,6 +16,7 @@ from .trusses import cable_truss
 __all__ = [
     "Scene",
     "accuracy_cable",
+    "cable_stayed_bridge",
     "cable_truss",
     "flat_net",
     "geiger_dome",

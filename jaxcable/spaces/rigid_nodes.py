@@ -103,6 +103,12 @@ class RigidNodes(Space):
         return jnp.concatenate([shift, jax.vmap(turn)(before[:, 3:], after[:, 3:])], axis=1)
 
     @classmethod
+    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+        """The same rotations, and the displacements of the ends of arms that turn."""
+        swung = jax.vmap(rotate)(motion[:, 3:], arm) - arm
+        return jnp.concatenate([motion[:, :3] + swung, motion[:, 3:]], axis=1)
+
+    @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"]:
         """Unit quaternions of all rows, [n_row, 4]."""
         return motion[:, 3:]

@@ -95,6 +95,14 @@ class Space(abc.ABC):
         """Displacement, and rotation vector, from one motion to another, [n_row, n_freedom]."""
 
     @classmethod
+    @abc.abstractmethod
+    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+        """Motion of rows that are joined rigidly to others, by arms from these [n_row, 3], m.
+
+        `motion` is that of the others.
+        """
+
+    @classmethod
     def rotations(cls, motion: Motion) -> Float[Array, "n_row 4"] | None:
         """Rotations of all rows, unit quaternions [n_row, 4]; None if there are none."""
         return None

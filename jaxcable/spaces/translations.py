@@ -68,6 +68,11 @@ class Translations(Space):
         """Displacement from one motion to another."""
         return after - before
 
+    @classmethod
+    def borne(cls, motion: Motion, arm: Float[Array, "n_row 3"]) -> Motion:
+        """The same displacements, because nothing turns."""
+        return motion
+
     def place(self, x: Motion) -> Motion:
         """`x` with the freedoms that supports hold put to their prescribed values."""
         if not is_fine(x):
