@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,14 +14,16 @@ import numpy as np
 from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
 from ..analysis.solution import PhaseResult, Solution, State
 from ..analysis.solver import solve
-from ..common import checks
+from ..common import checks, status
 from ..common.tree import pytree, replace
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..elements import Bars, Cables
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
 from .fit import fit
 
+_SAME = 1e-3  # of what a target allows
 _STATEMENTS = (*ABSOLUTE, *INCREMENTS)
 
 
@@ -126,6 +129,7 @@ def tune(
     *,
     method: Newton | Incremental | None = None,
     start: Solution | State | None = None,
+    smooth: bool = True,
     steps: int = 100,
     tol: float | None = None,
 ) -> Tuned:
@@ -147,6 +151,9 @@ def tune(
 
     Options:
         method, start: as for `solve`.
+        smooth: whether to begin with cables that also press, where beams or bars are beside them.
+            Where cables go slack results have kinks, at which a search that starts from far ends;
+            from where all cables are taut at last, it is the same without them.
         steps, tol: as for `fit`.
 
     Returns:
@@ -187,13 +194,22 @@ def tune(
             found[k] = replace(found[k], **{name: value})
         return found
 
-    def residuals(values):
+    def residuals(structure, values):
         solution = solve(structure, put(values), method, start=start)
         return [t.deviation(solution) / t.within for t in targets], solution
 
-    found = fit(residuals, values, bounds, steps=steps, tol=tol)
+    found = None
+    pressing = _pressing(structure) if smooth and start is None else None
+    if pressing is not None:
+        found = fit(functools.partial(residuals, pressing), values, bounds, steps=steps, tol=tol)
+        reached = found.status == status.OK
+        values = jax.tree.map(lambda a, b: jnp.where(reached, a, b), found.params, values)
+    solution = None if found is None else solve(structure, put(values), method, start=start)
+    if solution is None or not _same(targets, solution, found):
+        own = functools.partial(residuals, structure)
+        found = fit(own, values, bounds, steps=steps, tol=tol)
+        solution = solve(structure, put(found.params), method, start=start)
     tuned = put(found.params)
-    solution = solve(structure, tuned, method, start=start)
     deviation = [target.deviation(solution) for target in targets]
     within = np.concatenate(
         [np.full(len(own), target.within) for own, target in zip(deviation, targets, strict=True)]
@@ -212,6 +228,28 @@ def tune(
         status=found.status,
         steps=found.steps,
     )
+
+
+def _pressing(structure):
+    """The structure with bars in place of its cables; None if it would not stand, or has none."""
+    kinds = {type(group) for group in structure.groups}
+    if Cables not in kinds or all(group.tension_only for group in structure.groups):
+        return None
+    groups = [
+        Bars(**{name: getattr(group, name) for name in Bars._all_fields})
+        if type(group) is Cables
+        else group
+        for group in structure.groups
+    ]
+    return replace(structure, elements=structure.arrange(groups))
+
+
+def _same(targets, solution, found):
+    """Whether cables end where bars in their place have ended, as far as it is known."""
+    apart = [target.deviation(solution) / target.within for target in targets]
+    apart = jnp.concatenate(apart) - found.residual
+    good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME)
+    return not isinstance(good, jax.core.Tracer) and bool(good)
 
 
 def _stated(phases, unknowns):
