@@ -12,7 +12,7 @@ demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
 
 # the second part once more where XLA fuses loops (jaxcable.fuse_loops)
-FUSED := fused transforms net_bank batches gradients_two_phases failures
+FUSED := fused transforms net_bank batches gradients_two_phases failures stages
 test: .venv/installed-test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 	FUSED_LOOPS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(FUSED:%=tests/test_%.py)

@@ -15,7 +15,7 @@ from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
 from ..analysis.solution import PhaseResult, Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
-from ..common.tree import pytree, replace
+from ..common.tree import copy, pytree, replace
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
 from ..equilibrium.incremental import Incremental
@@ -94,7 +94,7 @@ class Tuned:
             other, [n_target, n_unknown].
         free: which values no bound stops, in the shape of `values`.
         status: 0 if it has converged; `describe` has the texts.
-        steps: number of trial points after the start.
+        steps: number of trial points after the start, of both searches if there were two.
 
     Example:
         By how much a bar of 2 m is to be shortened so that its end rises by 1 mm:
@@ -198,16 +198,17 @@ def tune(
         solution = solve(structure, put(values), method, start=start)
         return [t.deviation(solution) / t.within for t in targets], solution
 
-    found = None
+    found, spent = None, jnp.int32(0)
     pressing = _pressing(structure) if smooth and start is None else None
     if pressing is not None:
         found = fit(functools.partial(residuals, pressing), values, bounds, steps=steps, tol=tol)
-        reached = found.status == status.OK
+        reached, spent = found.status == status.OK, found.steps
         values = jax.tree.map(lambda a, b: jnp.where(reached, a, b), found.params, values)
     solution = None if found is None else solve(structure, put(values), method, start=start)
     if solution is None or not _same(targets, solution, found):
         own = functools.partial(residuals, structure)
         found = fit(own, values, bounds, steps=steps, tol=tol)
+        found = copy(found, steps=spent + found.steps)
         solution = solve(structure, put(found.params), method, start=start)
     tuned = put(found.params)
     deviation = [target.deviation(solution) for target in targets]
