@@ -254,6 +254,16 @@ def many_cases():
     return f"{float(rate):.1f}", differ, f"{float(hours):.1f}"
 
 
+def stages():
+    """Level of the tuned deck, taken down again, m; derivatives; median of 1 000 bridges, mm."""
+    text = (RESULTS / "stages.txt").read_text()
+    patterns = (
+        *(r"deck level within (\S+) m", r"erection within\n(\S+) m"),
+        *(r"order differ by (\S+) of that", r"median (\S+) mm"),
+    )
+    return tuple(re.search(pattern, text)[1] for pattern in patterns)
+
+
 def compile_times():
     """Seconds to compile the cantilever beside OpenSees, least and most."""
     text = (RESULTS / "opensees_cantilever_times.txt").read_text().split("batch of 64")[0]
@@ -393,6 +403,17 @@ CLAIMS = [
         STUDIES,
         r"^\| value and gradient over value" + r" \| (.+?)" * 7 + r" \|$",
         large_nets(lambda row: f"{row[6]:.2f}"),
+    ),
+    Claim(
+        STUDIES,
+        r"random guesses within ([\de-]+) m[^|]+?within ([\de-]+) m; derivatives[^|]+?to "
+        r"([\de-]+); stays[^|]+?by ([\d.]+) mm",
+        stages,
+    ),
+    Claim(
+        "README.md",
+        r"level by one call from 20 guesses.+?\| ([\de-]+) m; ([\de-]+) m \|",
+        lambda: tuple(f"{float(x):.0e}" for x in stages()[:2]),
     ),
     Claim(
         STUDIES,

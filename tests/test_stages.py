@@ -458,6 +458,23 @@ def test_what_is_refused_elsewhere(tmp_path):
     solution = solved(cross(), stages)
     with pytest.raises(ValueError, match="no balance where phases add or remove"):
         jc.energy_balance(cross(), stages, solution)
+    with pytest.raises(ValueError, match="the last one, whose path is followed, adds or removes"):
+        jc.trace_path(cross(), stages)
+
+
+def test_a_path_and_the_incremental_scheme_know_what_is_absent():
+    structure = cross()
+    stages = [jc.Phase(pretension=1000.0, removes=jc.only([3])), jc.Phase(loads=PUSH, increments=9)]
+    without = cross(links=[(0, 4), (1, 4), (2, 4)])
+    alone = [jc.Phase(pretension=1000.0), stages[1]]
+    path, expected = jc.trace_path(structure, stages), jc.trace_path(without, alone)
+    assert int(path.status) == int(expected.status) == 0
+    found, other = (own.tension[-1] for own in (path, expected))
+    np.testing.assert_allclose(found[:3], other, rtol=1e-8)
+    scheme = jc.Incremental(corrections=1)
+    stepped, own = solved(structure, stages, scheme), solved(without, alone, scheme)
+    np.testing.assert_allclose(stepped.tension[:3], own.tension, rtol=1e-10)
+    assert float(stepped.tension[3]) == 0
 
 
 def test_scenes_with_stages_are_files(tmp_path):

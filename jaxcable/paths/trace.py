@@ -115,6 +115,11 @@ def trace_path(
     if not isinstance(method, Newton):
         raise ValueError(f"method: expected Newton, got {type(method).__name__}")
     settings = _settings(structure, until, down_to, step, largest, tol, through)
+    if phases[-1].adds is not None or phases[-1].removes is not None:
+        raise ValueError(
+            "phases: the last one, whose path is followed, adds or removes elements; let a phase "
+            "of its own before it do so"
+        )
     for name, count in (("steps", steps), ("events", events)):
         checks.whole(count, name, least=2)
     if len(phases) > 1:
