@@ -291,7 +291,7 @@ def draw(erected, worst):
     left.legend(fontsize=8)
     right.hist(1e3 * worst, bins=30, color="C0")
     right.set(xlabel="largest deviation, mm", ylabel="bridges of 1 000")
-    right.set_title("Stays of -5 to 5 mm")
+    right.set_title("Stays up to 5 mm off")
     figure.tight_layout()
     return figure
 
