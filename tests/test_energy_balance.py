@@ -322,6 +322,12 @@ SLOW = {
     ),
     "guyed_mast": (smooth("guyed_mast", levels=1, per_level=2), 16, (2e-5, 4e-4), ()),
     "strung_arch": (smooth("strung_arch", n=4), 8, (6e-4, 3e-5), ()),
+    "cable_stayed_bridge": (
+        smooth("cable_stayed_bridge", n=3, stages=False),  # elements that come have no balance
+        8,
+        (1e-8, 2e-8),
+        (),
+    ),
     "toggle_frame": (smooth("toggle_frame", n=2, load=20.0), 16, (6e-4,), ()),
     "lee_frame": (smooth("lee_frame", n=1, load=1.2), 16, (5e-3,), ()),
 }

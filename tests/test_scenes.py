@@ -147,3 +147,37 @@ def test_stresses_keep_the_shape_of_the_elements():
     expected = np.asarray(solution.phases[0].path.tension[0]) / 1e-4
     assert np.abs(stress - expected).max() <= 1e-12 * 1e9
     assert jax.tree.structure(solution.tension) == jax.tree.structure([0, 0])
+
+
+@pytest.mark.parametrize("stages", [True, False])
+def test_a_bridge_in_stages_and_at_once(stages):
+    """In equilibrium, alike on both sides; in stages only what is there yet bears."""
+    n, m = 4, 3
+    structure, phases = jc.scenes.cable_stayed_bridge(n, stages=stages)
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    problems.assert_balanced(solution)
+    z = np.asarray(solution.positions)[m + 3 :, 2].reshape(n, 2)
+    np.testing.assert_allclose(z[:, 0], z[:, 1], atol=1e-8)
+    tension = np.asarray(solution.tension["stays"]).reshape(m, 2)
+    assert (tension > 1e5).all()
+    np.testing.assert_allclose(tension[:, 0], tension[:, 1], rtol=1e-7)
+    foot = float(solution.reactions[0, 2])
+    on_bearings = np.asarray(solution.reactions)[-2:, 2]
+    np.testing.assert_allclose(on_bearings[0], on_bearings[1], rtol=1e-6)
+    assert foot + on_bearings.sum() == pytest.approx(-np.asarray(solution.load)[:, 2].sum())
+    if not stages:
+        return
+    for k, phase in enumerate(solution.phases[:m]):
+        there = np.asarray(phase.tension["stays"]) > 0
+        assert there.sum() == 2 * (k + 1) and there[: 2 * (k + 1)].all()
+        jacked = float(phases[k].jacking["stays"].values[0])
+        np.testing.assert_allclose(phase.tension["stays"][2 * k : 2 * k + 2], jacked, rtol=1e-9)
+        assert not np.asarray(phase.section_forces["deck"])[2 * (k + 1) :].any()
+        assert not np.asarray(phase.reactions)[-2:].any()
+
+
+@pytest.mark.parametrize("options", [{"n": 2}, {"stays": "star"}])
+def test_bridges_that_are_none(options):
+    with pytest.raises(ValueError, match=r"n = 2: must be at least 3|stays = 'star'"):
+        jc.scenes.cable_stayed_bridge(**options)
