@@ -406,8 +406,8 @@ CLAIMS = [
     ),
     Claim(
         STUDIES,
-        r"random guesses within ([\de-]+) m[^|]+?within ([\de-]+) m; derivatives[^|]+?to "
-        r"([\de-]+); stays[^|]+?by ([\d.]+) mm",
+        r"random guesses within ([\d.e-]+) m[^|]+?within ([\d.e-]+) m; derivatives[^|]+?to "
+        r"([\d.e-]+); stays[^|]+?by ([\d.]+) mm",
         stages,
     ),
     Claim(
