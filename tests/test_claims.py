@@ -31,10 +31,10 @@ def test_a_changed_result_is_seen(tmp_path, monkeypatch):
     (tmp_path / "first_call.json").write_text(json.dumps(found))
     monkeypatch.setattr(claims, "RESULTS", tmp_path)
     text = (claims.ROOT / "README.md").read_text()
-    (own,) = (c for c in claims.CLAIMS if "first call takes" in c.pattern)
+    (own,) = (c for c in claims.CLAIMS if c.pattern.startswith("The first call takes"))
     assert claims.corrected(own, text) != text
     with pytest.raises(ValueError, match="0 places match"):
-        claims.corrected(own, text.replace("first call takes", "first call needs"))
+        claims.corrected(own, text.replace("The first call takes", "The first call needs"))
 
 
 NAMED = re.findall(r"`(tests/\w+\.py)::(\w+)`", (claims.ROOT / "experiments/README.md").read_text())

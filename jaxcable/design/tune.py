@@ -5,7 +5,8 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from types import EllipsisType
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,10 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
 from .fit import fit
+
+Part: TypeAlias = "int | slice | Int[ArrayLike, ' n']"
+Index: TypeAlias = "Part | EllipsisType | tuple[Part, ...]"
+"""Index of an array: a number, a slice, numbers, or a tuple of these."""
 
 _SAME = 1e-3  # of what a target allows
 _STATEMENTS = (*ABSOLUTE, *INCREMENTS)
@@ -54,8 +59,8 @@ class Target:
 
     of: str | Callable[[PhaseResult], Array]
     value: Float[ArrayLike, " ..."] = 0.0
-    at: Any = ...
-    on: Any = None
+    at: Index = ...
+    on: str | int | None = None
     phase: int = -1
     within: float = 1.0
 
