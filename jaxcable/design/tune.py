@@ -251,10 +251,14 @@ def _pressing(structure):
 
 
 def _same(targets, solution, found):
-    """Whether cables end where bars in their place have ended, as far as it is known."""
+    """Whether cables do what bars in their place have done, as far as it is known.
+
+    They end there, and none is slack at the end of any phase: the influence matrix is theirs, too.
+    """
     apart = [target.deviation(solution) / target.within for target in targets]
     apart = jnp.concatenate(apart) - found.residual
-    good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME)
+    slack = jnp.stack([phase.path.n_slack[-1] for phase in solution.phases])
+    good = (solution.status == status.OK) & jnp.all(jnp.abs(apart) <= _SAME) & jnp.all(slack == 0)
     return not isinstance(good, jax.core.Tracer) and bool(good)
 
 
