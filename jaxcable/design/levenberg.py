@@ -198,8 +198,12 @@ class LevenbergMarquardt:
         """Residuals, Jacobian and status; NONFINITE if one of their numbers is not finite."""
         shape, _ = jax.eval_shape(self.residuals, x)
         if x.size <= shape.size:
-            residual, push, code = jax.linearize(self.residuals, x, has_aux=True)
-            jacobian = jax.vmap(push, out_axes=1)(jnp.eye(x.size, dtype=x.dtype))
+            # not `linearize`: forward and linear part apart would be a program half as long again
+            def push(direction):
+                return jax.jvp(self.residuals, (x,), (direction,), has_aux=True)
+
+            out = None, 1, None  # values are those of every direction
+            residual, jacobian, code = jax.vmap(push, out_axes=out)(jnp.eye(x.size, dtype=x.dtype))
         else:
             residual, pull, code = jax.vjp(self.residuals, x, has_aux=True)
             jacobian = jax.vmap(pull)(jnp.eye(shape.size, dtype=shape.dtype))[0]
