@@ -27,7 +27,8 @@ class Told:
 
     Attributes:
         results: what elements tell beside tensions, section forces and strains, by name, in the
-            shape of `elements`; empty for the elements of this package.
+            shape of `elements`: `present` where elements come and go, and what elements of your
+            own tell.
     """
 
     results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None
@@ -48,3 +49,19 @@ class Told:
         fields = {name: getattr(self, field, None) for name, field in _FIELDS.items()}
         present = {name: value for name, value in fields.items() if value is not None}
         return present | (self.results or {})
+
+    @property
+    def present(self) -> PyTree[Float[Array, " n_elem"]] | None:
+        """Which elements are there: 1, or 0 for one that a phase has yet to add, or has removed.
+
+        In the shape of `elements`, as in `told`; None if elements neither come nor go.
+
+        Example:
+            >>> bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
+            >>> guide = jc.pinned([0]) + jc.restrained([1, 2], "xy")
+            >>> chain = jc.Structure([[0, 0, 0], [0, 0, -1.0], [0, 0, -2.0]], bars, supports=guide)
+            >>> solution = jc.solve(chain, [jc.Phase(), jc.Phase(adds=jc.only([1]))])
+            >>> print(solution.status, *(phase.present for phase in solution.phases))
+            0 [1. 0.] [1. 1.]
+        """
+        return (self.results or {}).get("present")

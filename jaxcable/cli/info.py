@@ -9,6 +9,7 @@ import numpy as np
 
 from ..analysis.phases import ABSOLUTE, INCREMENTS
 from ..analysis.preparation import prepare
+from ..analysis.presence import presence_of
 from ..files.reading import read_json
 from ..files.scene import FORMAT
 from ..loads import as_list
@@ -60,8 +61,27 @@ def _scene(structure, phases):
         for field in ("law", "section"):
             if getattr(group, field, None) is not None:
                 print(f"  {field} {type(getattr(group, field)).__name__}")
+    presence = presence_of(structure, phases, None)
     for number, phase in enumerate(phases, 1):
         _phase(number, phase)
+        if presence is not None:
+            _changes(number - 1, structure, presence)
+
+
+def _changes(k, structure, presence):
+    """Print which elements phase `k` adds and removes, and how many are there then."""
+    for word, change in (("adds", 1), ("removes", -1)):
+        parts = []
+        names = [label for label, _ in groups_by_name(structure)]
+        for label, first, present in zip(names, presence.first, presence.present, strict=True):
+            before = present[k - 1] if k else first
+            count = int((present[k].astype(int) - before.astype(int) == change).sum())
+            if count:
+                parts.append(f"{count} of {label}".removesuffix(" of "))
+        if parts:
+            print(f"  {word} {', '.join(parts)}")
+    total = sum(present.shape[1] for present in presence.present)
+    print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements there")
 
 
 def _phase(number, phase):

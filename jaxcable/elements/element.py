@@ -66,6 +66,9 @@ SECTION_FORCES = Result(
     "section_forces", "N, N m", ("N", "Vy", "Vz", "T", "My", "Mz"), increments=False
 )
 """Section forces at positions along an element, [n, 6]."""
+PRESENT = Result("present", "-")
+"""1 for an element that is there, 0 for one that is not; of analyses in which elements come and go.
+Groups do not name it among their results: an `ElementState` has it."""
 
 
 Pressures: TypeAlias = 'dict[str, list[tuple[Float[Array, " n_elem"], Float[Array, "n_elem 3"]]]]'

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from ..elements.element import PEAK_TENSION, TENSION, Element, ElementState, Result
+from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, ElementState, Result
 from ..elements.prestress import element, of_each
 from ..numerics.rotations import IDENTITY
 from ..spaces.freedoms import Freedoms
@@ -75,13 +75,18 @@ class Elementwise:
             def read(one, *at, present=present):
                 return one.reading(*at, present)
 
-            found.append(over_ends(read, group, state, at))
+            values = over_ends(read, group, state, at)
+            if PRESENT.name in names and state.present is not None:
+                values[PRESENT.name] = state.present.astype(motion.dtype)
+            found.append(values)
         return {name: [values.get(name) for values in found] for name in names}
 
     def results(self) -> dict[str, Result]:
         """Results that any group has in its state, `Result` by name; tensions in any case."""
         pairs = zip(self.groups, self.states, strict=True)
         found = [result for g, s in pairs for result in g.results if g.has_result(result.name, s)]
+        if any(state.present is not None for state in self.states):
+            found.append(PRESENT)
         return {result.name: result for result in (TENSION, PEAK_TENSION, *found)}
 
     def linearized(self, motion: Motion) -> list[list[Any]]:

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 
 from ..common.types import Array, Bool, Float, Int, PyTree
-from ..elements.element import PEAK_TENSION, TENSION, Element
+from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element
 from .structure import Structure, is_group
 from .topology import Part
 
@@ -38,17 +38,28 @@ def per_group(
     return found
 
 
+def there(
+    structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
+) -> list[Bool[np.ndarray, " n_elem"]]:
+    """Which elements are there, a list with [n_elem] bool for every group, from `Told.present`."""
+    if present is None:
+        return [np.ones(len(group.links), bool) for group in structure.groups]
+    return [np.asarray(found) > 0 for found in per_group(structure, present)]
+
+
 def slack_cables(
-    group: Element, tension: Float[np.ndarray, " n_elem"] | None
+    group: Element,
+    tension: Float[np.ndarray, " n_elem"] | None,
+    present: Bool[np.ndarray, " n_elem"],
 ) -> Bool[np.ndarray, " n_elem"]:
-    """Elements of a group that hold nothing, told by their axial forces, [n_elem] bool.
+    """Elements of a group that are there and hold nothing, told by their forces, [n_elem] bool.
 
     What reports and pictures call slack. An analysis asks the elements (`Element.is_slack`), whose
     forces are zero then.
     """
     if tension is None or not group.tension_only:
         return np.zeros(len(group.links), bool)
-    return np.asarray(tension <= 0)
+    return np.asarray(tension <= 0) & present
 
 
 class Column(NamedTuple):
@@ -76,7 +87,12 @@ def columns(
         groups: element groups, or the parts of a `Topology`.
         told: results by name, each in the shape of the elements, as of `Told`.
     """
-    every = (TENSION, PEAK_TENSION, *(result for group in groups for result in group.results))
+    every = (
+        TENSION,
+        PEAK_TENSION,
+        PRESENT,
+        *(result for group in groups for result in group.results),
+    )
     results = {result.name: result for result in every}
     found = []
     for name, tree in told.items():

@@ -25,6 +25,7 @@ from .supports import Fixed, Supports
 _TAKEN = (  # names of results of nodes and increments
     *("displacement", "positions", "reactions", "load", "rotation", "reaction_moments"),
     *("rest_length", "links", "status", "stable", "phase", "load_factor", "end_forces", "is_slack"),
+    "present",
 )
 
 

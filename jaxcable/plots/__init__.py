@@ -16,6 +16,7 @@ from .increments import increments
 from .nets import net
 from .paths import path
 from .sections import section
+from .sequences import sequence
 
 __all__ = [
     "animation",
@@ -25,5 +26,6 @@ __all__ = [
     "net",
     "path",
     "section",
+    "sequence",
     "work_precision",
 ]

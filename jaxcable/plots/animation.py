@@ -137,7 +137,7 @@ def _draw(shots, begin, seen, everything, solution, structure, dpi):
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     figure.set_dpi(dpi)
     axes = seen.add_axes(figure, everything, shots[0].title)
-    ghost(axes, seen, begin, links)
+    ghost(axes, seen, begin, links, shots[0].forces.present)
     lines = Members(axes, seen, links, scale)
     lines.show(shots[0].positions, shots[0].forces)
     rotates = None if structure is None else structure.rotating()

@@ -49,20 +49,32 @@ def arrange(
     return start(size[0], size[1] + _BAR, None), slots
 
 
+def grid(
+    ratio: float, count: int, columns: int
+) -> tuple[Figure, Sequence[tuple[float, float, float, float]]]:
+    """A figure for pictures of one `ratio`, height over width, row by row; returns as `arrange`."""
+    wide = max(6.4 / columns, 2.1)
+    high = min(0.35 + wide * ratio, 4.0)
+    slots = [(k % columns * wide, k // columns * high, wide, high) for k in range(count)]
+    return start(columns * wide, -(-count // columns) * high + _BAR, None), slots
+
+
 def settle(
     figure: Figure,
     slots: Sequence[tuple[float, float, float, float]],
     mappable: ScalarMappable,
     label: str,
     handles: Sequence[Any],
+    columns: int | None = None,
 ) -> None:
     """Put the axes of a figure into their slots, and colour bar and legend below them.
 
     Args:
-        figure, slots: results of `arrange`; the figure has one axes per slot.
+        figure, slots: results of `arrange` or `grid`; the figure has one axes per slot.
         mappable: lines whose colours the colour bar explains.
         label: label of the colour bar.
         handles: legend entries.
+        columns: of a `grid` of flat axes, which get one size; None to fill every slot alone.
     """
     width, height = figure.get_size_inches()
     views = list(figure.axes)
@@ -78,6 +90,10 @@ def settle(
         figure.draw_without_rendering()
         for axes, (left, top, wide, high) in zip(views, slots, strict=True):
             _fit(axes, (left + _GAP, total - top - high, wide - 2 * _GAP, high - _GAP))
+    if columns is not None:
+        for _ in range(_ROUNDS):
+            _tile(views, columns, (_GAP, room + _BAR, width - 2 * _GAP, height - _BAR))
+            figure.draw_without_rendering()
     figure.draw_without_rendering()
     for axes in views:
         if axes.name == "3d":
@@ -129,6 +145,34 @@ def _fit(axes, slot):
         new = np.concatenate([corner, corner + room]) + (now - drawn)
     left, bottom, right, top = new / np.tile(size, 2)
     axes.set_position([left, bottom, right - left, top - bottom])
+
+
+def _tile(views, columns, room):
+    """Put axes of equal limits into a grid, all of one size, as close as their labels allow.
+
+    Args:
+        views: axes that have been drawn, row by row.
+        columns: number of axes in a row.
+        room: left, bottom, width, height of the grid, inches.
+    """
+    figure = views[0].figure
+    size = figure.get_size_inches()
+    rows = -(-len(views) // columns)
+    before, after = np.zeros((rows, columns, 2)), np.zeros((rows, columns, 2))
+    for k, axes in enumerate(views):
+        drawn, now = seen(axes), axes.get_position().extents * np.tile(size, 2)
+        before[divmod(k, columns)] = now[:2] - drawn[:2]  # labels at the left and below
+        after[divmod(k, columns)] = drawn[2:] - now[2:]
+    sides = before[..., 0].max(axis=0), after[..., 0].max(axis=0) + _GAP  # of columns
+    ends = before[..., 1].max(axis=1), after[..., 1].max(axis=1) + _GAP  # of rows
+    wide = (room[2] - sum(sides[0]) - sum(sides[1])) / columns
+    high = (room[3] - sum(ends[0]) - sum(ends[1])) / rows
+    top = room[1] + room[3]
+    for k, axes in enumerate(views):
+        r, c = divmod(k, columns)
+        left = room[0] + c * wide + sides[0][: c + 1].sum() + sides[1][:c].sum()
+        bottom = top - (r + 1) * high - ends[1][: r + 1].sum() - ends[0][:r].sum()
+        axes.set_position(np.array([left, bottom, wide, high]) / np.tile(size, 2))
 
 
 def seen(axes):

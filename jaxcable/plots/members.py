@@ -16,8 +16,8 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
 from .. import design
 from ..common.tree import Indices
-from ..common.types import ArrayLike, Float, Int, PyTree
-from ..model.parts import Column, per_group, slack_cables
+from ..common.types import ArrayLike, Bool, Float, Int, PyTree
+from ..model.parts import Column, per_group, slack_cables, there
 from ..model.structure import Structure
 from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
@@ -36,9 +36,11 @@ class Forces:
         colour: "tension", "utilisation", or the label of `column`.
         peak: largest forces along the elements, for the utilisation; default `tension`.
         column: `parts.Column` of another result that colours the elements.
+        present: 1 for elements that are there, in the shape of the elements; None if all are.
 
     Attributes:
         tension: axial forces of all elements, [n_elem], N.
+        present: which elements are there, [n_elem] bool.
         slack, compressed: which elements are slack, and which in compression, [n_elem] bool.
         value: values that colour the elements, [n_elem]; NaN where they are not known.
         colour, unit: name and unit of these values.
@@ -52,13 +54,17 @@ class Forces:
         colour: str = "tension",
         peak: PyTree[Float[ArrayLike, " n_elem"] | None] | None = None,
         column: Column | None = None,
+        present: PyTree[Float[ArrayLike, " n_elem"]] | None = None,
     ):
         counts = [len(ends) for ends in links]
         self.tension = _joined(tension, counts)
-        self.slack = self.tension == 0.0
+        self.present = (
+            np.ones(sum(counts), bool) if present is None else _joined(present, counts) > 0
+        )
+        self.slack = self.present & (self.tension == 0.0)
         if structure is not None:
-            pairs = zip(structure.groups, per_group(structure, tension), strict=True)
-            self.slack = np.concatenate([slack_cables(group, force) for group, force in pairs])
+            parts = structure.groups, per_group(structure, tension), there(structure, present)
+            self.slack = np.concatenate([slack_cables(*part) for part in zip(*parts, strict=True)])
         largest = np.nanmax(np.abs(self.tension), initial=0.0)
         self.compressed = ~self.slack & (self.tension < -_NOTHING * largest)
         self.value = self.tension
@@ -67,6 +73,7 @@ class Forces:
             self.value = _joined(found, counts)
         elif column is not None:
             self.value = _joined(column.values, counts)
+        self.value = np.where(self.present, self.value, np.nan)
         self.colour, self.unit = colour, "N" if column is None else column.unit
 
 
@@ -140,9 +147,10 @@ class Members:
         """Draw the elements at node positions [n_node, 3], with their `Forces`."""
         segments = self.view.project(positions)[self.pairs]
         slack, compressed = forces.slack[self.element], forces.compressed[self.element]
+        taut = forces.present[self.element] & ~slack
         self.casing.set_segments(segments[compressed])
-        self.taut.set_segments(segments[~slack])
-        self.taut.set_array(self.scale.factor * forces.value[self.element][~slack])
+        self.taut.set_segments(segments[taut])
+        self.taut.set_array(self.scale.factor * forces.value[self.element][taut])
         self.slack.set_segments(segments[slack])
 
 
@@ -151,10 +159,11 @@ def ghost(
     view: View,
     positions: Float[np.ndarray, "n_node 3"],
     links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
+    present: Bool[np.ndarray, " n_elem"],
 ) -> None:
-    """Draw an earlier geometry in thin dashed lines."""
+    """Draw the elements that are `present` in an earlier geometry, in thin dashed lines."""
     make = LineCollection if view.flat else Line3DCollection
-    segments = view.project(positions)[links[0]]
+    segments = view.project(positions)[links[0][present[links[1]]]]
     width = min(1.0, thickness(len(links[0])))
     lines = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
     axes.add_collection(lines, autolim=False)
@@ -178,14 +187,16 @@ def keys(forces: Sequence[Forces], before: bool = False, counted: bool = True) -
         found.append(Line2D([], [], color=GHOST, linewidth=1.0, linestyle="--", label="before"))
     if any(f.slack.any() for f in forces):
         last = forces[-1]
-        label = f"slack ({int(last.slack.sum())} of {len(last.slack)})" if counted else "slack"
+        label = (
+            f"slack ({int(last.slack.sum())} of {int(last.present.sum())})" if counted else "slack"
+        )
         found.append(Line2D([], [], color=SLACK, linewidth=1.6, linestyle=DASHES, label=label))
     if any(f.compressed.any() for f in forces):
         cased = [Stroke(linewidth=4.4, foreground="black"), Normal()]
         middle = colour_map()(0.5)
         label = "compression"
         found.append(Line2D([], [], color=middle, linewidth=2.0, path_effects=cased, label=label))
-    if any((np.isnan(f.value) & np.isfinite(f.tension)).any() for f in forces):
+    if any((np.isnan(f.value) & np.isfinite(f.tension) & f.present).any() for f in forces):
         found.append(Line2D([], [], color="0.6", linewidth=2.0, label="strength not stated"))
     return found
 

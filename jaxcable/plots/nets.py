@@ -102,7 +102,7 @@ def net(
     for number, (seen, stage) in enumerate(zip(views, stages, strict=True)):
         title = stage.title + (f": {seen.kind}" if number == 0 and seen.flat else "")
         axes = seen.add_axes(figure, points[number], title)
-        ghost(axes, seen, stage.ghost, links)
+        ghost(axes, seen, stage.ghost, links, stage.before)
         lines = Members(axes, seen, links, scale)
         lines.show(stage.positions, stage.forces)
         if supports:

@@ -25,6 +25,7 @@ class Stage:
         ghost: positions in an earlier geometry, which is drawn behind, [n_node, 3], m.
         forces: `Forces`.
         fixed: held freedoms, [n_node, 3 or 6].
+        before: elements that are there in the earlier geometry, [n_elem] bool.
     """
 
     def __init__(
@@ -34,9 +35,10 @@ class Stage:
         ghost: Float[np.ndarray, "n_node 3"],
         forces: Forces,
         fixed: Bool[np.ndarray, "n_node n_freedom"],
+        before: Bool[np.ndarray, " n_elem"],
     ):
         self.title, self.positions, self.ghost = title, positions, ghost
-        self.forces, self.fixed = forces, fixed
+        self.forces, self.fixed, self.before = forces, fixed, before
 
     def places(self) -> tuple[Float[np.ndarray, "n_node 3"], Float[np.ndarray, "n_node 3"]]:
         """All positions that are drawn, two arrays [n_node, 3]."""
@@ -99,19 +101,18 @@ def stages_of(
         factor = factor(begin)
         moved = begin + factor * (end - begin)
         stages = [
-            Stage(name, end, begin, forces, fixed(number)),
-            Stage(name + _times(factor), moved, begin, forces, fixed(number)),
+            Stage(name, end, begin, forces, fixed(number), forces.present),
+            Stage(name + _times(factor), moved, begin, forces, fixed(number), forces.present),
         ]
         return pieces(solution.last.topology.parts)[:2], stages, state
     middle = np.asarray(first.positions)
     name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{at_end}"
     factor = factor(middle)
+    moved = middle + factor * (end - middle)
     before = forces_of(first, solution, structure, colour)
     stages = [
-        Stage(f"Before loading{unstable[0]}", middle, begin, before, fixed(0)),
-        Stage(
-            name + _times(factor), middle + factor * (end - middle), middle, forces, fixed(number)
-        ),
+        Stage(f"Before loading{unstable[0]}", middle, begin, before, fixed(0), before.present),
+        Stage(name + _times(factor), moved, middle, forces, fixed(number), before.present),
     ]
     return pieces(solution.last.topology.parts)[:2], stages, state
 
@@ -129,7 +130,9 @@ def forces_of(
     column = None
     if colour not in ("tension", "utilisation"):
         column = next(c for c in told if c.label == colour)
-    return Forces(part.tension, solution.links, structure, colour, part.peak_tension, column)
+    return Forces(
+        part.tension, solution.links, structure, colour, part.peak_tension, column, part.present
+    )
 
 
 def shown(solution: Solution, structure: Structure | None, colour: str) -> str:

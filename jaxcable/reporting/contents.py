@@ -11,6 +11,7 @@ from ..analysis import solution as results
 from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..design import utilisation
 from ..elements.abilities import Sagging
+from ..elements.element import PRESENT
 from ..model.parts import (
     columns,
     first_and_last,
@@ -18,6 +19,7 @@ from ..model.parts import (
     per_group,
     pieces,
     slack_cables,
+    there,
 )
 from ..model.structure import Structure
 from ..results.energy import energy_balance
@@ -39,12 +41,14 @@ class State(NamedTuple):
         tension: axial forces in the shape of the elements, N.
         peak_tension: largest force along each element, likewise, N.
         reactions: reactions at all nodes, [n_node, 3], N.
+        present: 1 for elements that are there, in the shape of the elements; None if all are.
         fixed: freedoms that supports hold in this state, [n_row, 3 or 6] bool.
     """
 
     tension: PyTree[Float[ArrayLike, " n_elem"]]
     peak_tension: PyTree[Float[ArrayLike, " n_elem"]]
     reactions: Float[ArrayLike, "n_node 3"]
+    present: PyTree[Float[ArrayLike, " n_elem"]] | None
     fixed: Bool[np.ndarray, "n_row n_freedom"]
 
 
@@ -124,8 +128,8 @@ def members(structure, state, states):
         most = {name: per_group(structure, utilisation(structure, s)) for name, s in states.items()}
     except ValueError:  # no group has a strength
         used, most = [None] * len(structure.groups), {}
-    now = per_group(structure, state.peak_tension)
-    each = {name: per_group(structure, s.peak_tension) for name, s in states.items()}
+    now = _forces(structure, state)
+    each = {name: _forces(structure, s) for name, s in states.items()}
     names, rows = list(each), []
     for number, (label, group) in enumerate(groups_by_name(structure)):
         if now[number] is None:  # a group without axial forces
@@ -133,13 +137,14 @@ def members(structure, state, states):
         force = np.array([each[name][number] for name in names])
         share = [most[n][number] for n in names if n in most and most[n][number] is not None]
         for k, ends in enumerate(first_and_last(group).tolist()):
-            row = [label, k, *ends, float(now[number][k])]
-            if names:
-                low, high = int(force[:, k].argmin()), int(force[:, k].argmax())
+            here = np.isfinite(now[number][k])
+            row = [label, k, *ends, float(now[number][k]) if here else None]
+            if names and np.isfinite(force[:, k]).any():
+                low, high = int(np.nanargmin(force[:, k])), int(np.nanargmax(force[:, k]))
                 row += [float(force[low, k]), names[low], float(force[high, k]), names[high]]
             else:
                 row += [None] * 4
-            row.append(None if used[number] is None else float(used[number][k]))
+            row.append(float(used[number][k]) if here and used[number] is not None else None)
             row.append(max(float(s[k]) for s in share) if share else None)
             rows.append(row)
     heads = ("group", "element", "first", "last", "force", "lowest", "in", "highest", "in ")
@@ -147,6 +152,8 @@ def members(structure, state, states):
     units = ("", "", "", "", "N", "N", "", "N", "", "-", "-")
     known = any(value is not None for row in rows for value in row[-2:])
     notes = [] if known else ["no group has a strength: no utilisation"]
+    if any(row[4] is None for row in rows):
+        notes.append("no force: the element is not there")
     if any(isinstance(group, Sagging) for group in structure.groups):
         notes.append("force of a catenary: the larger of the tensions at its two ends")
     if _compressed(structure, used, now, *each.values()):
@@ -157,6 +164,15 @@ def members(structure, state, states):
     return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
 
 
+def _forces(structure, state):
+    """Largest forces along elements, NaN for those that are not there, a list of [n_elem]."""
+    parts = per_group(structure, state.peak_tension), there(structure, state.present)
+    return [
+        None if force is None else np.where(present, force, np.nan)
+        for force, present in zip(*parts, strict=True)
+    ]
+
+
 def others(structure, state):
     """Tables of other results than forces along elements, a dict by name of the result.
 
@@ -164,6 +180,8 @@ def others(structure, state):
     """
     found = {}
     for name, value in (state.results or {}).items():
+        if name == PRESENT.name:  # the tables of forces leave out what is not there
+            continue
         told = columns(structure.groups, {name: value})
         rows = []
         for number, (label, group) in enumerate(groups_by_name(structure)):
@@ -189,8 +207,8 @@ def _compressed(structure, used, *forces):
         used: utilisation, a list with an item per group.
         forces: forces of every state, lists with an item per group.
     """
-    largest = [np.abs(force).max() for state in forces for force in state if force is not None]
-    largest = max(largest, default=0.0)
+    sizes = [np.nanmax(np.abs(f), initial=0.0) for state in forces for f in state if f is not None]
+    largest = max(sizes, default=0.0)
     return any(
         share is not None
         and force is not None
@@ -295,10 +313,9 @@ def slack(structure: Structure, states: Mapping[str, State]) -> Table:
     """Cables without tension, and the states in which they are slack."""
     found = {}
     for name, state in states.items():
-        for (label, group), force in zip(
-            groups_by_name(structure), per_group(structure, state.tension), strict=True
-        ):
-            for k in np.flatnonzero(slack_cables(group, force)):
+        parts = per_group(structure, state.tension), there(structure, state.present)
+        for (label, group), force, present in zip(groups_by_name(structure), *parts, strict=True):
+            for k in np.flatnonzero(slack_cables(group, force, present)):
                 found.setdefault((label, int(k)), []).append(name)
     rows = [[label, k, ", ".join(names)] for (label, k), names in found.items()]
     notes = () if rows else ("none",)
@@ -310,9 +327,17 @@ def loose(structure, states):
     found = {}
     for name, state in states.items():
         taut = state.fixed[: structure.n_node, :3].all(axis=1)
-        for group, force in zip(structure.groups, per_group(structure, state.tension), strict=True):
-            taut[group.links.array[~slack_cables(group, force)]] = True
-        for k in np.flatnonzero(~taut):
+        touched = np.zeros(structure.n_node, bool)  # a node that waits is not loose
+        parts = (
+            structure.groups,
+            per_group(structure, state.tension),
+            there(structure, state.present),
+        )
+        for group, force, present in zip(*parts, strict=True):
+            slack = slack_cables(group, force, present)
+            touched[group.links.array[present]] = True
+            taut[group.links.array[present & ~slack]] = True
+        for k in np.flatnonzero(~taut & touched):
             found.setdefault(int(k), []).append(name)
     rows = [[k, ", ".join(names)] for k, names in found.items()]
     return Table("Loose nodes", ("node", "in"), ("", ""), rows, () if rows else ("none",))

@@ -17,13 +17,13 @@ from ..analysis.solution import Solution, State
 from ..common import status
 from ..files.reading import written
 from ..files.results import as_csv
-from ..model.parts import groups_by_name, one_case
+from ..model.parts import groups_by_name, one_case, there
 from ..model.structure import Structure
 from ..model.topology import require_same
 from . import contents
 from .table import Table, as_text, empty, finite, headed
 
-_FIELDS = ("tension", "peak_tension", "reactions")  # of `contents.State`, and of results
+_FIELDS = ("tension", "peak_tension", "reactions", "present")  # of `contents.State`, and of results
 _LONG = 30  # number of lines of a table up to which its text shows all of them
 
 
@@ -179,9 +179,8 @@ def report(
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(contents.buckling(structure, state, reference))
-    at_end = {
-        "end": contents.State(state.tension, state.peak_tension, state.reactions, _reached(state))
-    }
+    fields = {name: getattr(state, name) for name in _FIELDS}
+    at_end = {"end": contents.State(**fields, fixed=_reached(state))}
     if cases is None and solution.status == status.OK:
         at_end = {}  # the end is that of the last phase, which is in `states`
     tables = {
@@ -259,6 +258,9 @@ def _summary(structure, solution, failed):
                 f"{float(path.relative_residual[k]):.1e} of the largest nodal force; "
                 f"{int(path.n_slack[k])} slack"
             )
+        if int(phase.status) == status.OK and phase.present is not None:
+            masks = there(structure, phase.present)
+            text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements there"
         if int(phase.status) == status.OK and not bool(phase.stable):
             text += (
                 "; UNSTABLE at its end: the tangent stiffness (under moments and following loads "

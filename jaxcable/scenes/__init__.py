@@ -9,6 +9,7 @@ from .masts import guyed_mast, strung_arch
 from .nets import Scene, flat_net, saddle
 from .saddle_net import saddle_net
 from .snapping import lee_frame, toggle_frame, von_mises_truss
+from .suspended_bridges import suspension_footbridge
 from .tensegrity import simplex
 from .tents import tent_edge
 from .trusses import cable_truss
@@ -30,6 +31,7 @@ __all__ = [
     "simplex",
     "strung_arch",
     "suspended_cable",
+    "suspension_footbridge",
     "tent_edge",
     "toggle_frame",
     "von_mises_truss",

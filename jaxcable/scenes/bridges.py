@@ -16,10 +16,10 @@ from ..sections import Section, bredt_torsion
 from .masts import STEEL_WEIGHT
 from .nets import Scene
 
-_STEEL = 210e9  # N/m2
-_SHEAR = _STEEL / 2.6
-_STRAND = 195e9  # N/m2, of parallel strands
-_STRESS = 500e6  # N/m2, of the stays under the weight of the deck
+STEEL = 210e9  # N/m2
+_SHEAR = STEEL / 2.6
+STRAND = 195e9  # N/m2, of parallel strands
+STRESS = 500e6  # N/m2, of the stays under the weight of the deck
 _ANGLES = "fan", "harp"
 
 
@@ -89,10 +89,10 @@ def cable_stayed_bridge(
     ends = len(pylon) + np.arange(2 * n).reshape(n, 2)  # of the segments, left and right
     before = np.concatenate([np.full((1, 2), 2), ends[:-1]])
     heads = np.repeat(3 + np.arange(m)[:, None], 2, axis=1)
-    box, tower = _box(2.0, 1.0, 0.02), _box(2.0, 2.0, 0.04)
+    box, tower = hollow(2.0, 1.0, 0.02), hollow(2.0, 2.0, 0.04)
     length = np.hypot(reach[:m], top)
     force = segment * weight * length / top  # its vertical part is the weight of a segment
-    area = (force + segment * paving * length / top) / _STRESS
+    area = (force + segment * paving * length / top) / STRESS
     elements = {
         "pylon": Beams(
             np.column_stack([np.arange(m + 2), np.arange(1, m + 3)]),
@@ -103,7 +103,7 @@ def cable_stayed_bridge(
         "deck": Beams(np.stack([before, ends], axis=-1).reshape(-1, 2), weight=weight, **box),
         "stays": Cables(
             np.stack([heads, ends[:m]], axis=-1).reshape(-1, 2),
-            axial_stiffness=_STRAND * np.repeat(area, 2),
+            axial_stiffness=STRAND * np.repeat(area, 2),
             weight=STEEL_WEIGHT * np.repeat(area, 2),
         ),
     }
@@ -132,15 +132,13 @@ def cable_stayed_bridge(
     return Scene(structure, [*phases, Phase(adds=last, supports=bearings), Phase(loads=laid)])
 
 
-def _box(width, height, wall):
+def hollow(width, height, wall):
     """Section and torsional stiffness of a box of steel, a dict for `Beams`."""
 
     def outline(y, z):
         return 0.5 * np.array([[-y, -z], [y, -z], [y, z], [-y, z]])
 
     inside = width - 2 * wall, height - 2 * wall
-    section = Section.polygon(
-        outline(width, height), [outline(*inside)], Elastic(_STEEL), size=0.25
-    )
+    section = Section.polygon(outline(width, height), [outline(*inside)], Elastic(STEEL), size=0.25)
     torsion = bredt_torsion(outline(width - wall, height - wall), wall)
     return {"section": section.centred(), "torsional_stiffness": _SHEAR * float(torsion)}

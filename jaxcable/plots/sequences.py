@@ -1,0 +1,121 @@
+"""Pictures of all phases beside each other, as of stages of a construction: `sequence`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..analysis.solution import Solution
+from ..model.parts import pieces
+from ..model.structure import Structure
+from .glyphs import draw_supports, support_keys
+from .layout import grid, settle
+from .members import Members, Scale, ghost, keys
+from .stages import Stage, forces_of, shown, start_of
+from .style import finish
+from .views import choose
+
+_WIDE = 0.7  # height over width up to which pictures stand in two columns; in three if higher
+
+
+def sequence(
+    solution: Solution,
+    path: str | os.PathLike[str] | None = None,
+    magnify: float = 1.0,
+    *,
+    colour: str = "tension",
+    structure: Structure | None = None,
+    view: str | None = None,
+    names: Sequence[str] | None = None,
+    columns: int | None = None,
+    supports: bool = True,
+) -> Figure:
+    """Draw the end of every phase: one small picture each, in the same scales and colours.
+
+    Only elements that are there are drawn. Behind them, thin and dashed, is the end of the phase
+    before, with the elements that are in both.
+
+    Args:
+        solution: `Solution`; of a failed analysis the phases that have converged are drawn.
+        path: where to save the picture, in the format of the suffix, or None.
+        magnify: factor on the displacement from the initial geometry.
+
+    Options:
+        colour, structure: as of `net`.
+        view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
+            vertical plane or is higher than it is wide, else plan.
+        names: titles, one for each phase; default "phase 1", "phase 2" and so on.
+        columns: number of pictures in a row; default two, or three of high structures.
+        supports: whether to mark supports.
+
+    Returns:
+        The matplotlib `Figure`, not registered with pyplot; see `jaxcable.plots`.
+
+    Raises:
+        ValueError: no phase has converged, another number of names than of phases, no positive
+            number of columns, or those of `net`.
+
+    >>> import jax; jax.config.update("jax_enable_x64", True)
+    >>> import jaxcable as jc
+    >>> structure, phases = jc.scenes.flat_net()
+    >>> figure = jc.plots.sequence(jc.solve(structure, phases), names=["prestress", "loads"])
+    >>> [axes.get_title() for axes in figure.axes[:2]]
+    ['prestress', 'loads']
+    """
+    colour = shown(solution, structure, colour)
+    stages = _stages(solution, structure, colour, magnify, names)
+    everything = np.concatenate([place for stage in stages for place in stage.places()])
+    seen = choose(everything, view)
+    ratio = seen.ratio(everything)
+    if columns is None:
+        columns = 2 if ratio < _WIDE else 3
+    if isinstance(columns, bool) or not isinstance(columns, int) or columns < 1:
+        raise ValueError(f"columns = {columns!r}: must be a positive integer")
+    columns = min(columns, len(stages))
+    figure, slots = grid(ratio, len(stages), columns)
+    links = pieces(solution.last.topology.parts)[:2]
+    scale = Scale([stage.forces for stage in stages])
+    for number, stage in enumerate(stages):
+        axes = seen.add_axes(figure, everything, stage.title)
+        if seen.flat and number % columns:  # numbers at the left and below only
+            axes.set(ylabel="", yticklabels=[])
+        if seen.flat and number + columns < len(stages):
+            axes.set(xlabel="", xticklabels=[])
+        ghost(axes, seen, stage.ghost, links, stage.before & stage.forces.present)
+        lines = Members(axes, seen, links, scale)
+        lines.show(stage.positions, stage.forces)
+        if supports:
+            draw_supports(axes, seen, stage.positions, stage.held(structure, seen))
+    handles = keys([stage.forces for stage in stages], any(s.moved() for s in stages), False)
+    if supports:
+        handles += support_keys(np.any([s.held(structure, seen) for s in stages], axis=0))
+    if magnify != 1.0:
+        handles.append(Line2D([], [], linestyle="", label=f"deflection x {magnify:g}"))
+    settle(figure, slots, lines.taut, scale.label, handles, columns if seen.flat else None)
+    return finish(figure, path)
+
+
+def _stages(solution, structure, colour, magnify, names):
+    """A `Stage` for every phase that has converged."""
+    if names is not None and len(names) != len(solution.phases):
+        raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
+    begin = start_of(solution, solution.last)
+    before, found, was = begin, [], None
+    for k, phase in enumerate(solution.phases):
+        if int(phase.status) != 0:
+            break
+        end = begin + magnify * (np.asarray(phase.positions) - begin)
+        title = f"phase {k + 1}" if names is None else str(names[k])
+        forces = forces_of(phase, solution, structure, colour)
+        fixed = solution.last.fixed[k + 1].array[: len(end)]
+        found.append(
+            Stage(title, end, before, forces, fixed, forces.present if was is None else was)
+        )
+        before, was = end, forces.present
+    if not found:
+        raise ValueError("solution: no phase has converged; see raise_if_failed")
+    return found

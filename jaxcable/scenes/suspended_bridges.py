@@ -1,0 +1,153 @@
+"""Bridges whose decks hang on cables: erected from the middle of their span."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..analysis.phases import Phase
+from ..common.selection import only
+from ..elements import Bars, Beams, Cables
+from ..loads import NodalLoads, SelfWeight
+from ..model.structure import Structure
+from ..model.supports import pinned, restrained
+from .bridges import STEEL, STRAND, STRESS, hollow
+from .masts import STEEL_WEIGHT
+from .nets import Scene
+
+_PIER = 4.0  # height of the deck above the feet of the pylons, m
+_ROUNDS = 50  # of statics; weights of cables and hangers are little beside that of the deck
+
+
+def suspension_footbridge(
+    n: int = 10,
+    *,
+    stages: bool = True,
+    span: float = 60.0,
+    sag: float = 6.0,
+    dead: float = 4e3,
+    planks: float = 1e3,
+) -> Scene:
+    """Suspension footbridge in one plane: cables over two pylons, hangers, a girder.
+
+    Pylons rock on their feet; frames beside them keep their tops in the plane. Cables and hangers
+    have the lengths at which the girder is straight and level under the dead load, by statics: the
+    part ``H (z_k - z_{k-1}) / a - H (z_{k+1} - z_k) / a`` of the thrust H in the cables bears what
+    hangs at their node k, where hangers are `a` apart. Where all of it is the deck, this is the
+    parabola with ``H = dead span^2 / (8 sag)``.
+
+    In stages, the cables hang free first. Segments of the deck are hung from the middle on, in
+    turn to both sides, with open joints: the cables have another shape at every stage. When all
+    hang, the joints are closed, and the girder is unstressed where it is then; last, the planks are
+    laid, of which the girder bears a part by its stiffness. Without stages all is there at once,
+    and ends in the same state. The scene is not taken from a publication.
+
+    Args:
+        n: number of segments of the deck, even.
+
+    Options:
+        stages: whether the bridge is erected, or stands when it is loaded.
+        span: between the pylons, m; the cables are anchored a third of it behind them.
+        sag: of the cables, m; the shortest hangers are 1 m long.
+        dead: weight of the deck with its girder, N/m.
+        planks: weight of the planks, N/m.
+
+    Returns:
+        `Scene` with the groups "pylons", "cables", "hangers" and "girder". Nodes: both anchors,
+        both feet, both tops, then those of the cables, then those of the girder, which begins and
+        ends at abutments.
+
+    Raises:
+        ValueError: `n` is odd, or less than 4; a size that is not positive.
+
+    Example:
+        >>> structure, phases = jc.scenes.suspension_footbridge(6)
+        >>> {kind: len(group.links) for kind, group in structure.elements.items()}
+        {'pylons': 2, 'cables': 8, 'hangers': 5, 'girder': 6}
+        >>> len(phases)
+        6
+    """
+    if n < 4 or n % 2:
+        raise ValueError(f"n = {n}: must be even, and at least 4")
+    for name, value in (("span", span), ("sag", sag), ("dead", dead), ("planks", planks)):
+        if not value > 0:
+            raise ValueError(f"{name} = {value!r}: must be positive")
+    x = np.linspace(-span / 2, span / 2, n + 1)
+    height, posts, strands, hung = _statics(x, span, sag, dead)
+    back = x[-1] + span / 3
+    nodes = np.zeros((2 * n + 6, 3))
+    nodes[:6, 0] = [-back, back, x[0], x[-1], x[0], x[-1]]
+    nodes[2:4, 2], nodes[4:6, 2] = -_PIER, height[[0, -1]]
+    on_cable, on_deck = 6 + np.arange(n - 1), 5 + n + np.arange(n + 1)
+    nodes[on_cable, 0], nodes[on_cable, 2], nodes[on_deck, 0] = x[1:-1], height[1:-1], x
+    ridge = [0, 4, *on_cable, 5, 1]
+    hangers = np.column_stack([on_cable, on_deck[1:-1]])
+    girder = np.column_stack([on_deck[:-1], on_deck[1:]])
+    elements = {
+        "pylons": Bars([[2, 4], [3, 5]], **posts),
+        "cables": Cables(np.column_stack([ridge[:-1], ridge[1:]]), **strands),
+        "hangers": Cables(hangers, **hung),
+        "girder": Beams(girder, **hollow(0.4, 0.5, 0.01)),
+    }
+    abutments = restrained(on_deck[:1], "xyz", "x") + restrained(on_deck[-1:], "yz", "x")
+    supports = pinned([0, 1, 2, 3]) + restrained([4, 5], "y") + abutments
+    structure = Structure(nodes, elements, supports=supports)
+    laid = NodalLoads(on_deck[1:-1], (0.0, 0.0, -planks * span / n))
+    segment = dead * span / n
+    if not stages:
+        deck = NodalLoads(on_deck[1:-1], (0.0, 0.0, -segment))
+        return Scene(structure, [Phase(loads=[SelfWeight(), deck]), Phase(loads=laid)])
+    nothing = {"pylons": None, "cables": None, "girder": None}
+    phases, middle = [Phase(loads=SelfWeight())], n // 2
+    for k in range(1, middle + 1):  # segments between hangers that are k - 1 and k from the middle
+        new = [middle - k, middle + k] if k > 1 else [middle - 1, middle, middle + 1]
+        adds = only([j - 1 for j in new]) if k < middle else None  # abutments have no hangers
+        ends = [j for s in (-1, 1) for j in (middle + s * (k - 1), middle + s * k) if 0 < j < n]
+        at, halves = np.unique(ends, return_counts=True)
+        weight = np.outer(halves, [0.0, 0.0, -0.5 * segment])
+        phases.append(
+            Phase(
+                adds=None if adds is None else {**nothing, "hangers": adds},
+                placed="attached",
+                loads=NodalLoads(on_deck[at], weight),
+            )
+        )
+    return Scene(structure, [*phases, Phase(adds="girder"), Phase(loads=laid)])
+
+
+def _statics(x, span, sag, dead):
+    """Heights of the cables' nodes, and the numbers of pylons, cables and hangers, dicts."""
+    a = x[1] - x[0]
+    load = dead * a * np.ones(len(x) - 2)
+    for _ in range(_ROUNDS):
+        # heights for a thrust of 1: second differences are the loads over the thrust
+        bent = np.linalg.solve(
+            (2 * np.eye(len(load)) - np.eye(len(load), k=1) - np.eye(len(load), k=-1)) / a, load
+        )
+        thrust = bent.max() / sag
+        height = 1.0 + sag - np.concatenate([[0.0], bent, [0.0]]) / thrust
+        ends = np.concatenate([[x[0] - span / 3], x, [x[-1] + span / 3]])
+        heights = np.concatenate([[0.0], height, [0.0]])
+        chord = np.hypot(np.diff(ends), np.diff(heights))
+        # the backstays hold the same thrust, as pylons rock
+        force = thrust * chord / np.diff(ends)
+        area = 1.5 * dead * span**2 / (8 * sag) / STRESS
+        slack = chord / (1 + force / (STRAND * area))
+        thin = dead * a / STRESS
+        pull = dead * a + 0.5 * STEEL_WEIGHT * thin * height[1:-1]
+        short = height[1:-1] / (1 + pull / (STRAND * thin))
+        own = STEEL_WEIGHT * area * slack[1:-1]
+        load = dead * a + STEEL_WEIGHT * thin * short + 0.5 * (own[:-1] + own[1:])
+    steep = np.abs(np.diff(heights) / np.diff(ends))
+    post = STEEL * 8e-3
+    push = thrust * (steep[0] + steep[1]) + 0.5 * STEEL_WEIGHT * area * (slack[0] + slack[1])
+    posts = {
+        "axial_stiffness": post,
+        "rest_length": (height[0] + _PIER) / (1 - push / post),
+    }
+    strands = {
+        "axial_stiffness": STRAND * area,
+        "rest_length": slack,
+        "weight": STEEL_WEIGHT * area,
+    }
+    hung = {"axial_stiffness": STRAND * thin, "rest_length": short, "weight": STEEL_WEIGHT * thin}
+    return height, posts, strands, hung

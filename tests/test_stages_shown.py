@@ -1,0 +1,146 @@
+"""Elements that come and go, as results, reports and pictures show them."""
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.plots import members, stages
+
+PUSH = jc.Phase(loads=jc.NodalLoads([1], (1e3, 0.0, 0.0)))  # more than one step
+
+
+@pytest.fixture(scope="module")
+def hung():
+    """Two cables in a row, of which the second comes, and a third beside the first that goes."""
+    nodes = [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, -2.0]]
+    groups = {
+        "row": jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6),
+        "aid": jc.Cables([[0, 1]], axial_stiffness=3e6, strength=2e3),
+    }
+    structure = jc.Structure(nodes, groups, supports=jc.pinned([0]))
+    load = jc.NodalLoads([1], (0.0, 0.0, -1e3))
+    later = jc.NodalLoads([2], (0.0, 0.0, -500.0))
+    phases = [
+        jc.Phase(loads=load),
+        jc.Phase(adds={"row": jc.only([1]), "aid": None}, loads=later),
+        jc.Phase(removes="aid"),
+    ]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    return structure, phases, solution
+
+
+def test_results_say_what_is_there(hung):
+    _, _, solution = hung
+    found = [
+        [np.asarray(phase.present[name]).tolist() for name in ("row", "aid")]
+        for phase in solution.phases
+    ]
+    assert found == [[[1, 0], [1]], [[1, 1], [1]], [[1, 1], [0]]]
+    assert np.asarray(solution.present["aid"]).tolist() == [0]
+    assert np.asarray(solution.phases[0].path.present["row"]).tolist() == [[1, 0]]
+    assert list(solution.told) == ["tension", "peak_tension", "present"]
+
+
+def test_nothing_is_said_where_nothing_comes_or_goes(hung):
+    structure, phases, _ = hung
+    solution = jc.solve(structure, phases[:1])
+    assert int(solution.status) == 0
+    assert solution.present is None and "present" not in solution.told
+
+
+def test_a_failed_analysis_does_not_know(hung):
+    structure, phases, _ = hung
+    solution = jc.solve(structure, [PUSH, *phases[1:]], jc.Newton(max_steps=1))
+    assert int(solution.status) != 0
+    assert np.isnan(np.asarray(solution.present["row"])).all()
+
+
+def test_a_batch_knows_it_of_every_case(hung):
+    structure, _, _ = hung
+
+    def final(adds):
+        phases = [jc.Phase(), jc.Phase(adds={"row": adds, "aid": None})]
+        return jc.solve(structure, phases).phases[0].present["row"]
+
+    masks = np.array([[False, True], [False, False]])
+    assert np.asarray(jax.vmap(final)(masks)).tolist() == [[1, 0], [1, 1]]
+
+
+def test_reports_leave_out_what_is_not_there(hung):
+    structure, _, solution = hung
+    report = jc.report(structure, solution)
+    assert [line.split("; ")[-1] for line in report.summary if line.startswith("phase")] == [
+        "2 of 3 elements there",
+        "3 of 3 elements there",
+        "2 of 3 elements there",
+    ]
+    table = report.tables["members"]
+    rows = {(row[0], row[1]): dict(zip(table.columns, row, strict=True)) for row in table.rows}
+    # the second cable of the row carries 500 N; it was not there in phase 1, where it had no force
+    assert rows["row", 1]["lowest"] == pytest.approx(500.0, rel=1e-6)
+    gone = rows["aid", 0]
+    assert gone["force"] is None and gone["used"] is None
+    # in phase 2 the stiffnesses 1 : 3 share 1 500 N
+    assert gone["highest"] == pytest.approx(1125.0, rel=1e-3) and gone["in "] == "phase 2"
+    assert "no force: the element is not there" in table.notes
+    assert report.tables["slack"].rows == [] and report.tables["loose"].rows == []
+    assert "present" not in report.tables
+    whole = jc.report(structure, jc.solve(structure, hung[1][:1]))
+    assert "no force: the element is not there" not in whole.tables["members"].notes
+
+
+def test_files_say_it(hung, tmp_path):
+    structure, _, solution = hung
+    jc.files.save_result(tmp_path / "hung.csv", structure, solution)
+    text = (tmp_path / "hung-elements.csv").read_text().splitlines()
+    column = text[0].split(",").index("present (-)")
+    assert [float(line.split(",")[column]) for line in text[1:]] == [0.0, 1.0, 1.0]
+
+
+def test_pictures_draw_what_is_there(hung):
+    structure, _, solution = hung
+    forces = stages.forces_of(solution.phases[0], solution, structure, "tension")
+    assert forces.present.tolist() == [True, True, False]  # aid, row: sorted by name
+    assert not forces.slack.any()
+    without = members.Forces(solution.phases[0].tension, solution.links, structure)
+    assert without.slack.tolist() == [False, False, True]  # the control: as if it were slack
+    figure = jc.plots.sequence(solution, structure=structure, names="abc", columns=3)
+    drawn = [axes.collections[1:4] for axes in figure.axes[:3]]  # after the ghost
+    counts = [[len(lines.get_segments()) for lines in parts] for parts in drawn]
+    assert counts == [[0, 2, 0], [0, 3, 0], [0, 2, 0]]  # casing, taut, slack
+    assert [axes.get_title() for axes in figure.axes[:3]] == ["a", "b", "c"]
+    boxes = np.array([axes.get_position().bounds[2:] for axes in figure.axes[:3]])
+    np.testing.assert_allclose(boxes, boxes[:1].repeat(3, axis=0), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "options, said",
+    [
+        ({"names": ["one"]}, "names: 1 of them, but 3 phases"),
+        ({"columns": 0}, "columns = 0: must be a positive integer"),
+        ({"colour": "mood"}, "colour = 'mood'"),
+    ],
+)
+def test_sequences_that_are_refused(hung, options, said):
+    with pytest.raises(ValueError, match=said):
+        jc.plots.sequence(hung[2], **options)
+
+
+def test_a_sequence_of_nothing(hung):
+    structure, phases, _ = hung
+    nothing = jc.solve(structure, [PUSH, *phases[1:]], jc.Newton(max_steps=1))
+    with pytest.raises(ValueError, match="no phase has converged"):
+        jc.plots.sequence(nothing)
+
+
+def test_the_command_line_counts_them(hung, tmp_path, capsys):
+    from jaxcable.__main__ import main
+
+    structure, phases, _ = hung
+    jc.save_scene(tmp_path / "hung.json", (structure, phases))
+    main(["info", str(tmp_path / "hung.json")])
+    text = capsys.readouterr().out
+    assert "adds 1 of row" in text and "removes 1 of aid" in text
+    assert text.count("3 of 3 elements there") == 1
