@@ -292,6 +292,26 @@ def smooth(name, **arguments):
     return lambda: getattr(jc.scenes, name)(**arguments)
 
 
+def stated(name, **arguments):
+    """A scene whose lengths come in its first phase, with which it would not begin balanced."""
+
+    def make():
+        structure, (first, *others) = getattr(jc.scenes, name)(**arguments)
+        groups = structure.elements
+        lengths = {key: group.rest_length for key, group in groups.items()}
+        lengths = {
+            **lengths,
+            **{k: v for k, v in (first.rest_length or {}).items() if v is not None},
+        }
+        bare = {key: jc.replace(group, rest_length=None) for key, group in groups.items()}
+        return jc.replace(structure, elements=bare), [
+            jc.replace(first, rest_length=lengths),
+            *others,
+        ]
+
+    return make
+
+
 STRAND = jc.materials.strand(1860e6, 195e9)
 # scene, increments, bounds of the phases, phases that start with a jump; the rest is slow
 QUICK = {
@@ -328,6 +348,13 @@ SLOW = {
         (1e-8, 2e-8),
         (),
     ),
+    "suspension_footbridge": (
+        stated("suspension_footbridge", n=4, stages=False),
+        8,
+        (1e-8, 2e-5),
+        (),
+    ),
+    "roof_ring": (stated("roof_ring", n=6, stages=False), 8, (1e-8, 2e-3), ()),
     "toggle_frame": (smooth("toggle_frame", n=2, load=20.0), 16, (6e-4,), ()),
     "lee_frame": (smooth("lee_frame", n=1, load=1.2), 16, (5e-3,), ()),
 }

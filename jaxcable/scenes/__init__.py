@@ -13,6 +13,7 @@ from .suspended_bridges import suspension_footbridge
 from .tensegrity import simplex
 from .tents import tent_edge
 from .trusses import cable_truss
+from .wheels import roof_ring
 
 __all__ = [
     "Scene",
@@ -26,6 +27,7 @@ __all__ = [
     "isolated_cable",
     "lee_frame",
     "levy_dome",
+    "roof_ring",
     "saddle",
     "saddle_net",
     "simplex",

@@ -1,0 +1,140 @@
+"""Roofs like wheels: spokes between rings in compression and in tension, lifted into place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..analysis.phases import Phase
+from ..common import checks
+from ..elements import Bars, Cables
+from ..loads import NodalLoads, SelfWeight
+from ..model.structure import Structure
+from ..model.supports import restrained
+from .bridges import STEEL, STRAND, STRESS
+from .masts import STEEL_WEIGHT
+from .nets import Scene
+
+
+def roof_ring(
+    n: int = 24,
+    *,
+    stages: bool = True,
+    lifts: int = 4,
+    drop: float = 12.0,
+    radius: float = 60.0,
+    hub: float = 20.0,
+    height: float = 8.0,
+    pretension: float = 1e6,
+    load: float = 500.0,
+) -> Scene:
+    """Spoked wheel over a stadium: two rings in compression, a ring in tension, spokes between.
+
+    The rings in compression stand above each other on columns, with bearings that slide radially.
+    Lengths are such that the wheel is as drawn under its own weight, with the force `pretension` in
+    the lower spokes: at a node of the ring in tension ``T_upper sin a = T_lower sin a + W`` and
+    ``(T_upper + T_lower) cos a = 2 T_ring sin(pi / n)``.
+
+    In stages, the ring in tension hangs `drop` below its place first, on upper spokes that are
+    longer by a strand each, and is lifted by jacks that shorten them, alike in every stage. Then
+    the lower spokes are joined, unstressed where they find their ends, and pulled to their lengths:
+    this stresses the wheel. Last the load acts. Without stages it is stressed as drawn. Both end in
+    the same state. The scene is not taken from a publication.
+
+    Args:
+        n: number of spokes above, and below.
+
+    Options:
+        stages: whether the wheel is lifted.
+        lifts: number of stages in which it is lifted.
+        drop: by which the ring in tension is lifted, m.
+        radius, hub: of the rings in compression and in tension, m.
+        height: between the rings in compression, m.
+        pretension: force in the lower spokes under own weight, N.
+        load: on the roof between the rings, N/m2; half of it acts on the ring in tension.
+
+    Returns:
+        `Scene` with the groups "rings", "hub", "upper" and "lower". Nodes: the upper ring, the
+        lower ring, the ring in tension, [n] each.
+
+    Raises:
+        ValueError: less than 3 spokes, no lift, a size that is not positive, a hub that is not
+            smaller than the rings.
+
+    Example:
+        >>> structure, phases = jc.scenes.roof_ring(12)
+        >>> {kind: len(group.links) for kind, group in structure.elements.items()}
+        {'rings': 24, 'hub': 12, 'upper': 12, 'lower': 12}
+        >>> len(phases)
+        8
+    """
+    checks.whole(n, "n", least=3)
+    checks.whole(lifts, "lifts")
+    sizes = {"drop": drop, "radius": radius, "hub": hub, "height": height, "pretension": pretension}
+    for name, value in sizes.items():
+        if not value > 0:
+            raise ValueError(f"{name} = {value!r}: must be positive")
+    if not hub < radius:
+        raise ValueError(f"hub = {hub}: must be less than the radius of the rings, {radius}")
+    angle = 2 * np.pi * np.arange(n) / n
+    outward = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    around = np.column_stack([-np.sin(angle), np.cos(angle), 0 * angle])
+    up = np.array([0.0, 0.0, 1.0])
+    nodes = np.concatenate(
+        [radius * outward + 0.5 * height * up, radius * outward - 0.5 * height * up, hub * outward]
+    )
+    number = np.arange(n)
+    upper, lower, inner = number, n + number, 2 * n + number
+    parts, short = _statics(n, radius, hub, height, pretension)
+    rings = [np.column_stack([ring, np.roll(ring, -1)]) for ring in (upper, lower, inner)]
+    elements = {
+        "rings": Bars(np.concatenate(rings[:2]), **parts["rings"]),
+        "hub": Cables(rings[2], **parts["hub"]),
+        "upper": Cables(np.column_stack([inner, upper]), **parts["upper"]),
+        "lower": Cables(np.column_stack([inner, lower]), **parts["lower"]),
+    }
+    axes = np.stack([outward, around, np.broadcast_to(up, outward.shape)], axis=1)
+    supports = restrained(np.concatenate([upper, lower]), "yz", axes=np.concatenate([axes, axes]))
+    structure = Structure(nodes, elements, supports=supports)
+    nothing = dict.fromkeys(elements)
+    pulled = {**nothing, "lower": short["lower"]}
+    share = 0.5 * load * np.pi * (radius**2 - hub**2) / n
+    roof = Phase(loads=NodalLoads(inner, (0.0, 0.0, -share)))
+    if not stages:
+        return Scene(structure, [Phase(rest_length=pulled, loads=SelfWeight()), roof])
+    strand = np.hypot(radius - hub, 0.5 * height + drop) - np.hypot(radius - hub, 0.5 * height)
+    hanging = Phase(rest_length={**nothing, "upper": short["upper"] + strand}, loads=SelfWeight())
+    lift = Phase(shortening={**nothing, "upper": strand / lifts})
+    joined = [Phase(adds="lower"), Phase(rest_length=pulled)]
+    return Scene(structure, [hanging, *[lift] * lifts, *joined, roof])
+
+
+def _statics(n, radius, hub, height, pretension):
+    """Stiffness and weight of all groups, dicts by their name, and their unstressed lengths."""
+    spoke = np.hypot(radius - hub, 0.5 * height)
+    sine, cosine = 0.5 * height / spoke, (radius - hub) / spoke
+    chords = 2 * np.sin(np.pi / n) * np.array([radius, hub])
+    fan = 2 * np.sin(np.pi / n)  # of two segments of a ring, radially
+    area = {"upper": 2 * pretension / STRESS, "lower": 2 * pretension / STRESS}
+    area["hub"] = 4 * pretension * cosine / fan / STRESS
+    area["rings"] = 2 * pretension / fan / 150e6
+    weight = {name: STEEL_WEIGHT * value for name, value in area.items()}
+    length = {"upper": spoke, "lower": spoke, "hub": chords[1], "rings": chords[0]}
+    short = dict(length)
+    for _ in range(20):  # weights are of unstressed lengths
+        own = 0.5 * (weight["upper"] * short["upper"] + weight["lower"] * short["lower"])
+        above = pretension + (own + weight["hub"] * short["hub"]) / sine
+        force = {"lower": pretension, "upper": above, "hub": (pretension + above) * cosine / fan}
+        for name, pull in force.items():
+            short[name] = length[name] / (1 + pull / (STRAND * area[name]))
+    # each ring in compression bears its own spokes
+    push = np.repeat([above * cosine / fan, pretension * cosine / fan], n)
+    short["rings"] = chords[0] / (1 - push / (STEEL * area["rings"]))
+    modulus = {"rings": STEEL}
+    return {
+        name: {
+            "axial_stiffness": modulus.get(name, STRAND) * area[name],
+            "rest_length": None if name == "lower" else short[name],  # joined unstressed
+            "weight": weight[name],
+        }
+        for name in area
+    }, short
