@@ -38,8 +38,8 @@ def outputs(path):
     return [out for cell in notebook["cells"] for out in cell.get("outputs", ())]
 
 
-def test_there_are_seven():
-    assert [path.name[:2] for path in SOURCES] == [f"{k:02d}" for k in range(1, 8)]
+def test_there_are_eight():
+    assert [path.name[:2] for path in SOURCES] == [f"{k:02d}" for k in range(1, 9)]
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: p.stem)

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..analysis.phases import Phase
 from ..common import checks
+from ..common.tree import replace
 from ..elements import Bars, Cables
 from ..loads import NodalLoads, SelfWeight
 from ..model.structure import Structure
@@ -37,7 +38,7 @@ def roof_ring(
     In stages, the ring in tension hangs `drop` below its place first, on upper spokes that are
     longer by a strand each, and is lifted by jacks that shorten them, alike in every stage. Then
     the lower spokes are joined, unstressed where they find their ends, and pulled to their lengths:
-    this stresses the wheel. Last the load acts. Without stages it is stressed as drawn. Both end in
+    this stresses the wheel. Until then the bearings of the lower ring are locked. Last the load acts. Without stages it is stressed as drawn. Both end in
     the same state. The scene is not taken from a publication.
 
     Args:
@@ -93,8 +94,8 @@ def roof_ring(
         "lower": Cables(np.column_stack([inner, lower]), **parts["lower"]),
     }
     axes = np.stack([outward, around, np.broadcast_to(up, outward.shape)], axis=1)
-    supports = restrained(np.concatenate([upper, lower]), "yz", axes=np.concatenate([axes, axes]))
-    structure = Structure(nodes, elements, supports=supports)
+    bearings = restrained(np.concatenate([upper, lower]), "yz", axes=np.concatenate([axes, axes]))
+    structure = Structure(nodes, elements, supports=bearings)
     nothing = dict.fromkeys(elements)
     pulled = {**nothing, "lower": short["lower"]}
     share = 0.5 * load * np.pi * (radius**2 - hub**2) / n
@@ -104,7 +105,10 @@ def roof_ring(
     strand = np.hypot(radius - hub, 0.5 * height + drop) - np.hypot(radius - hub, 0.5 * height)
     hanging = Phase(rest_length={**nothing, "upper": short["upper"] + strand}, loads=SelfWeight())
     lift = Phase(shortening={**nothing, "upper": strand / lifts})
-    joined = [Phase(adds="lower"), Phase(rest_length=pulled)]
+    # a ring of straight pieces that nothing holds inward or outward is a mechanism
+    locked = restrained(upper, "yz", axes=axes) + restrained(lower, "xyz", axes=axes)
+    joined = [Phase(adds="lower"), Phase(rest_length=pulled, supports=bearings)]
+    structure = replace(structure, supports=locked)
     return Scene(structure, [hanging, *[lift] * lifts, *joined, roof])
 
 
