@@ -18,7 +18,7 @@ from jaxcable.cli import main
 
 ROOT = Path(__file__).parent.parent
 LAW = jc.Polygonal([0.0, 0.003], [0.0, 300e6])  # of 1 mm2: 100 kN a unit of strain, to 300 N
-COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert")
+COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert", "schema")
 
 
 def environment(**changes):

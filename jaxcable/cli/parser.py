@@ -11,7 +11,7 @@ from .. import linear
 from ..common import fusion
 from ..common.keeping import keep_programs
 from ..files.reading import number, whole
-from . import convert, demo, form, info, optimize, solve
+from . import convert, demo, form, info, optimize, schema, solve
 from .guard import guarded
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
@@ -33,7 +33,8 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the command line, with all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",
-        description="Prestressed cable structures: form, two-phase analysis, prestress. SI units.",
+        description="Prestressed cable structures: form, two-phase analysis, prestress. SI units.\n"
+        "Scenes are JSON files; `jaxcable schema` prints their JSON Schema, which editors know.",
         epilog=f"example: jaxcable solve net.json --plot net.png --report\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -44,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
     _optimize(commands)
     _info(commands)
     _convert(commands)
+    _schema(commands)
     return top
 
 
@@ -63,7 +65,8 @@ def _command(commands, name, module, help_, example):
 def _reads(command, scene=True):
     """Add the arguments of a command that reads a scene, or else a scene or a net."""
     if scene:
-        command.add_argument("scene", help="scene, JSON (written by save_scene or by hand)")
+        text = "scene, JSON (written by save_scene or by hand; `jaxcable schema` describes it)"
+        command.add_argument("scene", help=text)
     else:
         text = "scene (.json), net of compas or jax_fdm (.json), .obj, or two .csv: nodes and links"
         command.add_argument("files", nargs="+", metavar="file", help=text)
@@ -161,6 +164,12 @@ def _convert(commands):
         text = f"{unit}, where the file gives none"
         command.add_argument(f"--{name}", type=number, metavar="X", help=text)
     command.add_argument("--save", metavar="FILE", required=True, help="scene to write (.json)")
+
+
+def _schema(commands):
+    text = "print the JSON Schema of scene files, with which editors explain and check them"
+    command = _command(commands, "schema", schema, text, "--save scene.schema.json")
+    command.add_argument("--save", metavar="FILE", help="file to write instead (.json)")
 
 
 def _positive(word):

@@ -1,7 +1,7 @@
 """Scenes and results in files: JSON, NPZ, CSV; ParaView and OpenSees; nets of other programs.
 
 Files are data: nothing in them is executed. A file with wrong contents raises a `FileError` that
-names the file and the line or field.
+names the file and the line or field. `scene_schema` describes scene files to editors.
 """
 
 from .codec import register
@@ -13,6 +13,7 @@ from .pairs import read_csv
 from .reading import LARGEST, FileError
 from .results import load_result, save_result
 from .scene import load_scene, save_scene
+from .schema import scene_schema
 from .vtk import save_vtk
 
 __all__ = [
@@ -29,4 +30,5 @@ __all__ = [
     "save_result",
     "save_scene",
     "save_vtk",
+    "scene_schema",
 ]
