@@ -68,10 +68,18 @@ def _reads(command, scene=True):
         text = "scene, JSON (written by save_scene or by hand; `jaxcable schema` describes it)"
         command.add_argument("scene", help=text)
     else:
-        text = "scene (.json), net of compas or jax_fdm (.json), .obj, or two .csv: nodes and links"
+        text = (
+            "scene (.json), net of compas or jax_fdm (.json), .obj, .dxf, or two .csv: nodes, links"
+        )
         command.add_argument("files", nargs="+", metavar="file", help=text)
-        text = "metres per unit of an OBJ file"
-        command.add_argument("--scale", type=_positive, default=1.0, metavar="S", help=text)
+        text = (
+            "metres per unit of an OBJ file (default 1), or of a DXF file (default: its own unit)"
+        )
+        command.add_argument("--scale", type=_positive, metavar="S", help=text)
+        text = "of a DXF file: largest distance of points that become one node, m (default 1e-6)"
+        command.add_argument("--tol", type=_positive, default=1e-6, metavar="D", help=text)
+        text = 'of a DXF file: layer whose points are supports, "*" for all points'
+        command.add_argument("--supports", metavar="LAYER", help=text)
     text = "largest file that is read, MB (default 64)"
     command.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
 
@@ -88,7 +96,10 @@ def _solve(commands):
     command = _command(commands, "solve", solve, text, example)
     _reads(command)
     command.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
-    text = "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees); can be repeated"
+    text = (
+        "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees), .dxf, .compas.json; "
+        "can be repeated"
+    )
     command.add_argument("--save", metavar="FILE", action="append", default=[], help=text)
     text = "report: reactions, forces, cutting list; a .txt, .csv or .json file, or on the screen"
     command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
@@ -149,7 +160,9 @@ def _info(commands):
 
 
 def _convert(commands):
-    text = "make a scene of a net: OBJ lines, JSON of compas or jax_fdm, two CSV tables"
+    text = (
+        "make a scene of a net: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables; or a drawing"
+    )
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
     command = _command(commands, "convert", convert, text, example)
     _reads(command, scene=False)
@@ -163,7 +176,8 @@ def _convert(commands):
     ):
         text = f"{unit}, where the file gives none"
         command.add_argument(f"--{name}", type=number, metavar="X", help=text)
-    command.add_argument("--save", metavar="FILE", required=True, help="scene to write (.json)")
+    text = "scene to write (.json), or of a scene or net: a drawing (.dxf), a graph (.compas.json)"
+    command.add_argument("--save", metavar="FILE", required=True, help=text)
 
 
 def _schema(commands):
