@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import io
 import itertools
+import logging
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
@@ -102,6 +103,7 @@ def _library() -> ModuleType:
         import ezdxf
     except ImportError:
         raise ValueError("DXF: needs ezdxf; pip install 'jaxcable[dxf]'") from None
+    logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # else it prints by itself
     return ezdxf
 
 
