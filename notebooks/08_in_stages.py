@@ -172,6 +172,7 @@ plt.show()
 # The checks: the locked-in moment by hand, the lengths that were tuned, and every roof erected.
 
 # %%
-assert abs(over_the_support(one_by_one) - weight * span**2 / 16) < 1e-3  # kN m; the spans are curved by their weight
+by_hand = weight * span**2 / 16
+assert abs(over_the_support(one_by_one) - by_hand) < 1e-3  # kN m: spans are curved by their weight
 assert all(bool(met) for met in tuned.met) and int(tuned.status) == 0
 assert not np.asarray(codes).any()

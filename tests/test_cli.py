@@ -18,7 +18,7 @@ from jaxcable.cli import main
 
 ROOT = Path(__file__).parent.parent
 LAW = jc.Polygonal([0.0, 0.003], [0.0, 300e6])  # of 1 mm2: 100 kN a unit of strain, to 300 N
-COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert")
+COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert", "schema")
 
 
 def environment(**changes):
@@ -253,8 +253,8 @@ def test_convert_makes_a_scene_of_a_net(scene, capsys):
         ),
         (["net.obj", "--anchors", "two"], "anchors: 'two' is no node number"),
         (["net.json"], "net.json: is a scene of jaxcable already"),
-        (["net.stl"], "net.stl: expected .obj, .json, or two .csv"),
-        (["n.csv"], "n.csv: expected .obj, .json, or two .csv"),
+        (["net.stl"], "net.stl: expected .obj, .dxf, .json, or two .csv"),
+        (["n.csv"], "n.csv: expected .obj, .dxf, .json, or two .csv"),
         (["n.csv", "l.csv", "net.obj"], "expected one file, or two CSV tables"),
     ):
         stiff = ["--axial-stiffness", "1"] if "ends" not in words else []

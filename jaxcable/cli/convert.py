@@ -1,26 +1,45 @@
-"""``convert``: read a net of another program and write it as a scene."""
+"""``convert``: read a net of another program, or a scene, and write it as a scene or a net."""
 
 from __future__ import annotations
 
 from argparse import Namespace
 
-from ..files import save_scene
+from ..files import save_dxf, save_network, save_scene
 from . import inputs, outputs
 from .guard import Refused, require_writable
 
 
 def run(options: Namespace) -> None:
-    """Read the net that `options` name and write it as a scene."""
-    outputs.check_suffix(options.save, (".json",), "--save")
+    """Read the net or scene that `options` name and write it in the format of the suffix."""
+    outputs.check_suffix(options.save, (".json", ".dxf"), "--save")
     require_writable(options.save)
+    name = options.save.lower()
+    if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
+        options.scene = options.files[0]
+        scene = inputs.scene(options)
+    else:
+        scene = _scene(options)
+    try:
+        if name.endswith(".dxf"):
+            save_dxf(options.save, scene.structure)
+        elif name.endswith(".compas.json"):
+            save_network(options.save, scene.structure)
+        else:
+            save_scene(options.save, scene)
+    except ValueError as error:
+        raise Refused(f"{options.save}: {error}") from None
+    count = sum(len(group.links) for group in scene.structure.groups)
+    print(f"wrote {options.save}: {scene.structure.n_node} nodes, {count} links")
+
+
+def _scene(options):
+    """The scene of the net that `options` name."""
     net = inputs.net(options)
     names = ("axial_stiffness", "weight", "pretension", "force_density")
     properties = {name: getattr(options, name) for name in names}
     properties = {name: value for name, value in properties.items() if value is not None}
     try:
-        scene = net.scene(inputs.anchors(options.anchors), **properties)
+        return net.scene(inputs.anchors(options.anchors), **properties)
     except ValueError as error:
         hint = str(error).replace("axial_stiffness=...", "--axial-stiffness")
         raise Refused(f"{options.files[0]}: {hint}") from None
-    save_scene(options.save, scene)
-    print(f"wrote {options.save}: {scene.structure.n_node} nodes, {len(net.links)} links")

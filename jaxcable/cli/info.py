@@ -10,8 +10,6 @@ import numpy as np
 from ..analysis.phases import ABSOLUTE, INCREMENTS
 from ..analysis.preparation import prepare
 from ..analysis.presence import presence_of
-from ..files.reading import read_json
-from ..files.scene import FORMAT
 from ..loads import as_list
 from ..model.parts import groups_by_name
 from ..spaces.freedoms import number_freedoms
@@ -20,11 +18,9 @@ from . import inputs
 
 def run(options: Namespace) -> None:
     """Print the contents of the files that `options` name."""
-    name = options.files[0].lower()
-    if len(options.files) == 1 and name.endswith(".json"):
-        if read_json(options.files[0], int(options.largest * 1e6)).get("format") == FORMAT:
-            options.scene = options.files[0]
-            return _scene(*inputs.scene(options))
+    if inputs.is_scene(options):
+        options.scene = options.files[0]
+        return _scene(*inputs.scene(options))
     return _net(inputs.net(options))
 
 

@@ -10,9 +10,9 @@ import jax
 import numpy as np
 
 from ..common.types import ArrayLike, Float, PyTree
-from ..files import load_scene, read_csv, read_network, read_obj
+from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
 from ..files.nets import Net
-from ..files.reading import number, read_json, whole
+from ..files.reading import FileError, number, read_json, whole
 from ..files.scene import FORMAT
 from ..model.parts import groups_by_name
 from ..model.structure import Structure
@@ -35,8 +35,16 @@ def scene(options: Namespace) -> Scene:
     return found
 
 
+def is_scene(options: Namespace) -> bool:
+    """Whether the files of a command are one scene."""
+    name, largest = options.files[0], int(options.largest * 1e6)
+    if len(options.files) != 1 or not name.lower().endswith(".json"):
+        return False
+    return read_json(name, largest).get("format") == FORMAT
+
+
 def net(options: Namespace) -> Net:
-    """The `Net` in the files of a command: OBJ, JSON of compas or jax_fdm, or two CSV tables."""
+    """The `Net` in the files of a command: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables."""
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
     if suffixes == [".csv", ".csv"]:
@@ -44,12 +52,25 @@ def net(options: Namespace) -> Net:
     if len(paths) != 1:
         raise Refused("files: expected one file, or two CSV tables: nodes and links")
     if suffixes == [".obj"]:
-        return read_obj(paths[0], options.scale, largest=largest)
+        return read_obj(paths[0], options.scale or 1.0, largest=largest)
+    if suffixes == [".dxf"]:
+        try:
+            return read_dxf(
+                paths[0],
+                options.scale,
+                tol=options.tol,
+                supports=options.supports,
+                largest=largest,
+            )
+        except FileError:
+            raise
+        except ValueError as error:  # ezdxf is not installed
+            raise Refused(f"{paths[0]}: {error}") from None
     if suffixes == [".json"]:
         if read_json(paths[0], largest).get("format") == FORMAT:
             raise Refused(f"{paths[0]}: is a scene of jaxcable already")
         return read_network(paths[0], largest)
-    raise Refused(f"{paths[0]}: expected .obj, .json, or two .csv tables (nodes, links)")
+    raise Refused(f"{paths[0]}: expected .obj, .dxf, .json, or two .csv tables (nodes, links)")
 
 
 def values(words: Sequence[str], structure: Structure, name: str) -> float | PyTree[float | None]:

@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
 from ..common.status import OK
-from ..files import save_opensees, save_result, save_vtk
+from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..files.reading import written
 from ..model.structure import Structure
 from .guard import Refused, say
 
 PICTURES = (".png", ".pdf", ".svg")
-RESULTS = (".json", ".npz", ".csv", ".vtk", ".py")
+RESULTS = (".json", ".npz", ".csv", ".vtk", ".py", ".dxf")
 REPORTS = (".txt", ".json", ".csv")
 
 
@@ -34,6 +34,13 @@ def picture(figure: Figure, path: str) -> None:
 def result(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:
     """Save a result in the format of the path's suffix; returns the paths of the files."""
     path = Path(path)
+    try:
+        if path.suffix.lower() == ".dxf":
+            return save_dxf(path, structure, solution)
+        if path.name.lower().endswith(".compas.json"):
+            return save_network(path, structure, solution)
+    except ValueError as error:
+        raise Refused(f"{path}: {error}") from None
     if path.suffix == ".vtk":
         return save_vtk(path, structure, solution)
     if path.suffix == ".py":

@@ -11,7 +11,7 @@ from .. import linear
 from ..common import fusion
 from ..common.keeping import keep_programs
 from ..files.reading import number, whole
-from . import convert, demo, form, info, optimize, solve
+from . import convert, demo, form, info, optimize, schema, solve
 from .guard import guarded
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
@@ -33,7 +33,8 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the command line, with all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",
-        description="Prestressed cable structures: form, two-phase analysis, prestress. SI units.",
+        description="Prestressed cable structures: form, two-phase analysis, prestress. SI units.\n"
+        "Scenes are JSON files; `jaxcable schema` prints their JSON Schema, which editors know.",
         epilog=f"example: jaxcable solve net.json --plot net.png --report\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -44,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
     _optimize(commands)
     _info(commands)
     _convert(commands)
+    _schema(commands)
     return top
 
 
@@ -63,12 +65,21 @@ def _command(commands, name, module, help_, example):
 def _reads(command, scene=True):
     """Add the arguments of a command that reads a scene, or else a scene or a net."""
     if scene:
-        command.add_argument("scene", help="scene, JSON (written by save_scene or by hand)")
+        text = "scene, JSON (written by save_scene or by hand; `jaxcable schema` describes it)"
+        command.add_argument("scene", help=text)
     else:
-        text = "scene (.json), net of compas or jax_fdm (.json), .obj, or two .csv: nodes and links"
+        text = (
+            "scene (.json), net of compas or jax_fdm (.json), .obj, .dxf, or two .csv: nodes, links"
+        )
         command.add_argument("files", nargs="+", metavar="file", help=text)
-        text = "metres per unit of an OBJ file"
-        command.add_argument("--scale", type=_positive, default=1.0, metavar="S", help=text)
+        text = (
+            "metres per unit of an OBJ file (default 1), or of a DXF file (default: its own unit)"
+        )
+        command.add_argument("--scale", type=_positive, metavar="S", help=text)
+        text = "of a DXF file: largest distance of points that become one node, m (default 1e-6)"
+        command.add_argument("--tol", type=_positive, default=1e-6, metavar="D", help=text)
+        text = 'of a DXF file: layer whose points are supports, "*" for all points'
+        command.add_argument("--supports", metavar="LAYER", help=text)
     text = "largest file that is read, MB (default 64)"
     command.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
 
@@ -85,7 +96,10 @@ def _solve(commands):
     command = _command(commands, "solve", solve, text, example)
     _reads(command)
     command.add_argument("--plot", metavar="FILE", help="picture to write (png, pdf, svg)")
-    text = "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees); can be repeated"
+    text = (
+        "result: .json, .npz, .csv (tables), .vtk (ParaView), .py (OpenSees), .dxf, .compas.json; "
+        "can be repeated"
+    )
     command.add_argument("--save", metavar="FILE", action="append", default=[], help=text)
     text = "report: reactions, forces, cutting list; a .txt, .csv or .json file, or on the screen"
     command.add_argument("--report", metavar="FILE", nargs="?", const="-", help=text)
@@ -146,7 +160,9 @@ def _info(commands):
 
 
 def _convert(commands):
-    text = "make a scene of a net: OBJ lines, JSON of compas or jax_fdm, two CSV tables"
+    text = (
+        "make a scene of a net: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables; or a drawing"
+    )
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
     command = _command(commands, "convert", convert, text, example)
     _reads(command, scene=False)
@@ -160,7 +176,14 @@ def _convert(commands):
     ):
         text = f"{unit}, where the file gives none"
         command.add_argument(f"--{name}", type=number, metavar="X", help=text)
-    command.add_argument("--save", metavar="FILE", required=True, help="scene to write (.json)")
+    text = "scene to write (.json), or of a scene or net: a drawing (.dxf), a graph (.compas.json)"
+    command.add_argument("--save", metavar="FILE", required=True, help=text)
+
+
+def _schema(commands):
+    text = "print the JSON Schema of scene files, with which editors explain and check them"
+    command = _command(commands, "schema", schema, text, "--save scene.schema.json")
+    command.add_argument("--save", metavar="FILE", help="file to write instead (.json)")
 
 
 def _positive(word):

@@ -91,6 +91,14 @@ def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ...
     return array
 
 
+def scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
+    """Return `value` as a float; ValueError for an array with axes."""
+    number = floats(value, name)
+    if number.ndim:
+        raise ValueError(f"{name}: expected a scalar, got shape {number.shape}")
+    return number
+
+
 def per_element(
     value: Float[ArrayLike, " n_elem"] | None, n_elem: int, name: str
 ) -> Float[ArrayLike, " n_elem"] | None:

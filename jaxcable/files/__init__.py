@@ -1,11 +1,13 @@
-"""Scenes and results in files: JSON, NPZ, CSV; ParaView and OpenSees; nets of other programs.
+"""Scenes and results in files: JSON, NPZ, CSV, DXF; ParaView, OpenSees; nets of other programs.
 
 Files are data: nothing in them is executed. A file with wrong contents raises a `FileError` that
-names the file and the line or field.
+names the file and the line or field. `scene_schema` describes scene files to editors.
 """
 
 from .codec import register
+from .dxf import read_dxf, save_dxf
 from .nets import Net
+from .network_writing import save_network
 from .networks import read_network
 from .obj import read_obj
 from .opensees import save_opensees
@@ -13,6 +15,7 @@ from .pairs import read_csv
 from .reading import LARGEST, FileError
 from .results import load_result, save_result
 from .scene import load_scene, save_scene
+from .schema import scene_schema
 from .vtk import save_vtk
 
 __all__ = [
@@ -22,11 +25,15 @@ __all__ = [
     "load_result",
     "load_scene",
     "read_csv",
+    "read_dxf",
     "read_network",
     "read_obj",
     "register",
+    "save_dxf",
+    "save_network",
     "save_opensees",
     "save_result",
     "save_scene",
     "save_vtk",
+    "scene_schema",
 ]

@@ -78,8 +78,11 @@ def register(cls: Kind) -> Kind:
     return cls
 
 
-_IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
-_DEEPEST = 32  # levels of nested objects, more than any structure needs
+IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
+"""Classes of objects that need not name theirs, by the field that they stand in."""
+
+DEEPEST = 32
+"""Levels of nested objects that are read: more than any structure needs."""
 
 
 def encode(value: Any, where: str, implied: type | None = None) -> Any:
@@ -123,9 +126,9 @@ def _encode_object(value, where, implied):
     """Plain data of an object of a class in `TYPES`, a dict; fields with defaults are left out."""
     cls = type(value)
     fields = {} if cls is implied else {"type": cls.__name__}
-    for field in dataclasses.fields(cls):
+    for field in stated(cls):
         content = getattr(value, field.name)
-        if content is None or field.name in _worked_out(cls):
+        if content is None:
             continue
         if field.default is not dataclasses.MISSING and content is field.default:
             continue
@@ -134,13 +137,14 @@ def _encode_object(value, where, implied):
         if cls is Section and field.name == "laws":
             content = list(content)  # its constructor makes a tuple of it again
         place = f"{where}.{field.name}"
-        fields[field.name] = encode(content, place, _IMPLIED.get(field.name))
+        fields[field.name] = encode(content, place, IMPLIED.get(field.name))
     return fields
 
 
-def _worked_out(cls):
-    """Fields of a class that users do not state: its constructor or the analysis fills them."""
-    return cls.worked_out if issubclass(cls, Load | Law) else ()
+def stated(cls: type) -> list[dataclasses.Field]:
+    """Fields of a class that users state, a list; the constructor or the analysis fills others."""
+    others = cls.worked_out if issubclass(cls, Load | Law) else ()
+    return [field for field in dataclasses.fields(cls) if field.name not in others]
 
 
 def _once(values):
@@ -175,7 +179,7 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
     Raises:
         FileError: names the field and what is wrong with it.
     """
-    if depth > _DEEPEST:
+    if depth > DEEPEST:
         raise FileError(f"{where}: nested too deeply")
     if data is None or isinstance(data, bool | str):
         return data
@@ -229,15 +233,16 @@ def _decode_object(data, where, implied, depth):
     cls = TYPES[name]
     if implied is not None and cls is not implied:
         raise FileError(f"{where}: expected a {implied.__name__}, got a {name}")
-    known = [f.name for f in dataclasses.fields(cls) if f.name not in _worked_out(cls)]
+    kinds = {field.name: str(field.type) for field in stated(cls)}
     values = {}
     for key, value in data.items():
         if key == "type":
             continue
-        if key not in known:
-            raise FileError(f"{where}: a {name} has no field {key!r}{_meant(key, known)}")
+        if key not in kinds:
+            raise FileError(f"{where}: a {name} has no field {key!r}{_meant(key, kinds)}")
         place = f"{where}.{key}"
-        values[key] = decode(value, place, _IMPLIED.get(key), depth + 1)
+        values[key] = decode(value, place, IMPLIED.get(key), depth + 1)
+        _require_kind(values[key], kinds[key], place)
     if cls is Section and isinstance(values.get("counts"), np.ndarray):
         values["counts"] = tuple(values["counts"].tolist())
     try:
@@ -254,6 +259,17 @@ def _decode_object(data, where, implied, depth):
     except (AttributeError, IndexError, KeyError, OverflowError) as error:
         # errors of constructors when a field holds a value of a wrong kind
         raise FileError(f"{where}: not the fields that a {name} needs: {error}") from None
+
+
+def _require_kind(value, kind, where):
+    """FileError for what constructors do not look at, or Python would take for something else."""
+    numbers = isinstance(value, np.ndarray | np.generic | list | tuple | str | int | float | None)
+    if kind.startswith(("Float[", "Int[", "Bool[")) and not numbers:
+        raise FileError(f"{where}: expected numbers, got {type(value).__name__}")
+    if kind == "bool" and not isinstance(value, bool):
+        raise FileError(f"{where}: expected true or false, got {value!r:.40}")
+    if kind == "Key" and (isinstance(value, bool) or not isinstance(value, str | int | None)):
+        raise FileError(f"{where}: expected the key of a group, got {value!r:.40}")
 
 
 def _required(field, values):

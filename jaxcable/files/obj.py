@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from os import PathLike
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from . import reading
+from .lines import net_of
 from .nets import Net
 from .reading import LARGEST, FileError, read_text
-
-_FARTHEST = 1e12  # largest coordinate, m; squares of distances are useless beyond it
-_CROWD = 50  # largest average number of points within the tolerance of a point
 
 
 def read_obj(
@@ -71,7 +67,7 @@ def read_obj(
                 if len(chain) < 2:
                     raise ValueError("a line has at least two points")
                 chain += chain[:1] if kind == "f" else []
-                lines += [(number, group, *pair) for pair in itertools.pairwise(chain)]
+                lines += [(f"line {number}", group, *pair) for pair in itertools.pairwise(chain)]
             elif kind in ("g", "o"):
                 group, named = " ".join(words), True
         except ValueError as error:
@@ -80,30 +76,13 @@ def read_obj(
         raise FileError(f"{path}: has {len(points)} points (v) and {len(lines)} lines (l): no net")
     with np.errstate(over="ignore"):
         places = scale * np.array(points)
-    if not np.abs(places).max() < _FARTHEST:
-        raise FileError(f"{path}: coordinates beyond {_FARTHEST:.0e} m; is the scale right?")
     try:
-        node = _joined(places, tolerance)
+        drawn = net_of(places, lines, tolerance)
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
-    found = {}
-    for number, label, i, j in lines:
-        first, second = int(node[i]), int(node[j])
-        if first == second:
-            raise FileError(f"{path}: line {number}: a line without length")
-        found.setdefault((min(first, second), max(first, second)), (first, second, label))
-    links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
-    used, links = np.unique(links, return_inverse=True)  # drop points without a line
-    origin = np.unique(node, return_index=True)[1]
-    groups = tuple(label for *_, label in found.values())
-    return Net(
-        nodes=places[origin][used],
-        links=links.reshape(-1, 2).astype(np.int32),
-        fixed=np.zeros((len(used), 3), bool),
-        kinds=("cable",) * len(links.reshape(-1, 2)),
-        groups=groups if named and len(set(groups)) > 1 else None,
-        names=tuple(str(k + 1) for k in origin[used]),
-    )
+    groups = drawn.net.groups
+    several = named and groups is not None and len(set(groups)) > 1
+    return dataclasses.replace(drawn.net, groups=groups if several else None)
 
 
 def _point(word, count):
@@ -116,19 +95,3 @@ def _point(word, count):
     if number == 0 or not 0 <= index < count:
         raise ValueError(f"point {number} is not among the {count} before this line")
     return index
-
-
-def _joined(places, tolerance):
-    """Node number of each point; nodes are numbered in the order of their first points."""
-    distinct, which = np.unique(places, axis=0, return_inverse=True)
-    tree = cKDTree(distinct)
-    if tree.count_neighbors(tree, tolerance) > _CROWD * len(distinct):
-        raise ValueError(f"too many points within {tolerance} m of each other; is the scale right?")
-    pairs = tree.query_pairs(tolerance, output_type="ndarray")
-    size = (len(distinct),) * 2
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=size)
-    label = connected_components(graph, directed=False)[1][which.ravel()]
-    first = np.unique(label, return_index=True)[1]
-    order = np.empty(len(first), int)
-    order[np.argsort(first)] = np.arange(len(first))
-    return order[label]

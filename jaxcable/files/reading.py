@@ -59,12 +59,12 @@ def whole(word: str) -> int:
     return int(word)
 
 
-def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
-    """The text of a UTF-8 file of at most `largest` bytes.
+def read_bytes(path: str | PathLike[str], largest: int = LARGEST) -> bytes:
+    """The bytes of a file of text, at most `largest`.
 
     Raises:
         OSError: there is no such file, or it cannot be read.
-        FileError: the file is too large, or no text.
+        FileError: the file is too large, or binary.
     """
     path = Path(path)
     with path.open("rb") as stream:
@@ -75,6 +75,17 @@ def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
         )
     if b"\0" in data[:4096]:
         raise FileError(f"{path}: holds binary data, not text")
+    return data
+
+
+def read_text(path: str | PathLike[str], largest: int = LARGEST) -> str:
+    """The text of a UTF-8 file of at most `largest` bytes.
+
+    Raises:
+        OSError: there is no such file, or it cannot be read.
+        FileError: the file is too large, or no text.
+    """
+    data = read_bytes(path, largest)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -14,6 +14,10 @@ The format, version 1::
 
 Fields are the arguments of the classes of this package, in SI units; node numbers start at 0. An
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
+
+`scene_schema` describes the format to editors: with ``"$schema": "scene.schema.json"`` in a scene,
+and the file that ``jaxcable schema --save scene.schema.json`` writes beside it, they explain and
+check every field while it is typed. Reading ignores the field.
 """
 
 from __future__ import annotations
@@ -33,7 +37,8 @@ from .reading import LARGEST, FileError, read_json, written
 
 FORMAT = "jaxcable scene"
 VERSION = 1
-_MOST_INCREMENTS = 1_000_000  # limits the memory that a small file can claim
+MOST_INCREMENTS = 1_000_000
+"""Of a phase: limits the memory that a small file can claim."""
 
 
 def save_scene(
@@ -120,7 +125,9 @@ def _scene(data):
         raise FileError(f"version: expected a whole number, got {_short(version)}")
     if version > VERSION:
         raise FileError(f"version: {version} is newer than {VERSION}, the last that is known")
-    unknown = data.keys() - {"format", "version", "structure", "phases", "comment"}
+    if not isinstance(data.get("$schema", ""), str):  # of editors: where the schema is
+        raise FileError(f"$schema: expected a text, got {_short(data['$schema'])}")
+    unknown = data.keys() - {"format", "version", "structure", "phases", "comment", "$schema"}
     if unknown:
         raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
     for name, kind, words in (("structure", dict, "an object"), ("phases", list, "a list")):
@@ -136,8 +143,8 @@ def _scene(data):
         phases.append(decode(phase, f"phases[{k}]", Phase))
         if not isinstance(phases[-1], Phase):
             raise FileError(f"phases[{k}]: expected a Phase, got {_short(phase)}")
-        if phases[-1].increments > _MOST_INCREMENTS:
-            raise FileError(f"phases[{k}].increments: more than {_MOST_INCREMENTS}")
+        if phases[-1].increments > MOST_INCREMENTS:
+            raise FileError(f"phases[{k}].increments: more than {MOST_INCREMENTS}")
     try:
         with warnings.catch_warnings():  # the analysis gives warnings, reading does not
             warnings.simplefilter("ignore", InputWarning)

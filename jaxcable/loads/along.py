@@ -177,7 +177,7 @@ class LineLoads(Measured):
         if forces.shape != (3,):
             raise ValueError(f"forces: expected shape (3,), got {forces.shape}")
         object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "factor", checks.floats(self.factor, "factor"))
+        object.__setattr__(self, "factor", checks.scalar(self.factor, "factor"))
         if self.per not in PER:
             raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
         check_geometry(self.geometry, self.per)

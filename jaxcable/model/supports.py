@@ -101,6 +101,7 @@ class Supports:
             value = getattr(self, name)
             if value is not None and not isinstance(value, Indices):
                 object.__setattr__(self, name, Indices(value))
+        self._check_directions()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
             if mask.dtype != bool or mask.ndim != 2 or mask.shape[1] not in (N_FREEDOM, 6):
@@ -109,6 +110,21 @@ class Supports:
                     f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
             object.__setattr__(self, "mask", Indices(mask))
+
+    def _check_directions(self):
+        """Raise ValueError unless all of `chosen`, `held`, `axes` are given, in their shapes."""
+        given = self.chosen, self.held, self.axes
+        if all(value is None for value in given):
+            return
+        if any(value is None for value in given):
+            raise ValueError(
+                "supports: chosen, held, axes: give all three, as restrained(...) does"
+            )
+        count = len(self.chosen)
+        if self.held.shape != (count, 6) or self.held.array.dtype != bool:
+            raise ValueError(f"supports held: expected booleans [{count}, 6]")
+        if self.axes.shape != (count, 3, 3) or self.axes.array.dtype.kind not in "if":
+            raise ValueError(f"supports axes: expected numbers [{count}, 3, 3]")
 
     def __add__(self, other):
         if not isinstance(other, Supports):

@@ -38,8 +38,9 @@ def roof_ring(
     In stages, the ring in tension hangs `drop` below its place first, on upper spokes that are
     longer by a strand each, and is lifted by jacks that shorten them, alike in every stage. Then
     the lower spokes are joined, unstressed where they find their ends, and pulled to their lengths:
-    this stresses the wheel. Until then the bearings of the lower ring are locked. Last the load acts. Without stages it is stressed as drawn. Both end in
-    the same state. The scene is not taken from a publication.
+    this stresses the wheel. Until then the bearings of the lower ring are locked. Last the load
+    acts. Without stages it is stressed as drawn. Both end in the same state. The scene is not taken
+    from a publication.
 
     Args:
         n: number of spokes above, and below.

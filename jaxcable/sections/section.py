@@ -90,6 +90,14 @@ class Section(Fibres):
         put(self, "counts", (len(self.y),) if self.counts is None else tuple(self.counts))
         if len(self.counts) != len(self.laws) or sum(self.counts) != len(self.y):
             raise ValueError(f"counts = {self.counts}: must give every law its number of fibres")
+        for name, shape in (("torsion", (len(self.laws),)), ("points", None)):
+            if getattr(self, name) is None:
+                continue
+            value = checks.floats(getattr(self, name), name)
+            if value.shape != (shape or (len(value) if value.ndim else 0, 2)):
+                told = f"one constant per law, {list(shape)}" if shape else "[n_point, 2]"
+                raise ValueError(f"{name}: expected shape {told}, got {value.shape}")
+            put(self, name, value)
         if self.cells is not None and not isinstance(self.cells, Indices):
             cells = checks.integers(self.cells, "cells", 4)
             count = 0 if self.points is None else len(self.points)

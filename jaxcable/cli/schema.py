@@ -1,0 +1,25 @@
+"""``schema``: print the JSON Schema of scene files, for editors."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+
+from ..files import scene_schema
+from ..files.layout import laid_out
+from ..files.reading import written
+from . import outputs
+from .guard import require_writable
+
+
+def run(options: Namespace) -> None:
+    """Print the schema, or write it to the file that `options` name."""
+    outputs.check_suffix(options.save, (".json",), "--save")
+    require_writable(options.save)
+    text = laid_out(scene_schema())
+    if options.save is None:
+        print(text)
+        return
+    with written(options.save) as stream:
+        stream.write(text + "\n")
+    print(f'wrote {options.save}; in a scene beside it: "$schema": "{Path(options.save).name}"')

@@ -1,0 +1,65 @@
+"""What docstrings say of the fields of a class, for the schema of scene files."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Mapping
+
+_SECTION = re.compile(r"^(Args|Attributes):$")
+_ENTRY = re.compile(r"^(?:    |- )(\w+(?:, \w+)*): ?(.*)$")
+_SAME = re.compile(r"^as (?:of|for) `(\w+)`[;.]? ?(.*)$")
+_NOTHING = re.compile(r"\bNone\b")  # JSON has another word for it
+_LIKE = re.compile(r"Arguments and errors are those of\s+`(\w+)`")
+
+
+def summary(cls: type) -> str:
+    """The first paragraph of the docstring of a class, on one line."""
+    return " ".join((inspect.getdoc(cls) or cls.__name__).split("\n\n")[0].split())
+
+
+def explained(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
+    """What the docstring of a class says of its fields: dict from name to text, on one line.
+
+    Fields are entries of "Args" or "Attributes", or items of a list with their name in front. An
+    entry like "as of `Bars`" is replaced by what the docstring of that class says.
+
+    Args:
+        cls: the class.
+        classes: other classes, by the names under which docstrings refer to them.
+    """
+    text = inspect.getdoc(cls) or ""
+    found: dict[str, str] = {}
+    like = _LIKE.search(text)
+    if like is not None and like[1] in classes:
+        found |= explained(classes[like[1]], classes)
+    for names, words in _entries(text):
+        for name in names:
+            found[name] = _NOTHING.sub("null", _resolved(name, words, classes))
+    return found
+
+
+def _entries(text):
+    """Iterate over pairs (names of fields, what is said of them on one line) in a docstring."""
+    names, words, inside = [], [], False
+    for line in [*text.splitlines(), ""]:
+        entry = _ENTRY.match(line)
+        begins = entry is not None and (inside or line.startswith("- "))
+        if names and (begins or not line.startswith("  ")):
+            yield names, " ".join(" ".join(words).split())
+            names, words = [], []
+        if line and not line.startswith(" "):
+            inside = _SECTION.match(line) is not None
+        if begins:
+            names, words = entry[1].split(", "), [entry[2]]
+        elif names:
+            words.append(line)
+
+
+def _resolved(name, words, classes):
+    """What is said of a field; with what another class says of it, if it is the same there."""
+    same = _SAME.match(words)
+    if same is None or same[1] not in classes:
+        return words
+    own = same[2] if name in same[2].lower() else ""  # what is added there may concern another one
+    return " ".join((explained(classes[same[1]], classes).get(name, ""), own)).strip()

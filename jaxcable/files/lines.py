@@ -1,0 +1,85 @@
+"""Lines between points, as drawings have them, as a net: near points become one node."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from ..common.types import Float
+from .nets import Net
+from .reading import FileError
+
+_FARTHEST = 1e12  # largest coordinate, m; squares of distances are useless beyond it
+_CROWD = 50  # largest average number of points within the tolerance of a point
+
+
+class Drawn(NamedTuple):
+    """A net of lines.
+
+    Attributes:
+        net: `Net` with groups, and with the numbers of points from 1 as names; without supports.
+        repeated: number of lines that are there already, between the same nodes.
+    """
+
+    net: Net
+    repeated: int
+
+
+def net_of(
+    places: Float[np.ndarray, "n_point 3"],
+    lines: Sequence[tuple[str, str, int, int]],
+    tolerance: float,
+) -> Drawn:
+    """The net of lines between points; points that no line touches are left out.
+
+    Args:
+        places: the points, m.
+        lines: for every line its place in the file in words, its group, and its two points.
+        tolerance: largest distance of points that become one node, m.
+
+    Raises:
+        FileError: a line without length, coordinates too large, too many points too near.
+    """
+    if not np.abs(places).max() < _FARTHEST:
+        raise FileError(f"coordinates beyond {_FARTHEST:.0e} m; is the scale right?")
+    node = _joined(places, tolerance)
+    found = {}
+    for where, label, i, j in lines:
+        first, second = int(node[i]), int(node[j])
+        if first == second:
+            raise FileError(f"{where}: a line without length")
+        found.setdefault((min(first, second), max(first, second)), (first, second, label))
+    links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
+    used, links = np.unique(links, return_inverse=True)  # drop points without a line
+    links = links.reshape(-1, 2).astype(np.int32)
+    origin = np.unique(node, return_index=True)[1]
+    net = Net(
+        nodes=places[origin][used],
+        links=links,
+        fixed=np.zeros((len(used), 3), bool),
+        kinds=("cable",) * len(links),
+        groups=tuple(label for *_, label in found.values()),
+        names=tuple(str(k + 1) for k in origin[used]),
+    )
+    return Drawn(net, len(lines) - len(found))
+
+
+def _joined(places, tolerance):
+    """Node number of each point; nodes are numbered in the order of their first points."""
+    distinct, which = np.unique(places, axis=0, return_inverse=True)
+    tree = cKDTree(distinct)
+    if tree.count_neighbors(tree, tolerance) > _CROWD * len(distinct):
+        raise FileError(f"too many points within {tolerance} m of each other; is the scale right?")
+    pairs = tree.query_pairs(tolerance, output_type="ndarray")
+    size = (len(distinct),) * 2
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=size)
+    label = connected_components(graph, directed=False)[1][which.ravel()]
+    first = np.unique(label, return_index=True)[1]
+    order = np.empty(len(first), int)
+    order[np.argsort(first)] = np.arange(len(first))
+    return order[label]

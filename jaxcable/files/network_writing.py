@@ -1,0 +1,162 @@
+"""Structures and results as JSON of compas: a graph, or a mesh if its faces are given."""
+
+from __future__ import annotations
+
+import json
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..analysis.solution import Solution
+from ..common import checks
+from ..common.types import ArrayLike, Int
+from ..model.parts import groups_by_name, one_case, per_group, pieces
+from ..model.structure import Structure
+from ..model.topology import require_same
+from .reading import written
+
+
+def save_network(
+    path: str | PathLike[str],
+    structure: Structure,
+    solution: Solution | None = None,
+    *,
+    faces: Int[ArrayLike, "n_face 3or4"] | None = None,
+) -> list[Path]:
+    """Write a structure as a Graph, or a Mesh, that compas 2 opens and `read_network` reads.
+
+    Nodes have ``x, y, z`` (m), ``is_support`` where all displacements are held, and the load
+    ``px, py, pz`` (N). Edges are the straight pieces of elements, with ``group`` and the length
+    ``l`` (m); with a solution also the force ``f`` (N), the force density ``q = f / l`` (N/m) and,
+    for elements of two nodes, the unstressed length ``l0`` (m). Of a catenary, ``f`` is the mean of
+    the tensions at its ends.
+
+    Args:
+        path: path of the file, ending with .json. structure: `Structure`. solution: its `Solution`,
+        for positions and forces in its end; if it has failed, those of the
+            last converged state. None writes the nodes as they are in the structure.
+
+    Options:
+        faces: node numbers around the faces of a net, as from `net_faces`; every link must be a
+        side
+            of one. None writes a Graph.
+
+    Returns:
+        Paths of the files written, a list.
+
+    Raises:
+        ValueError: another suffix, two elements between the same nodes, a side of a face without an
+            element or an element that is none, a batch, another structure than that of the
+            solution, numbers that are not finite.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.json"
+        >>> solution = jc.solve(structure, phases)
+        >>> _ = jc.files.save_network(path, structure, solution)
+        >>> net = jc.files.read_network(path)
+        >>> bool((net.nodes == solution.positions).all()), len(net.links)
+        (True, 12)
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".json":
+        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .json")
+    places, loads = np.asarray(structure.nodes, float), None
+    if solution is not None:
+        one_case(solution)
+        require_same(structure, solution.last.topology, "solution")
+        places = np.asarray(solution.last.positions, float)
+        loads = np.asarray(solution.last.load, float)[:, :3]
+    if not np.isfinite(places).all():
+        raise ValueError(f"nodes[{int(np.argwhere(~np.isfinite(places))[0][0])}]: not finite")
+    held = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].all(axis=1))
+    nodes: dict[str, Any] = {}
+    for k, place in enumerate(places.tolist()):
+        nodes[str(k)] = dict(zip("xyz", place, strict=True))
+        nodes[str(k)]["is_support"] = bool(held[k])
+        if loads is not None:
+            nodes[str(k)] |= dict(zip(("px", "py", "pz"), loads[k].tolist(), strict=True))
+    edges = _edges(structure, solution, places)
+    kind, data = "Graph", _graph(nodes, edges)
+    if faces is not None:
+        kind, data = "Mesh", _mesh(nodes, edges, faces)
+    whole = {"dtype": f"compas.datastructures/{kind}", "data": {"attributes": {}, **data}}
+    text = json.dumps(whole, allow_nan=False)
+    with written(path) as stream:
+        stream.write(text + "\n")
+    return [path]
+
+
+def _edges(structure, solution, places):
+    """Attributes of all straight pieces: dict from pairs of node numbers."""
+    ends, element, owner = pieces(structure.groups)
+    count = np.bincount(element)
+    names = [name or type(group).__name__ for name, group in groups_by_name(structure)]
+    force = rest = None
+    if solution is not None:
+        force = _joined(structure, solution.last.tension)
+        rest = _joined(structure, solution.last.rest_length)
+    lengths = np.linalg.norm(places[ends[:, 1]] - places[ends[:, 0]], axis=1)
+    found: dict[tuple[int, int], dict[str, Any]] = {}
+    for k, (i, j) in enumerate(ends.tolist()):
+        if (i, j) in found or (j, i) in found:
+            raise ValueError(f"elements: two between the nodes {i} and {j}; compas knows one edge")
+        about: dict[str, Any] = {"group": names[owner[k]], "l": float(lengths[k])}
+        if force is not None and np.isfinite(force[element[k]]) and lengths[k] > 0:
+            pull = float(force[element[k]])
+            about |= {"f": pull, "q": pull / float(lengths[k])}
+            if count[element[k]] == 1 and np.isfinite(rest[element[k]]):
+                about["l0"] = float(rest[element[k]])
+        found[i, j] = about
+    return found
+
+
+def _joined(structure, values):
+    """Values of all elements, [n_elem] through all groups; NaN where a group has none."""
+    parts = zip(structure.groups, per_group(structure, values), strict=True)
+    return np.concatenate([np.full(len(g.links), np.nan) if v is None else v for g, v in parts])
+
+
+def _graph(nodes, edges):
+    """Data of a Graph."""
+    table: dict[str, Any] = {name: {} for name in nodes}
+    for (i, j), about in edges.items():
+        table[str(i)][str(j)] = about
+    return {
+        "default_node_attributes": {"x": 0.0, "y": 0.0, "z": 0.0, "is_support": False},
+        "default_edge_attributes": {},
+        "node": nodes,
+        "edge": table,
+        "max_node": len(nodes) - 1,
+    }
+
+
+def _mesh(nodes, edges, faces):
+    """Data of a Mesh, whose edges are the sides of its faces."""
+    array = np.asarray(faces)
+    if array.ndim != 2 or array.shape[1] not in (3, 4):
+        raise ValueError(f"faces: expected node numbers [n, 3] or [n, 4], got {array.shape}")
+    array = checks.integers(array, "faces", width=array.shape[1])
+    checks.known(array, len(nodes), "faces")
+    rings = [list(dict.fromkeys(face)) for face in array.tolist()]  # triangles repeat a node
+    pairs = [pair for ring in rings for pair in zip(ring, ring[1:] + ring[:1], strict=True)]
+    sides = {tuple(sorted(pair)) for pair in pairs}
+    about = {tuple(sorted(pair)): value for pair, value in edges.items()}
+    for pair in sorted(sides ^ set(about)):
+        told = "is no side of a face" if pair in about else "of a face has no element"
+        raise ValueError(f"faces: the link {list(pair)} {told}; leave out faces for a Graph")
+    return {
+        "default_vertex_attributes": {"x": 0.0, "y": 0.0, "z": 0.0, "is_support": False},
+        "default_edge_attributes": {},
+        "default_face_attributes": {},
+        "vertex": nodes,
+        "face": {str(k): ring for k, ring in enumerate(rings)},
+        "facedata": {str(k): {} for k in range(len(rings))},
+        "edgedata": {str(pair): value for pair, value in about.items()},
+        "max_vertex": len(nodes) - 1,
+        "max_face": len(rings) - 1,
+    }

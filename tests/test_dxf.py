@@ -1,0 +1,240 @@
+"""Drawings in DXF: read, written, read by others; and files that are not what they should be."""
+
+import warnings
+
+import dxfgrabber
+import ezdxf
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.cli import main
+from jaxcable.files import FileError, read_dxf, save_dxf
+
+
+def drawing(path, unit=6, change=None):
+    """A drawing of two layers: a line, a closed and a 3D polyline, points; and what is no line."""
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = unit
+    space = document.modelspace()
+    space.add_line((0, 0, 0), (1, 0, 1 / 3), dxfattribs={"layer": "edge"})
+    square = [(1, 0), (2, 0), (2, 1)]
+    space.add_lwpolyline(square, close=True, dxfattribs={"layer": "field", "elevation": 1 / 3})
+    space.add_polyline3d([(2, 1, 1 / 3 + 1e-8), (3, 1, 0), (4, 1, 5)], dxfattribs={"layer": "edge"})
+    space.add_point((0, 0, 0), dxfattribs={"layer": "held"})
+    space.add_point((4, 1, 5), dxfattribs={"layer": "held"})
+    if change is not None:
+        change(document, space)
+    document.saveas(path)
+    return path
+
+
+def tags(path):
+    """Pairs (code, text) of the file: two lines each. This is the whole format."""
+    lines = path.read_text().splitlines()
+    return [(int(code), word.strip()) for code, word in zip(lines[::2], lines[1::2], strict=True)]
+
+
+def entities(path):
+    """Entities of the file, by a reader of its own: lists of pairs, the kind first."""
+    found, inside = [], False
+    for code, word in tags(path):
+        if (code, word) == (2, "ENTITIES"):
+            inside = True
+        elif (code, word) == (0, "ENDSEC"):
+            inside = False
+        elif inside and code == 0:
+            found.append([(code, word)])
+        elif inside and found:
+            found[-1].append((code, word))
+    return found
+
+
+def test_lines_and_polylines_become_groups_by_layer(tmp_path):
+    net = read_dxf(drawing(tmp_path / "net.dxf"), supports="held")
+    assert net.nodes.tolist()[:3] == [[0, 0, 0], [1, 0, 1 / 3], [2, 0, 1 / 3]]
+    assert net.links.tolist() == [[0, 1], [1, 2], [2, 3], [3, 1], [3, 4], [4, 5]]
+    assert net.groups == ("edge", *["field"] * 3, *["edge"] * 2)
+    assert np.flatnonzero(net.fixed.all(axis=1)).tolist() == [0, 5]
+    structure, _ = net.scene([4], axial_stiffness=1e5)
+    assert list(structure.elements) == ["edge", "field"]
+    assert len(read_dxf(tmp_path / "net.dxf", tol=1e-9).nodes) == 7  # ends that are not merged
+    with pytest.raises(FileError, match=r"supports = 'feet': there is no POINT on this layer"):
+        read_dxf(tmp_path / "net.dxf", supports="feet")
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [(1, 0.0254), (2, 0.3048), (4, 1e-3), (5, 1e-2), (6, 1.0)]
+)
+def test_units_of_the_header(unit, metres, tmp_path):
+    net = read_dxf(drawing(tmp_path / "net.dxf", unit))
+    assert net.nodes[5].tolist() == [4 * metres, metres, 5 * metres]
+    assert read_dxf(tmp_path / "net.dxf", 2.0).nodes[5].tolist() == [8, 2, 10]
+
+
+@pytest.mark.parametrize("unit", [0, 3, 7])
+def test_a_drawing_without_unit_asks_for_a_scale(unit, tmp_path):
+    path = drawing(tmp_path / "net.dxf", unit)
+    with pytest.raises(FileError, match=rf"net.dxf: \$INSUNITS = {unit}: .* give scale"):
+        read_dxf(path)
+    assert read_dxf(path, 1e-3).nodes[1, 0] == 1e-3
+
+
+def test_what_is_left_out_is_counted(tmp_path):
+    def change(document, space):
+        document.blocks.new("part").add_line((0, 0), (9, 9))
+        space.add_blockref("part", (0, 0))
+        space.add_circle((0, 0), 1)
+        space.add_circle((0, 0), 2)
+        space.add_3dface([(0, 0), (1, 0), (1, 1)])
+        space.add_lwpolyline([(0, 0, 1), (5, 0, 0)], format="xyb")
+        space.add_polyface()
+        space.add_point((7, 7, 7))
+        space.add_line((1, 0, 1 / 3), (0, 0, 0), dxfattribs={"layer": "again"})
+
+    path = drawing(tmp_path / "net.dxf", change=change)
+    words = (
+        "1 3DFACE, 2 CIRCLE, 1 INSERT, 1 LWPOLYLINE with arcs, 1 POINT, 1 POLYLINE mesh, 1 links"
+    )
+    with pytest.warns(jc.InputWarning, match=f"net.dxf: left out: {words}.*explode blocks first"):
+        net = read_dxf(path)
+    assert len(net.links) == 6
+
+
+@pytest.mark.parametrize("name", ["hypar_net", "geiger_dome", "saddle_net"])
+def test_structures_come_back(name, tmp_path):
+    """Every digit of the positions, links, groups and supports; with nothing left out."""
+    structure, _ = getattr(jc.scenes, name)()
+    save_dxf(tmp_path / "net.dxf", structure)
+    net = read_dxf(tmp_path / "net.dxf", tol=0.0, supports="supports")
+    places = np.asarray(structure.nodes, float)
+    same = [places.tolist().index(node) for node in net.nodes.tolist()]  # exact
+    links = np.concatenate([group.links.array for group in structure.groups])
+    assert np.array(same)[net.links].tolist() == links.tolist()
+    held = structure.supports.fixed(structure.n_node).any(axis=1)
+    assert net.fixed.all(axis=1).tolist() == held[same].tolist()
+    counts = [len(group.links) for group in structure.groups]
+    assert [net.groups.count(g) for g in dict.fromkeys(net.groups)] == counts
+
+
+@pytest.fixture(scope="module")
+def solved():
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    structure = jc.replace(structure, elements={"net/1": structure.elements})
+    return structure, jc.solve(structure, phases)
+
+
+def test_others_read_what_is_written(solved, tmp_path):
+    """A reader of pairs of lines, written here; and dxfgrabber."""
+    structure, solution = solved
+    (path,) = save_dxf(tmp_path / "net.dxf", structure, solution)
+    pairs = tags(path)
+    assert pairs[pairs.index((9, "$INSUNITS")) + 1] == (70, "6")
+    lines = [dict(e) for e in entities(path) if e[0] == (0, "LINE")]
+    ends = np.array([[[float(e[c + k]) for c in (10, 20, 30)] for k in (0, 1)] for e in lines])
+    links = structure.elements["net/1"].links.array
+    np.testing.assert_array_equal(ends, np.asarray(solution.positions)[links])
+    assert {e[8] for e in lines} == {"net_1"}
+    other = dxfgrabber.readfile(str(path))
+    assert other.header["$INSUNITS"] == 6
+    colours = {layer.name: layer.color for layer in other.layers}
+    assert colours["net_1"] == 5 and {"supports", "nodes"} <= set(colours)
+    seen = [e for e in other.entities if e.dxftype == "LINE"]
+    np.testing.assert_array_equal([[e.start, e.end] for e in seen], ends)
+    assert sum(e.dxftype == "POINT" for e in other.entities) == structure.n_node
+
+
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
+def test_ropes_are_polylines(tmp_path):
+    nodes = [[0.0, 0, 0], [1, 0, -1], [2, 0, 0], [1, 0, 1]]
+    ropes = jc.SlidingCables([[0, 1, 2], [0, 3]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, ropes, jc.pinned([0, 2, 3]))
+    (path,) = save_dxf(tmp_path / "rope.dxf", structure)
+    assert [e[0][1] for e in entities(path)][:5] == ["POLYLINE", *["VERTEX"] * 3, "SEQEND"]
+    assert read_dxf(path).links.tolist() == [[0, 1], [1, 2], [0, 3]]
+    both = {"a": ropes, "A": jc.Cables([[1, 3]], axial_stiffness=1.0)}
+    with pytest.raises(ValueError, match=r"a group 'a' needs the layer 'a'"):
+        save_dxf(path, jc.replace(structure, elements=both))
+    with pytest.raises(ValueError, match=r"ends with \.dxf"):
+        save_dxf(tmp_path / "rope.dwg", structure)
+
+
+def hostile(text):
+    """Damaged files, from the text of a good one: bytes, and what the message says."""
+    third = str(1 / 3)
+    return {
+        "empty": (b"", "no DXF drawing"),
+        "words": (b"hello\nworld\n", "no DXF drawing"),
+        "json": (b'{"a": 1}', "no DXF drawing"),
+        "binary": (b"AutoCAD Binary DXF\r\n\x1a\0" + bytes(range(256)), "binary data"),
+        "garbage": (np.random.default_rng(0).bytes(100_000), "binary data|no DXF"),
+        "high bytes": (b"\xff\xfe" * 50_000, "no DXF drawing"),
+        "cut": (text[: len(text) // 2].encode(), "no DXF drawing"),
+        "cut late": (text[: text.rfind(third)].encode(), "no DXF drawing"),
+        "nan": (text.replace(third, "nan").encode(), "LINE .* a coordinate that is not finite"),
+        "infinite": (text.replace(third, "1e999").encode(), "not finite"),
+        "far": (text.replace(third, "1e200").encode(), "coordinates beyond"),
+        "word": (text.replace(third, "far").encode(), "no DXF drawing"),
+        "code": (text.replace("AcDbLine\n 10\n", "AcDbLine\nten\n").encode(), "no DXF drawing"),
+        "no end": (text.replace("AcDbLine\n 10\n", "AcDbLine\n 99\n").encode(), None),
+        "deep": (b"  0\nSECTION\n" * 100_000, "no DXF drawing"),
+    }
+
+
+@pytest.mark.parametrize("name", hostile(""))
+def test_hostile_files_end_in_one_line(name, tmp_path):
+    text = drawing(tmp_path / "good.dxf").read_text()
+    data, message = hostile(text)[name]
+    path = tmp_path / "bad.dxf"
+    path.write_bytes(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jc.InputWarning)
+        if message is None:  # harmless, or refused
+            try:
+                assert len(read_dxf(path).links)
+            except FileError:
+                pass
+            return
+        with pytest.raises(FileError, match=message) as caught:
+            read_dxf(path)
+    assert str(caught.value).startswith(str(path)) and len(str(caught.value).splitlines()) == 1
+
+
+def test_drawings_that_are_no_nets(tmp_path):
+    def only_blocks(document, space):
+        for entity in list(space):
+            space.delete_entity(entity)
+        space.add_circle((0, 0), 1)
+
+    with pytest.raises(FileError, match=r"has no lines or polylines .* 0 POINT, 1 CIRCLE"):
+        read_dxf(drawing(tmp_path / "net.dxf", change=only_blocks))
+    point = drawing(tmp_path / "net.dxf", change=lambda d, s: s.add_line((5, 5, 5), (5, 5, 5)))
+    with pytest.raises(FileError, match=r"net.dxf: LINE \w+ on layer '0': a line without length"):
+        read_dxf(point)
+    off = drawing(
+        tmp_path / "net.dxf",
+        change=lambda d, s: s.add_point((9, 9, 9), dxfattribs={"layer": "held"}),
+    )
+    with pytest.raises(FileError, match=r"POINT \w+ on layer 'held': a support that is .* m off"):
+        read_dxf(off, supports="held")
+    with pytest.raises(FileError, match="larger than 0 MB"):
+        read_dxf(off, largest=1000)
+    with pytest.raises(ValueError, match=r"scale = -1\.0"):
+        read_dxf(off, -1.0)
+
+
+def test_the_command_line_converts(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    drawing(tmp_path / "net.dxf", 4)
+    words = ["--supports", "held", "--anchors", "4", "--axial-stiffness", "1e5"]
+    assert main(["convert", "net.dxf", *words, "--save", "net.json"]) == 0
+    assert jc.load_scene("net.json").structure.nodes[1, 0] == 1e-3
+    assert main(["convert", "net.json", "--save", "again.dxf"]) == 0
+    again, once = (sorted(read_dxf(name).nodes.tolist()) for name in ("again.dxf", "net.dxf"))
+    assert again == once
+    assert main(["convert", "net.json", "--save", "net.compas.json"]) == 0
+    assert main(["info", "net.compas.json"]) == 0
+    assert "net of 6 nodes, 6 links" in capsys.readouterr().out
+    drawing(tmp_path / "bare.dxf", 0)
+    assert main(["convert", "bare.dxf", *words, "--save", "x.json"]) == 2
+    assert "bare.dxf: $INSUNITS = 0" in capsys.readouterr().err
