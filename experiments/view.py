@@ -89,7 +89,7 @@ def put(**controls):
 NARROW = {"size": (390, 720), "is_mobile": True, "has_touch": True}
 PICTURES = [  # name, scene, its options, controls, what else is done, options of the window
     ("hypar", "hypar_net", {}, {"loads": True}, "", {}),
-    ("mode", "hypar_net", {}, {"magnify": 40, "nodes": True}, "view.look('x')", {}),
+    ("mode", "hypar_net", {}, {"magnify": 50, "nodes": True}, "", {}),
     ("mast", "guyed_mast", {}, {"axes": True, "loads": True, "reactions": True}, "", {}),
     ("dome", "geiger_dome", {}, {"colour": "tension"}, "", {}),
     ("bridge", "cable_stayed_bridge", {}, {"diagram": "My"}, "", {}),

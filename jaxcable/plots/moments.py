@@ -119,9 +119,9 @@ class Moments:
 
         for at, shot in enumerate(self.shots):
             told = self.told(shot)
-            for column in columns(self.parts, told):
-                if column.label != PRESENT:
-                    put(column.label, column.unit, at, self.joined(column.values))
+            others = {name: tree for name, tree in told.items() if name != PRESENT}
+            for column in columns(self.parts, others):
+                put(column.label, column.unit, at, self.joined(column.values))
             if self.structure is not None and self.has_strength():
                 used = design.utilisation(self.structure, told.get("peak_tension", told["tension"]))
                 put("utilisation", "-", at, self.joined(leaves(used)))

@@ -80,8 +80,23 @@ class Camera {
     const middle = low.map((x, k) => 0.5 * (x + high[k])), size = low.map((x, k) => high[k] - x);
     this.target = [0, 1, 2].map(k => directions.reduce((sum, d, j) => sum + d[k] * middle[j], 0));
     this.radius = Math.max(0.5 * Math.hypot(...size), 1e-6);
-    // in perspective what is nearer looks larger: room for it
-    const nearer = this.flat || this.along ? 1 : 1 + 0.2 * Math.min(1, size[2] / Math.max(size[0], size[1], 1e-9));
-    this.span = Math.max(1.25 * nearer * Math.max(size[1], size[0] / aspect), 1e-3 * this.radius);
+    this.span = Math.max(size[1], size[0] / aspect, 1e-3 * this.radius);
+    // in perspective what is nearer looks larger: a few corrections until all of it fits
+    for (let round = 0; round < 4; round++) this.fit(points, aspect);
+  }
+
+  fit(points, aspect) {
+    const m = this.matrix(aspect), low = [Infinity, Infinity], high = [-Infinity, -Infinity];
+    for (let i = 0; i < points.length; i += 3) {
+      const p = onScreen(m, points[i], points[i + 1], points[i + 2], 2, 2);
+      for (let k = 0; p && k < 2; k++) {
+        low[k] = Math.min(low[k], p[k]);
+        high[k] = Math.max(high[k], p[k]);
+      }
+    }
+    if (!(low[0] <= high[0])) return;
+    // the picture is 2 by 2 here, so that a pixel across is as wide as the aspect
+    this.pan(aspect * (1 - 0.5 * (low[0] + high[0])), 1 - 0.5 * (low[1] + high[1]), 2);
+    this.span = Math.max(1.2 * this.span * Math.max(high[0] - low[0], high[1] - low[1]) / 2, 1e-3 * this.radius);
   }
 }

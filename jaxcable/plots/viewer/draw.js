@@ -6,14 +6,14 @@ const LINES = `#version 300 es
 layout(location=0) in vec3 a;
 layout(location=1) in vec3 b;
 layout(location=2) in vec4 colour;
-layout(location=3) in vec4 style;    // width in px / 25.5, dashed, casing, -
+layout(location=3) in vec4 style;    // width in px / 25.5, dashed, -, -
 uniform mat4 matrix;
 uniform vec2 size;                   // of the canvas, device px
 uniform float ratio;                 // device px per px
 uniform float lift;                  // towards the eye, of the depth
 out vec4 tint;
 out vec3 place;                      // across, along (px), length (px)
-out vec3 look;                       // half width, dashed, half width without casing
+out vec2 look;                       // half width, dashed
 void main() {
   int number = gl_VertexID & 3;      // along 0 or 1, across -1 or 1
   vec2 corner = vec2(number & 1, number & 2) - vec2(0.0, 1.0);
@@ -25,7 +25,7 @@ void main() {
   vec2 s = 0.5 * size * p.xy / p.w, d = 0.5 * size * q.xy / q.w - s;
   float len = length(d);
   d = len > 1e-6 ? d / len : vec2(1.0, 0.0);
-  float core = 0.5 * ratio * 25.5 * style.x, wide = core + ratio * 1.3 * style.z;
+  float wide = 0.5 * ratio * 25.5 * style.x;
   vec2 off = wide * (vec2(-d.y, d.x) * corner.y + d * (2.0 * corner.x - 1.0));
   vec4 here = corner.x < 0.5 ? p : q;
   gl_Position = here;
@@ -33,15 +33,14 @@ void main() {
   gl_Position.z -= lift * here.w;
   tint = colour;
   place = vec3(wide * corner.y, corner.x * (len + 2.0 * wide) - wide, len);
-  look = vec3(wide, style.y, style.z > 0.0 ? core : 1e9);
+  look = vec2(wide, style.y);
 }`;
 
 const LINES_INSIDE = `#version 300 es
 precision highp float;
 in vec4 tint;
 in vec3 place;
-in vec3 look;
-uniform vec4 ink;
+in vec2 look;
 uniform float ratio;
 out vec4 pixel;
 void main() {
@@ -49,7 +48,7 @@ void main() {
   float beyond = max(max(-place.y, place.y - place.z), 0.0);
   if (beyond > 0.0 && beyond * beyond + place.x * place.x > look.x * look.x) discard;
   if (look.y > 0.5 && fract(place.y / (9.0 * ratio)) > 0.58) discard;
-  pixel = max(abs(place.x), beyond) > look.z ? ink : tint;
+  pixel = tint;
 }`;
 
 const HEADS = `#version 300 es
@@ -245,6 +244,7 @@ class Drawing {
       gl.uniform4f(names.ink ?? null, ...look.ink, 1);
       gl.uniform4f(names.ground ?? null, ...look.ground, 1);
       gl.uniform4f(names.accent ?? null, ...look.accent, 1);
+      gl.depthMask(!layer.behind);
       layer.depth ? gl.enable(gl.DEPTH_TEST) : gl.disable(gl.DEPTH_TEST);
       gl.bindVertexArray(layer.vertices);
       if (layer.kind === "marks") gl.drawArrays(gl.POINTS, 0, layer.count);
@@ -255,6 +255,7 @@ class Drawing {
       }
     }
     gl.bindVertexArray(null);
+    gl.depthMask(true);  // or the depths could not be cleared
   }
 }
 

@@ -82,7 +82,7 @@ function ghostLayer(look, keys) {
   if (!byId("ghost").checked || same) { drawing.hide("ghost"); return; }
   const segments = shape.segments(Shape.weights(shown.reference, -1, 1));
   const width = Math.min(1.2, lineWidth());
-  drawing.set("ghost", "lines", [segments, fill(shape.count, [...rgb(look.ghost), 255]), fill(shape.count, [10 * width, 0, 0, 0])]);
+  drawing.set("ghost", "lines", [segments, fill(shape.count, [...rgb(look.ghost), 255]), fill(shape.count, [10 * width, 0, 0, 0])], { behind: true });
   keys.push([byId("reference").selectedOptions[0].text, { stroke: look.ghost, width: 1.4 }]);
 }
 
@@ -111,9 +111,9 @@ function memberLayer(look, keys) {
     colour[4 * s + 3] = 255;
     style[4 * s] = kind & 4 ? 0 : 10 * (kind & 1 ? Math.max(0.75 * width, 1) : width);
     style[4 * s + 1] = kind & 1 ? 255 : 0;
-    style[4 * s + 2] = kind & 2 && !(kind & 4) ? 255 * Math.min(1, width / 2) : 0;
   }
-  drawing.set("members", "lines", [shape.count ? drawable(shown.segments, looks) : shown.segments, colour, style]);
+  drawing.set("members", "lines", [drawable(shown.segments, looks), colour, style]);
+  casingLayer(look, looks, width);
   const count = bit => looks.reduce((n, l) => n + ((l & bit) && !(l & 4 && bit !== 4) ? 1 : 0), 0);
   const loose = count(1), pressed = count(2), absent = count(4);
   if (loose) keys.push([`slack (${loose} of ${model.nElem})`, { stroke: look.slack, dash: "6 4" }]);
@@ -122,6 +122,14 @@ function memberLayer(look, keys) {
   const known = range && values.some(Number.isFinite);
   if (unknown && known) keys.push([`not known (${unknown})`, { stroke: "#969696" }]);
   showLegend(range, look.scale, !range || known ? "" : "known at the ends of phases only");
+}
+
+// A dark rim along elements in compression: wider lines behind them.
+function casingLayer(look, looks, width) {
+  const lines = [];
+  shape.owner.forEach((e, s) => { if ((looks[e] & 6) === 2) lines.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
+  const count = lines.length / 6;
+  drawing.set("casing", "lines", [new Float32Array(lines), fill(count, [...look.ink.map(x => 255 * x), 255]), fill(count, [10 * (width + Math.min(2.6, 1.2 * width)), 0, 0, 0])], { lift: -2e-3 });
 }
 
 // Segments of absent elements shrink to a point outside of the picture.
@@ -244,7 +252,7 @@ function pickedLayer(look) {
   const lines = [];
   shape.owner.forEach((e, s) => { if (e === picked.number) lines.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
   const count = lines.length / 6, accent = look.accent.map(x => 255 * x);
-  drawing.set("picked", "lines", [new Float32Array(lines), fill(count, [...accent, 255]), fill(count, [10 * (lineWidth() + 6), 0, 0, 0])], { lift: -2e-4 });
+  drawing.set("picked", "lines", [new Float32Array(lines), fill(count, [...accent, 255]), fill(count, [10 * (lineWidth() + 5), 0, 0, 0])], { lift: -3e-3 });
 }
 
 // --- time
@@ -331,7 +339,6 @@ function spread() {
 
 canvas.addEventListener("pointerdown", event => {
   canvas.setPointerCapture(event.pointerId);
-  canvas.focus({ preventScroll: true });
   pointers.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
   if (pointers.size === 1) travelled = 0;
 });
@@ -406,6 +413,8 @@ function controls() {
   byId("diagram").append(option("", "none"), ...Object.keys(DIAGRAMS).map(name => option(name, name)));
   for (const node of document.querySelectorAll("[data-beams]")) node.hidden = !model.get("beam");
   byId("shot").max = lastShot;
+  // of many members one sees no small difference, and pictures come twice as fast
+  byId("ghost").checked = shape.count <= 3000;
 
   const on = (id, event, action) => byId(id).addEventListener(event, action);
   on("colour", "change", () => { shown.colour = byId("colour").value; rebuild(); });
@@ -454,7 +463,7 @@ function finished() {
 try {
   drawing = new Drawing(canvas, shape.count);
   // layers in the order in which they are drawn
-  for (const name of ["ghost", "picked", "members"]) drawing.set(name, "lines", [new Float32Array(0), new Uint8Array(0), new Uint8Array(0)]);
+  for (const name of ["ghost", "picked", "casing", "members"]) drawing.set(name, "lines", [new Float32Array(0), new Uint8Array(0), new Uint8Array(0)]);
   controls();
   shown.extent = largestSize(shape.nodes([[lastShot, 1]])) || 1;
   rebuild();

@@ -54,7 +54,7 @@ function showLegend(range, scale, note) {
   if (!range) return;
   byId("bar-name").textContent = range.label;
   byId("bar-colours").style.background = `linear-gradient(to right, ${scale.join(",")})`;
-  byId("bar-ticks").replaceChildren(...[0, 0.25, 0.5, 0.75, 1].map(t => {
+  byId("bar-ticks").replaceChildren(...[0, 0.5, 1].map(t => {
     const value = range.factor * (range.low + t * (range.high - range.low));
     const width = range.factor * (range.high - range.low);
     // as many digits as tell neighbouring ticks apart
@@ -108,14 +108,17 @@ function showTriad(directions) {
 const vector = (values, unit) => Array.from(values, v => withUnit(v, unit)).join("\n");
 
 // Rows [name, value] of an element at a shot.
-function elementRows(model, number, shot, tracked) {
+function elementRows(model, number, shot) {
   const group = model.groups.findLast(g => g.first <= number);
   const looks = model.row("looks", shot)[number], end = model.shots[shot].endNumber;
   const rows = [["group", group.name || "(one group)"], ["number in group", String(number - group.first)], ["kind", group.kind],
     ["nodes", `${model.get("first")[number]}, ${model.get("last")[number]}`]];
   rows.push(["state", looks & 4 ? "absent" : looks & 1 ? "slack" : looks & 2 ? "compression" : "taut"]);
+  let tension = NaN;  // the largest force is told where it differs
   for (const column of model.columns) {
     const value = model.row(column.array, shot)[number];
+    if (column.label === "peak_tension" && value === tension) continue;
+    if (column.label === "tension") tension = value;
     if (Number.isFinite(value)) rows.push([column.label.replace(/_/g, " "), withUnit(value, column.unit)]);
   }
   if (end >= 0) {
