@@ -54,7 +54,7 @@ def view(
         colour: values that colour elements at first, as for `net`; the page offers the others.
         title: title of the page.
         frames: largest number of increments in the page, taken evenly from all of them; the ends
-            of phases are kept whatever it is. Every one needs ``16 n_node + 6 n_elem`` bytes or
+            of phases are kept whatever it is. Every one needs ``16 n_node + 7 n_elem`` bytes or
             more, and all positions and results are numbers of 32 bits.
 
     Returns:

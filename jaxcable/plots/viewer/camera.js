@@ -58,11 +58,10 @@ class Camera {
   // Enlarge about a place that is (x, y) pixels right of and below the middle: it stays there.
   zoom(factor, x = 0, y = 0, height = 1) {
     const least = 1e-4 * this.radius, most = 40 * this.radius;
-    const span = Math.min(most, Math.max(least, this.span / factor)), kept = this.span / span;
+    const span = Math.min(most, Math.max(least, this.span / factor));
     this.pan(-x, -y, height);
     this.span = span;
     this.pan(x, y, height);
-    return kept;
   }
 
   // Look at all points from a direction, "home", "x", "y" or "z".
@@ -97,6 +96,6 @@ class Camera {
     if (!(low[0] <= high[0])) return;
     // the picture is 2 by 2 here, so that a pixel across is as wide as the aspect
     this.pan(aspect * (1 - 0.5 * (low[0] + high[0])), 1 - 0.5 * (low[1] + high[1]), 2);
-    this.span = Math.max(1.2 * this.span * Math.max(high[0] - low[0], high[1] - low[1]) / 2, 1e-3 * this.radius);
+    this.span = Math.max(1.26 * this.span * Math.max(high[0] - low[0], high[1] - low[1]) / 2, 1e-3 * this.radius);
   }
 }

@@ -140,8 +140,6 @@ function drawable(segments, looks) {
   return out;
 }
 
-function extent() { return shown.extent; }
-
 function bent(own) { return model.get("bend") ? shape.summed("bend", own) : null; }
 
 function axesLayer(look, own, keys) {
@@ -152,7 +150,7 @@ function axesLayer(look, own, keys) {
     if (!present(beams[k])) continue;
     const middle = shape.along(k, 0.5, shown.nodes, bend);
     const ends = [0, 1].map(x => shape.along(k, x, shown.nodes, bend));
-    const size = Math.min(0.045 * extent(), 0.4 * Math.hypot(...ends[1].map((x, i) => x - ends[0][i])));
+    const size = Math.min(0.045 * shown.extent, 0.4 * Math.hypot(...ends[1].map((x, i) => x - ends[0][i])));
     for (const [j, colour] of [[0, look.y], [1, look.z]]) {
       lines.push(...middle, ...middle.map((x, i) => x + size * axes[6 * k + 3 * j + i]));
       colours.push(...rgb(colour), 255);
@@ -180,7 +178,7 @@ function diagramLayer(look, own, keys) {
   for (let k = 0; k < beams.length; k++) for (let j = 0; j < places; j++)
     if (present(beams[k])) largest = Math.max(largest, Math.abs(value(k, j)));
   const unit = at < 3 ? "N" : "N m", colours = [look.dark ? "#56b4e9" : "#0072b2", "#d55e00"], lines = [], tints = [];
-  const scale = largest > 0 ? sign * 0.1 * extent() / largest : 0;
+  const scale = largest > 0 ? sign * 0.1 * shown.extent / largest : 0;
   for (let k = 0; k < beams.length; k++) {
     if (!present(beams[k])) continue;
     let before = null;
@@ -212,7 +210,7 @@ function arrows(name, forces, nodes, push, colour, keys) {
   const largest = sizes.reduce((a, b) => Math.max(a, b), 0);
   if (!(largest > 0)) { drawing.hide(name); drawing.hide(`${name} heads`); return; }
   const many = sizes.filter(x => x > 1e-9 * largest).length, ends = [];
-  const scale = extent() * Math.min(0.1, 0.8 / Math.sqrt(many)) / largest;
+  const scale = shown.extent * Math.min(0.1, 0.8 / Math.sqrt(many)) / largest;
   for (let k = 0; k < nodes.length; k++) {
     if (sizes[k] <= 1e-9 * largest) continue;
     const at = [0, 1, 2].map(i => shown.nodes[3 * nodes[k] + i]), by = [0, 1, 2].map(i => scale * forces[3 * k + i]);
