@@ -16,6 +16,7 @@ from .guard import Refused, say
 
 PICTURES = (".png", ".pdf", ".svg")
 RESULTS = (".json", ".npz", ".csv", ".vtk", ".py", ".dxf")
+PAGES = (".html", ".htm")
 REPORTS = (".txt", ".json", ".csv")
 
 

@@ -11,7 +11,7 @@ from .. import linear
 from ..common import fusion
 from ..common.keeping import keep_programs
 from ..files.reading import number, whole
-from . import convert, demo, form, info, optimize, schema, solve
+from . import convert, demo, form, info, optimize, schema, solve, view
 from .guard import guarded
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
@@ -41,6 +41,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command", required=True, metavar="command")
     _demo(commands)
     _solve(commands)
+    _view(commands)
     _form(commands)
     _optimize(commands)
     _info(commands)
@@ -109,6 +110,16 @@ def _solve(commands):
     command.add_argument("--corrections", type=_few, metavar="N", help=text)
     text = "default: by size"
     command.add_argument("--linear-solver", choices=linear.offered(), help=text)
+    command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
+
+
+def _view(commands):
+    text = "analyse a scene and open a page in which it turns, with its phases and results"
+    command = _command(commands, "view", view, text, "net.json --out net.html")
+    _reads(command)
+    text = "page to write (default: the name of the scene, .html, in this folder)"
+    command.add_argument("--out", metavar="FILE", help=text)
+    command.add_argument("--no-open", action="store_true", help="write the page, open no browser")
     command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
 
 

@@ -204,3 +204,14 @@ class Bending(Element):
         places: Float[ArrayLike, " n"] | None = None,
     ) -> Float[Array, "n 6"]:
         """``N, Vy, Vz, T, My, Mz`` at `places` along the axis, from 0 to 1, [n, 6], N and N m."""
+
+    def deflected(
+        self, state: OwnState, ends: Ends, motion: Motion
+    ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]] | None:
+        """How the axis leaves its chord, for pictures; None (the default) draws the chord.
+
+        Returns:
+            Slopes of the axis against its chord at both ends, in space, [2, 3]; and the axes of the
+            element where it is, in rows: along the chord, then the section's y and z, [3, 3].
+        """
+        return None

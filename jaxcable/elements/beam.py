@@ -342,6 +342,15 @@ class Beams(Member, Prestressed, Bending, Rounding):
         z = z / jnp.sqrt(inner(z, z))
         return jnp.stack([along, cross(z, along), z])
 
+    def deflected(
+        self, state: AxialState, ends: Ends, motion: Motion
+    ) -> tuple[Float[Array, "2 3"], Float[Array, "3 3"]]:
+        """Slopes against the chord at both ends, [2, 3], and turned axes, [3, 3]: see `Bending`."""
+        _, pose = self._pose(state, ends, motion)
+        _, about_y, about_z = pose.rotations.T
+        slopes = jnp.stack([jnp.zeros_like(about_y), about_z, -about_y], axis=1)
+        return slopes @ pose.axes, pose.axes
+
 
 def _twisted(springs, hinges):
     """The rule that something keeps each element from spinning about its axis.

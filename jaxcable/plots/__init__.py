@@ -1,9 +1,9 @@
-"""Pictures of results (matplotlib).
+"""Pictures of results (matplotlib), and pages in which they turn.
 
-Functions return a matplotlib `Figure` (`animation` returns the path of its file), and save it if
-they get a `path`. Notebooks show the figure if it is the last value of a cell. It is not registered
-with pyplot: no figure stays open, no setting changes, no display is needed. For a window:
-``pyplot.figure(figure); pyplot.show()`` (matplotlib 3.11).
+Functions return a matplotlib `Figure` (`animation` returns the path of its file, `view` a `Page`),
+and save it if they get a `path`. Notebooks show the figure if it is the last value of a cell. It is
+not registered with pyplot: no figure stays open, no setting changes, no display is needed. For a
+window: ``pyplot.figure(figure); pyplot.show()`` (matplotlib 3.11).
 
 Pictures are legible at a width of 10 cm. Axes of geometry have equal scales. Colours can be
 distinguished by the colour-blind, and slack and compressed elements also differ by their lines.
@@ -17,6 +17,7 @@ from .nets import net
 from .paths import path
 from .sections import section
 from .sequences import sequence
+from .view import view
 
 __all__ = [
     "animation",
@@ -27,5 +28,6 @@ __all__ = [
     "path",
     "section",
     "sequence",
+    "view",
     "work_precision",
 ]

@@ -1,0 +1,487 @@
+// The page as a whole: what is shown, and what mouse, fingers, keys and controls do to it.
+
+const model = decode(byId("data").textContent, byId("bytes").textContent);
+byId("bytes").textContent = "";  // the text is not needed any more
+const shape = new Shape(model), camera = new Camera(), canvas = byId("canvas");
+const lastShot = model.shots.length - 1;
+const shown = {
+  shot: lastShot, reference: -1, magnify: 1, colour: model.colour, picked: null, playing: null,
+  nodes: [], segments: [], ranges: new Map(),
+};
+let drawing = null, dirty = false, scene = null;
+
+// --- colours
+
+const rgb = text => {  // of "#rrggbb", bytes
+  const n = parseInt(text.slice(1), 16);
+  return [n >> 16, (n >> 8) & 255, n & 255];
+};
+
+function theme() {
+  const style = getComputedStyle(document.body);
+  const read = text => text.match(/[\d.]+/g).slice(0, 3).map(x => Number(x) / 255);
+  const ground = read(style.backgroundColor), ink = read(style.color);
+  const dark = ground[0] + ground[1] + ground[2] < 1.5;
+  return { dark, ground, ink, accent: dark ? [1, 0.82, 0.25] : [0.9, 0.62, 0],
+    scale: dark ? model.colours.darkScale : model.colours.scale,
+    load: dark ? "#f0f2f5" : model.colours.load, reaction: model.colours.reaction, slack: model.colours.slack,
+    ghost: dark ? "#5a626e" : "#b9bec6", y: dark ? "#2fc79a" : "#009e73", z: dark ? "#56b4e9" : "#0072b2" };
+}
+
+// 256 colours between the given ones.
+function table(scale) {
+  const stops = scale.map(rgb), out = new Uint8Array(256 * 3);
+  for (let i = 0; i < 256; i++) {
+    const t = i / 255 * (stops.length - 1), k = Math.min(Math.floor(t), stops.length - 2);
+    for (let c = 0; c < 3; c++) out[3 * i + c] = stops[k][c] + (t - k) * (stops[k + 1][c] - stops[k][c]);
+  }
+  return out;
+}
+
+// --- the scene: what changes with the shot, the factor, the colours
+
+const weights = () => Shape.weights(shown.shot, shown.reference, shown.magnify);
+const present = element => !(model.row("looks", shown.shot)[element] & 4);
+
+function fill(count, bytes) {
+  const out = new Uint8Array(4 * count);
+  for (let i = 0; i < out.length; i++) out[i] = bytes[i % 4];
+  return out;
+}
+
+function lineWidth() { return Math.min(3, Math.max(1.1, 3 * Math.sqrt(120 / Math.max(shape.count, 1)))); }
+
+function currentRange() {
+  const column = model.columns.find(c => c.label === shown.colour);
+  if (!column) return null;
+  if (byId("own-range").checked) return new Range(column, model.row(column.array, shown.shot), false);
+  if (!shown.ranges.has(column.label)) shown.ranges.set(column.label, new Range(column, model.get(column.array), true));
+  return shown.ranges.get(column.label);
+}
+
+function rebuild() {
+  const look = scene = theme(), own = weights();
+  shown.nodes = shape.nodes(own);
+  shown.segments = shape.segments(own, shown.nodes);
+  const keys = [];
+  ghostLayer(look, keys);
+  memberLayer(look, keys);
+  axesLayer(look, own, keys);
+  diagramLayer(look, own, keys);
+  arrowLayers(look, keys);
+  markLayers(keys);
+  pickedLayer(look);
+  showKeys(keys);
+  showPicked(model, shown.picked, shown.shot);
+  showTime();
+  request();
+}
+
+function ghostLayer(look, keys) {
+  const same = shown.reference === shown.shot;
+  if (!byId("ghost").checked || same) { drawing.hide("ghost"); return; }
+  const segments = shape.segments(Shape.weights(shown.reference, -1, 1));
+  const width = Math.min(1.2, lineWidth());
+  drawing.set("ghost", "lines", [segments, fill(shape.count, [...rgb(look.ghost), 255]), fill(shape.count, [10 * width, 0, 0, 0])], { behind: true });
+  keys.push([byId("reference").selectedOptions[0].text, { stroke: look.ghost, width: 1.4 }]);
+}
+
+function memberLayer(look, keys) {
+  const looks = model.row("looks", shown.shot), owner = shape.owner, width = lineWidth();
+  const range = currentRange(), column = model.columns.find(c => c.label === shown.colour);
+  const values = column && model.row(column.array, shown.shot), colours = table(look.scale), slack = rgb(look.slack);
+  // colours by element: pieces of one element look alike
+  const tint = new Uint8Array(3 * model.nElem);
+  let unknown = 0;
+  for (let e = 0; e < model.nElem; e++) {
+    const t = range ? range.part(values[e]) : NaN;
+    if (looks[e] & 1) tint.set(slack, 3 * e);
+    else if (t === t) {
+      const i = 3 * Math.round(255 * Math.min(1, Math.max(0, t)));
+      tint.set(colours.subarray(i, i + 3), 3 * e);
+    } else {
+      tint.fill(150, 3 * e, 3 * e + 3);
+      if (!(looks[e] & 4)) unknown++;
+    }
+  }
+  const colour = new Uint8Array(4 * shape.count), style = new Uint8Array(4 * shape.count);
+  for (let s = 0; s < shape.count; s++) {
+    const e = owner[s], kind = looks[e];
+    for (let c = 0; c < 3; c++) colour[4 * s + c] = tint[3 * e + c];
+    colour[4 * s + 3] = 255;
+    style[4 * s] = kind & 4 ? 0 : 10 * (kind & 1 ? Math.max(0.75 * width, 1) : width);
+    style[4 * s + 1] = kind & 1 ? 255 : 0;
+  }
+  drawing.set("members", "lines", [drawable(shown.segments, looks), colour, style]);
+  casingLayer(look, looks, width);
+  const count = bit => looks.reduce((n, l) => n + ((l & bit) && !(l & 4 && bit !== 4) ? 1 : 0), 0);
+  const loose = count(1), pressed = count(2), absent = count(4);
+  if (loose) keys.push([`slack (${loose} of ${model.nElem})`, { stroke: look.slack, dash: "6 4" }]);
+  if (pressed) keys.push([`compression (${pressed})`, { casing: true, stroke: look.scale[8] }]);
+  if (absent) keys.push([`${absent} absent, not drawn`, {}]);
+  const known = range && values.some(Number.isFinite);
+  if (unknown && known) keys.push([`not known (${unknown})`, { stroke: "#969696" }]);
+  showLegend(range, look.scale, !range || known ? "" : "known at the ends of phases only");
+}
+
+// A dark rim along elements in compression: wider lines behind them.
+function casingLayer(look, looks, width) {
+  const lines = [];
+  shape.owner.forEach((e, s) => { if ((looks[e] & 6) === 2) lines.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
+  const count = lines.length / 6;
+  drawing.set("casing", "lines", [new Float32Array(lines), fill(count, [...look.ink.map(x => 255 * x), 255]), fill(count, [10 * (width + Math.min(2.6, 1.2 * width)), 0, 0, 0])], { lift: -2e-3 });
+}
+
+// Segments of absent elements shrink to a point outside of the picture.
+function drawable(segments, looks) {
+  if (!looks.some(l => l & 4)) return segments;
+  const out = segments.slice();
+  shape.owner.forEach((e, s) => { if (looks[e] & 4) out.fill(NaN, 6 * s, 6 * s + 6); });
+  return out;
+}
+
+function bent(own) { return model.get("bend") ? shape.summed("bend", own) : null; }
+
+function axesLayer(look, own, keys) {
+  if (!byId("axes").checked || !model.get("beam")) { drawing.hide("axes"); return; }
+  const beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
+  const lines = [], colours = [];
+  for (let k = 0; k < beams.length; k++) {
+    if (!present(beams[k])) continue;
+    const middle = shape.along(k, 0.5, shown.nodes, bend);
+    const ends = [0, 1].map(x => shape.along(k, x, shown.nodes, bend));
+    const size = Math.min(0.045 * shown.extent, 0.4 * Math.hypot(...ends[1].map((x, i) => x - ends[0][i])));
+    for (const [j, colour] of [[0, look.y], [1, look.z]]) {
+      lines.push(...middle, ...middle.map((x, i) => x + size * axes[6 * k + 3 * j + i]));
+      colours.push(...rgb(colour), 255);
+    }
+  }
+  drawing.set("axes", "lines", [new Float32Array(lines), new Uint8Array(colours), fill(lines.length / 6, [16, 0, 0, 0])], { lift: 1e-4 });
+  keys.push(["section's y", { stroke: look.y }], ["section's z", { stroke: look.z }]);
+}
+
+// Diagrams of section forces at the end: strips beside the beams. Moments are on the side in
+// tension: My is positive where that is +z, Mz where it is -y.
+const DIAGRAMS = { N: [1, 1], Vy: [0, 1], Vz: [1, 1], T: [1, 1], My: [1, 1], Mz: [0, -1] };
+
+function diagramLayer(look, own, keys) {
+  const name = byId("diagram").value, at = Object.keys(DIAGRAMS).indexOf(name);
+  const places = model.get("diagrams") ? model.shape("diagrams")[1] : 0;
+  if (at < 0 || !places || shown.shot !== lastShot) {
+    drawing.hide("diagram");
+    if (at >= 0) keys.push([`${name}: known at the end only`, {}]);
+    return;
+  }
+  const [axis, sign] = DIAGRAMS[name], beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
+  const all = model.get("diagrams"), value = (k, j) => all[6 * (k * places + j) + at];
+  let largest = 0;
+  for (let k = 0; k < beams.length; k++) for (let j = 0; j < places; j++)
+    if (present(beams[k])) largest = Math.max(largest, Math.abs(value(k, j)));
+  const unit = at < 3 ? "N" : "N m", colours = [look.dark ? "#56b4e9" : "#0072b2", "#d55e00"], lines = [], tints = [];
+  const scale = largest > 0 ? sign * 0.1 * shown.extent / largest : 0;
+  for (let k = 0; k < beams.length; k++) {
+    if (!present(beams[k])) continue;
+    let before = null;
+    for (let j = 0; j < places; j++) {
+      const foot = shape.along(k, j / (places - 1), shown.nodes, bend), v = value(k, j);
+      const tip = foot.map((x, i) => x + scale * v * axes[6 * k + 3 * axis + i]);
+      const tint = [...rgb(colours[v < 0 ? 1 : 0]), 255];
+      lines.push(...foot, ...tip);
+      tints.push(...tint);
+      if (before) { lines.push(...before, ...tip); tints.push(...tint); }
+      before = tip;
+    }
+  }
+  drawing.set("diagram", "lines", [new Float32Array(lines), new Uint8Array(tints), fill(lines.length / 6, [11, 0, 0, 0])]);
+  keys.push([`${name}, largest ${withUnit(largest, unit, 3)}`, {}], ["positive", { stroke: colours[0] }], ["negative", { stroke: colours[1] }]);
+}
+
+// Arrows of loads end at their nodes, those of reactions begin there; the longest ones are a tenth
+// of the structure, and shorter where there are many.
+function arrowLayers(look, keys) {
+  const end = model.shots[shown.shot].endNumber, held = model.get("held");
+  const all = Array.from({ length: model.nNode }, (_, k) => k);
+  arrows("loads", byId("loads").checked && shown.shot === lastShot ? model.get("load") : null, all, true, look.load, keys);
+  arrows("reactions", byId("reactions").checked && end >= 0 ? model.row("reactions", end) : null, held, false, look.reaction, keys);
+}
+
+function arrows(name, forces, nodes, push, colour, keys) {
+  const sizes = forces ? Array.from(nodes, (_, k) => Math.hypot(forces[3 * k], forces[3 * k + 1], forces[3 * k + 2])) : [];
+  const largest = sizes.reduce((a, b) => Math.max(a, b), 0);
+  if (!(largest > 0)) { drawing.hide(name); drawing.hide(`${name} heads`); return; }
+  const many = sizes.filter(x => x > 1e-9 * largest).length, ends = [];
+  const scale = shown.extent * Math.min(0.1, 0.8 / Math.sqrt(many)) / largest;
+  for (let k = 0; k < nodes.length; k++) {
+    if (sizes[k] <= 1e-9 * largest) continue;
+    const at = [0, 1, 2].map(i => shown.nodes[3 * nodes[k] + i]), by = [0, 1, 2].map(i => scale * forces[3 * k + i]);
+    const [tail, tip] = push ? [at.map((x, i) => x - by[i]), at] : [at, at.map((x, i) => x + by[i])];
+    ends.push(...tail, ...tip);
+  }
+  const count = ends.length / 6, both = new Float32Array(ends), tint = fill(count, [...rgb(colour), 255]);
+  drawing.set(name, "lines", [both, tint, fill(count, [10 * Math.min(1.8, Math.max(0.8, 1.8 * Math.sqrt(60 / count))), 0, 0, 0])], { lift: 1e-4 });
+  drawing.set(`${name} heads`, "heads", [both, tint]);
+  keys.push([`${name}, largest ${withUnit(largest, "N", 3)}`, { arrow: colour }]);
+}
+
+function markLayers(keys) {
+  // supports of the phase: known for every phase that has an end
+  const ends = model.shots.filter(s => s.end), phase = model.shots[shown.shot].phase;
+  const kinds = model.row("supports", ends.findIndex(s => s.phase === phase));
+  const some = byId("supports").checked && kinds.some(k => k > 0);
+  if (some) {
+    const points = Math.min(13, Math.max(5, 13 * Math.sqrt(60 / kinds.filter(k => k > 0).length)));
+    drawing.set("supports", "marks", [shown.nodes, Float32Array.from(kinds)], { points, lift: 2e-4 });
+    ["clamped", "pinned", "held in part"].forEach((name, k) => { if (kinds.includes(k + 1)) keys.push([name, { mark: k + 1 }]); });
+  } else drawing.hide("supports");
+  if (byId("nodes").checked) drawing.set("nodes", "marks", [shown.nodes, new Float32Array(model.nNode).fill(4)], { points: 2.5 * lineWidth(), lift: 1e-4 });
+  else drawing.hide("nodes");
+}
+
+function pickedLayer(look) {
+  const picked = shown.picked;
+  drawing.hide("picked");
+  drawing.hide("picked node");
+  if (!picked) return;
+  if (picked.kind === "node") {
+    const at = shown.nodes.slice(3 * picked.number, 3 * picked.number + 3);
+    drawing.set("picked node", "marks", [at, new Float32Array([5])], { points: 18, depth: false });
+    return;
+  }
+  const lines = [];
+  shape.owner.forEach((e, s) => { if (e === picked.number) lines.push(...shown.segments.subarray(6 * s, 6 * s + 6)); });
+  const count = lines.length / 6, accent = look.accent.map(x => 255 * x);
+  drawing.set("picked", "lines", [new Float32Array(lines), fill(count, [...accent, 255]), fill(count, [10 * (lineWidth() + 5), 0, 0, 0])], { lift: -3e-3 });
+}
+
+// --- time
+
+function showTime() {
+  const { phase, number, factor } = model.shots[shown.shot];
+  byId("shot").value = shown.shot;
+  byId("phase").value = phase;
+  const text = `Phase ${phase}, increment ${number}, load factor ${factor.toFixed(2)}`;
+  byId("when").textContent = text;
+  byId("shot").setAttribute("aria-valuetext", text);
+}
+
+function setShot(shot) {
+  shown.shot = Math.min(lastShot, Math.max(0, shot));
+  rebuild();
+}
+
+function play(on) {
+  clearInterval(shown.playing);
+  shown.playing = null;
+  if (on && lastShot > 0) {
+    if (shown.shot === lastShot) setShot(0);
+    shown.playing = setInterval(() => {
+      setShot(shown.shot + 1);
+      if (shown.shot === lastShot) play(false);
+    }, Math.min(250, Math.max(60, 4000 / (lastShot + 1))));
+  }
+  const button = byId("play"), playing = shown.playing !== null;
+  button.textContent = playing ? "❚❚" : "▶";
+  button.setAttribute("aria-label", playing ? "Pause" : "Play");
+}
+
+// --- the picture
+
+let settled = 0;  // the timer after which all of it is drawn again
+
+function moved() {
+  clearTimeout(settled);
+  settled = setTimeout(() => { settled = 0; request(); }, 200);
+  request();
+}
+
+function request() {
+  if (dirty) return;
+  dirty = true;
+  requestAnimationFrame(paint);
+}
+
+function aspect() { return canvas.clientWidth / Math.max(canvas.clientHeight, 1); }
+
+function paint() {
+  dirty = false;
+  const ratio = Math.min(window.devicePixelRatio || 1, 2);
+  const [w, h] = [canvas.clientWidth, canvas.clientHeight].map(x => Math.max(1, Math.round(x * ratio)));
+  if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+  drawing.draw(camera.matrix(aspect()), { ...scene, ratio }, settled !== 0);
+  showTriad(camera.directions());
+}
+
+function lookFrom(name) {
+  camera.look(name, shown.nodes, aspect());
+  request();
+}
+
+function pick(x, y, reach) {
+  const seen = { node: k => nodeSeen[k], element: present };
+  const nodeSeen = new Uint8Array(model.nNode), first = shape.pieces;
+  shape.element.forEach((e, k) => { if (present(e)) nodeSeen[first[2 * k]] = nodeSeen[first[2 * k + 1]] = 1; });
+  shown.picked = pickAt(x, y, reach, camera.matrix(aspect()), canvas.clientWidth, canvas.clientHeight,
+    shown.nodes, shown.segments, shape.owner, seen);
+  rebuild();
+}
+
+// --- mouse and fingers
+
+const pointers = new Map();
+let travelled = 0;
+
+function spread() {
+  const [a, b] = [...pointers.values()];
+  return { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, apart: Math.hypot(a.x - b.x, a.y - b.y) };
+}
+
+canvas.addEventListener("pointerdown", event => {
+  canvas.setPointerCapture(event.pointerId);
+  pointers.set(event.pointerId, { x: event.offsetX, y: event.offsetY });
+  if (pointers.size === 1) travelled = 0;
+});
+
+canvas.addEventListener("pointermove", event => {
+  const own = pointers.get(event.pointerId);
+  if (!own) return;
+  const before = pointers.size === 2 ? spread() : null, [dx, dy] = [event.offsetX - own.x, event.offsetY - own.y];
+  own.x = event.offsetX;
+  own.y = event.offsetY;
+  travelled += Math.hypot(dx, dy);
+  if (before) {  // two fingers move and enlarge
+    const after = spread(), h = canvas.clientHeight;
+    camera.pan(after.x - before.x, after.y - before.y, h);
+    camera.zoom(after.apart / Math.max(before.apart, 1), after.x - canvas.clientWidth / 2, after.y - h / 2, h);
+  } else if (event.shiftKey || event.buttons & 6) camera.pan(dx, dy, canvas.clientHeight);
+  else camera.orbit(dx, dy);
+  moved();
+});
+
+for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, event => {
+  const click = name === "pointerup" && pointers.size === 1 && travelled < 5 && event.button === 0;
+  pointers.delete(event.pointerId);
+  if (pointers.size > 0) travelled = Infinity;  // the last of several fingers is no click
+  if (click) pick(event.offsetX, event.offsetY, event.pointerType === "touch" ? 16 : 8);
+});
+
+canvas.addEventListener("contextmenu", event => event.preventDefault());
+canvas.addEventListener("wheel", event => {
+  event.preventDefault();
+  const factor = Math.exp(-0.0015 * event.deltaY * (event.deltaMode === 1 ? 20 : 1));
+  camera.zoom(factor, event.offsetX - canvas.clientWidth / 2, event.offsetY - canvas.clientHeight / 2, canvas.clientHeight);
+  moved();
+}, { passive: false });
+
+// --- keys
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+document.addEventListener("keydown", event => {
+  // controls keep the keys that they know themselves
+  const own = event.target.closest?.("input, select, button");
+  if (event.ctrlKey || event.metaKey || event.altKey) return;
+  if (own && (event.key in ARROWS || event.key === " " || own.tagName === "SELECT")) return;
+  if (event.key in ARROWS) {
+    const [dx, dy] = ARROWS[event.key].map(x => 24 * x);
+    event.shiftKey ? camera.pan(dx, dy, canvas.clientHeight) : camera.orbit(-dx, -dy);
+    moved();
+  } else if (event.key === "+" || event.key === "=") { camera.zoom(1.15); request(); }
+  else if (event.key === "-") { camera.zoom(1 / 1.15); request(); }
+  else if (event.key === "0") lookFrom("home");
+  else if (event.key in AXES) lookFrom(event.key);
+  else if (event.key === " ") play(shown.playing === null);
+  else if (event.key === "Escape") { shown.picked = null; rebuild(); }
+  else return;
+  event.preventDefault();
+});
+
+// --- controls
+
+function controls() {
+  document.title = byId("title").textContent = model.title;
+  byId("note").textContent = model.note ?? "";
+  byId("note").hidden = !model.note;
+  byId("colour").append(...model.columns.map(c => option(c.label, c.label.replace(/_/g, " "))));
+  byId("colour").value = model.colour;
+  const ends = model.shots.flatMap((s, k) => (s.end ? [[k, s]] : [])).slice(0, -1);
+  byId("reference").append(option(-1, "start"), ...ends.map(([k, s]) => option(k, `end of phase ${s.phase}`)));
+  shown.reference = ends.length ? ends[0][0] : -1;
+  byId("reference").value = shown.reference;
+  byId("phase").append(...model.shots.filter(s => s.end).map(s => option(s.phase, `Phase ${s.phase}`)));
+  byId("diagram").append(option("", "none"), ...Object.keys(DIAGRAMS).map(name => option(name, name)));
+  for (const node of document.querySelectorAll("[data-beams]")) node.hidden = !model.get("beam");
+  byId("shot").max = lastShot;
+  // of many members one sees no small difference, and pictures come twice as fast
+  byId("ghost").checked = shape.count <= 3000;
+
+  const on = (id, event, action) => byId(id).addEventListener(event, action);
+  on("colour", "change", () => { shown.colour = byId("colour").value; rebuild(); });
+  on("reference", "change", () => { shown.reference = Number(byId("reference").value); rebuild(); });
+  on("magnify", "input", () => {
+    shown.magnify = Number((10 ** (byId("magnify").value / 50)).toPrecision(2));
+    byId("magnify-value").textContent = shown.magnify;
+    rebuild();
+  });
+  for (const id of ["own-range", "ghost", "nodes", "supports", "loads", "reactions", "axes", "diagram"]) on(id, "change", rebuild);
+  on("flat", "change", () => { camera.flat = byId("flat").checked; request(); });
+  on("shot", "input", () => { play(false); setShot(Number(byId("shot").value)); });
+  on("phase", "change", () => { play(false); setShot(model.shots.findLastIndex(s => s.phase === Number(byId("phase").value))); });
+  on("play", "click", () => play(shown.playing === null));
+  on("picked-close", "click", () => { shown.picked = null; rebuild(); });
+  on("theme", "click", () => {
+    document.documentElement.dataset.theme = scene.dark ? "light" : "dark";
+    rebuild();
+  });
+  on("menu", "click", () => {
+    const open = byId("side").classList.toggle("open");
+    byId("menu").setAttribute("aria-expanded", String(open));
+  });
+  for (const button of document.querySelectorAll("[data-view]")) button.addEventListener("click", () => lookFrom(button.dataset.view));
+  for (const button of document.querySelectorAll("[data-zoom]")) button.addEventListener("click", () => { camera.zoom(Number(button.dataset.zoom)); request(); });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", rebuild);
+  new ResizeObserver(request).observe(canvas);
+}
+
+function largestSize(points) {
+  let most = 0;
+  for (let k = 0; k < 3; k++) {
+    let low = Infinity, high = -Infinity;
+    for (let i = k; i < points.length; i += 3) { low = Math.min(low, points[i]); high = Math.max(high, points[i]); }
+    most = Math.max(most, high - low);
+  }
+  return most;
+}
+
+// Waits until the picture is there: drawing only asks for it.
+function finished() {
+  const gl = drawing.gl;
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+}
+
+try {
+  drawing = new Drawing(canvas, shape.count);
+  // layers in the order in which they are drawn
+  for (const name of ["ghost", "picked", "casing", "members"]) drawing.set(name, "lines", [new Float32Array(0), new Uint8Array(0), new Uint8Array(0)]);
+  controls();
+  shown.extent = largestSize(shape.nodes([[lastShot, 1]])) || 1;
+  rebuild();
+  lookFrom("home");
+  paint();
+  // for scripts that drive the page, such as tests
+  window.view = {
+    model, camera, shown, paint, look: lookFrom,
+    drawn: (finished(), performance.now()),  // ms since the page began to load
+    place(kind, number) {  // in pixels of the canvas: of a node, or of the middle of an element
+      let at = shown.nodes.subarray(3 * number, 3 * number + 3);
+      if (kind === "element") {
+        const own = [...shape.owner.keys()].filter(s => shape.owner[s] === number), i = 6 * own[own.length >> 1];
+        at = [0, 1, 2].map(k => own.length % 2 ? (shown.segments[i + k] + shown.segments[i + 3 + k]) / 2 : shown.segments[i + k]);
+      }
+      return onScreen(camera.matrix(aspect()), ...at, canvas.clientWidth, canvas.clientHeight);
+    },
+    turn() { camera.orbit(4, 0); moved(); paint(); finished(); },
+  };
+} catch (error) {
+  byId("message").hidden = false;
+  byId("message").textContent = error.message;
+}

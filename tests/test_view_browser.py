@@ -1,0 +1,258 @@
+"""The page of `plots.view` in a browser: picking, phases, keys, dark and narrow, without errors.
+
+Without a browser these tests are skipped, unless JAXCABLE_BROWSER asks for one.
+"""
+
+import os
+
+import browser
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+
+jax.config.update("jax_enable_x64", True)
+
+pytestmark = pytest.mark.skipif(
+    browser.found() is None and not os.environ.get("JAXCABLE_BROWSER"), reason="no browser"
+)
+UNITS = {"N": 1.0, "kN": 1e3, "MN": 1e6, "m": 1.0, "N m": 1.0, "kN m": 1e3, "": 1.0}
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser.started() as own:
+        yield own
+
+
+@pytest.fixture(scope="module")
+def net(tmp_path_factory):
+    structure, phases = jc.scenes.hypar_net()
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    path = tmp_path_factory.mktemp("view") / "net.html"
+    return solution, jc.plots.view(solution, path, structure=structure).path
+
+
+@pytest.fixture
+def page(chromium, net):
+    with browser.opened(chromium, net[1]) as page:
+        yield page
+        assert page.faults == []
+
+
+def click(page, kind, number, tap=False):
+    """Click on an element or a node."""
+    x, y, _ = page.evaluate("([kind, number]) => view.place(kind, number)", [kind, number])
+    box = page.locator("#canvas").bounding_box()
+    (page.touchscreen.tap if tap else page.mouse.click)(box["x"] + x, box["y"] + y)
+
+
+def values(page):
+    """What the panel shows: its heading, and numbers in SI units (texts otherwise) by name."""
+    found = {}
+    for row in page.locator("#picked-values tr").all():
+        texts = row.locator("td").inner_text().replace("\u2212", "-").split("\n")
+        try:
+            numbers = []
+            for text in texts:
+                word, _, unit = text.partition(" ")
+                numbers.append(float(word) * UNITS[unit])
+            found[row.locator("th").inner_text()] = np.squeeze(numbers)
+        except (ValueError, KeyError):
+            found[row.locator("th").inner_text()] = texts[0]
+    return page.locator("#picked-name").inner_text(), found
+
+
+def choose(page, control, value):
+    """Put a control to a value, as a user does."""
+    page.locator(f"#{control}").evaluate(
+        """(node, value) => {
+            node.value = value;
+            node.dispatchEvent(new Event(node.tagName === "SELECT" ? "change" : "input"));
+        }""",
+        str(value),
+    )
+
+
+def test_an_element_tells_its_numbers(page, net):
+    solution = net[0]
+    for number in (3, 17):
+        click(page, "element", number)
+        name, found = values(page)
+        assert name == f"Element {number}" and found["state"] == "taut"
+        assert found["tension"] == pytest.approx(float(solution.tension[number]), rel=1e-4)
+        length = float(solution.rest_length[number])
+        assert found["unstressed length"] == pytest.approx(length, rel=1e-6)
+        links = solution.links[0].array[number]
+        assert found["nodes"] == f"{links[0]}, {links[1]}"
+
+
+def test_a_node_tells_its_numbers(page, net):
+    solution = net[0]
+    loaded = int(np.abs(np.asarray(solution.load)[:, 2]).argmax())
+    click(page, "node", loaded)
+    name, found = values(page)
+    assert name == f"Node {loaded}"
+    place = np.asarray(solution.positions)[loaded]
+    np.testing.assert_allclose(found["x, y, z"], place, atol=1e-4)
+    moved = np.asarray(solution.phases[1].displacement)[loaded]
+    np.testing.assert_allclose(found["displacement in this phase"], moved, rtol=1e-3, atol=1e-8)
+    np.testing.assert_allclose(found["load"], np.asarray(solution.load)[loaded], rtol=1e-4)
+    held = int(np.abs(np.asarray(solution.reactions)[:, 2]).argmax())
+    click(page, "node", held)
+    expected = np.asarray(solution.reactions)[held]
+    np.testing.assert_allclose(values(page)[1]["reaction"], expected, rtol=1e-3)
+
+
+def test_the_slider_goes_through_phases(page, net):
+    solution = net[0]
+    click(page, "element", 3)
+    assert page.locator("#when").inner_text() == "Phase 2, increment 10, load factor 1.00"
+    choose(page, "phase", 1)
+    assert "Phase 1" in page.locator("#when").inner_text()
+    expected = float(solution.phases[0].tension[3])
+    assert values(page)[1]["tension"] == pytest.approx(expected, rel=1e-4)
+    shots = page.evaluate("view.model.shots")
+    choose(page, "shot", len(shots) - 2)
+    number = shots[-2]["number"] - 1
+    assert shots[-2]["phase"] == 2
+    expected = float(solution.phases[1].path.tension[number, 3])
+    assert values(page)[1]["tension"] == pytest.approx(expected, rel=1e-4)
+
+
+def test_exaggerated_displacements(page, net):
+    solution = net[0]
+    free = int(np.abs(np.asarray(solution.phases[1].displacement)[:, 2]).argmax())
+    height = f"view.shown.nodes[{3 * free + 2}]"
+    once = page.evaluate(height)
+    choose(page, "magnify", 50)
+    assert page.locator("#magnify-value").inner_text() == "10"
+    moved = float(solution.phases[1].displacement[free, 2])
+    assert page.evaluate(height) - once == pytest.approx(9 * moved, rel=1e-3)
+
+
+def test_keys(page):
+    angle = "view.camera.azimuth"
+    before = page.evaluate(angle)
+    page.keyboard.press("ArrowLeft")
+    assert page.evaluate(angle) != before
+    span = page.evaluate("view.camera.span")
+    page.keyboard.press("+")
+    assert page.evaluate("view.camera.span") == pytest.approx(span / 1.15)
+    page.keyboard.press("z")
+    assert page.evaluate("view.camera.elevation") == pytest.approx(np.pi / 2)
+    page.keyboard.press("0")
+    assert page.evaluate(angle) == pytest.approx(before)
+    assert page.evaluate("view.camera.span") == pytest.approx(span)
+    page.keyboard.press(" ")
+    assert page.locator("#play").get_attribute("aria-label") == "Pause"
+    browser.until(page, "view.shown.shot > 2")
+    page.keyboard.press(" ")
+    assert page.locator("#play").get_attribute("aria-label") == "Play"
+
+
+def test_mouse_turns_moves_and_enlarges(page):
+    box = page.locator("#canvas").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    angle, span = page.evaluate("[view.camera.azimuth, view.camera.span]")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y)
+    page.mouse.up()
+    assert page.evaluate("view.camera.azimuth") < angle
+    assert page.locator("#picked").is_hidden()  # a drag is no click
+    target = page.evaluate("view.camera.target[0]")
+    page.keyboard.down("Shift")
+    page.mouse.down()
+    page.mouse.move(x, y)
+    page.mouse.up()
+    page.keyboard.up("Shift")
+    assert page.evaluate("view.camera.target[0]") != target
+    page.mouse.wheel(0, -200)
+    browser.until(page, f"view.camera.span < {span}")
+
+
+def brightness(page):
+    """Mean of the pixels of the canvas, and how many differ from its corner."""
+    return page.evaluate(
+        """() => {
+            const gl = document.getElementById("canvas").getContext("webgl2");
+            const [w, h] = [gl.drawingBufferWidth, gl.drawingBufferHeight];
+            const p = new Uint8Array(4 * w * h);
+            view.paint();
+            gl.readPixels(0, 0, w, h, gl.RGBA, gl.UNSIGNED_BYTE, p);
+            let sum = 0, other = 0;
+            for (let i = 0; i < p.length; i += 4) {
+                sum += p[i];
+                if (Math.abs(p[i] - p[0]) + Math.abs(p[i + 1] - p[1]) > 40) other++;
+            }
+            return [sum / (p.length / 4), other];
+        }"""
+    )
+
+
+def test_dark_by_preference_and_by_button(chromium, net):
+    with browser.opened(chromium, net[1], color_scheme="dark") as page:
+        dark, drawn = brightness(page)
+        assert dark < 60 and drawn > 1000
+        page.locator("#theme").click()
+        light, drawn = brightness(page)
+        assert light > 200 and drawn > 1000
+        assert page.faults == []
+
+
+def test_a_phone(chromium, net):
+    options = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
+    with browser.opened(chromium, net[1], size=(390, 760), **options) as page:
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.locator("#side").is_hidden()
+        page.locator("#menu").tap()
+        assert page.locator("#side").is_visible() and page.locator("#colour").is_visible()
+        page.locator("#menu").tap()
+        click(page, "element", 3, tap=True)
+        assert values(page)[0] == "Element 3"
+        assert page.faults == []
+
+
+def test_beams_and_all_that_can_be_shown(chromium, tmp_path):
+    structure, phases = jc.scenes.guyed_mast()
+    solution = jc.solve(structure, phases)
+    page = jc.plots.view(solution, tmp_path / "mast.html", structure=structure)
+    with browser.opened(chromium, page.path) as own:
+        for name in ("nodes", "loads", "reactions", "axes"):
+            before = brightness(own)[1]
+            own.locator(f"#{name}").check()
+            assert brightness(own)[1] != before, name
+        for name in ("N", "Vy", "Vz", "T", "My", "Mz"):
+            choose(own, "diagram", name)
+            assert f"{name}, largest" in own.locator("#keys").inner_text()
+        for label in own.evaluate("view.model.columns.map(c => c.label)"):
+            choose(own, "colour", label)
+            assert own.locator("#bar-name").inner_text()
+        assert own.faults == []
+
+
+def test_absent_elements_are_not_drawn_and_not_picked(page):
+    """Of all elements but one the page is told that they are absent."""
+    before = brightness(page)[1]
+    page.evaluate("view.model.get('looks').forEach((_, k, all) => { all[k] |= 4; })")
+    page.evaluate("view.model.get('looks')[view.shown.shot * view.model.nElem + 3] &= 3")
+    page.locator("#ghost").uncheck()
+    page.locator("#supports").uncheck()
+    assert 20 < brightness(page)[1] < 0.3 * before
+    assert "30 absent, not drawn" in page.locator("#keys").inner_text()
+    click(page, "element", 3)
+    assert values(page)[0] == "Element 3"
+    click(page, "element", 17)
+    assert page.locator("#picked").is_hidden()
+
+
+def test_without_webgl_it_says_so(chromium, net):
+    context = chromium.new_context()
+    page = context.new_page()
+    page.add_init_script("HTMLCanvasElement.prototype.getContext = () => null")
+    page.goto(net[1].as_uri())
+    assert "WebGL" in page.locator("#message").inner_text()
+    context.close()
