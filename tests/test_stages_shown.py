@@ -6,6 +6,7 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.plots import members, stages
+from jaxcable.plots.moments import Moments
 
 PUSH = jc.Phase(loads=jc.NodalLoads([1], (1e3, 0.0, 0.0)))  # more than one step
 
@@ -113,6 +114,15 @@ def test_pictures_draw_what_is_there(hung):
     assert [axes.get_title() for axes in figure.axes[:3]] == ["a", "b", "c"]
     boxes = np.array([axes.get_position().bounds[2:] for axes in figure.axes[:3]])
     np.testing.assert_allclose(boxes, boxes[:1].repeat(3, axis=0), rtol=1e-6)
+
+
+def test_the_view_tells_them_apart(hung):
+    structure, _, solution = hung
+    moments = Moments(solution, structure, 40)
+    slack, pressed, absent = moments.looks()
+    assert absent.tolist() == [[False, False, True], [False] * 3, [True, False, False]]
+    assert not slack.any() and not pressed.any()
+    assert "present" not in moments.columns()
 
 
 @pytest.mark.parametrize(

@@ -6,14 +6,11 @@ import re
 import zipfile
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcable as jc
 from jaxcable.__main__ import main
-from jaxcable.common.tree import copy
-from jaxcable.plots.moments import Moments
 
 jax.config.update("jax_enable_x64", True)
 
@@ -125,28 +122,6 @@ def test_slack_cables_and_struts_differ():
     force = np.concatenate([np.asarray(x) for x in jax.tree.leaves(solution.tension)])
     np.testing.assert_array_equal(arrays["looks"][-1] & 2 != 0, force < 0)
     assert (force < 0).any()
-
-
-def test_absent_elements_are_told_apart():
-    """By the result "present", 1 or 0, where there is one: they are neither taut nor slack."""
-    structure, _, solution = solved("flat_net")
-    count = len(structure.groups[0].links)
-    there = jnp.asarray(np.arange(count) % 3 > 0, float)
-    ends, paths = solution.phases.ends, solution.phases.paths
-
-    def like(tension):
-        return {"present": jnp.broadcast_to(there, tension.shape)}
-
-    phases = copy(
-        solution.phases,
-        ends=copy(ends, results=like(ends.tension)),
-        paths=copy(paths, results=like(paths.tension)),
-    )
-    last = copy(solution.last, results=like(solution.last.tension))
-    moments = Moments(copy(solution, phases=phases, last=last), structure, 40)
-    slack, pressed, absent = moments.looks()
-    np.testing.assert_array_equal(absent, np.tile(there == 0, (len(moments.shots), 1)))
-    assert not (slack | pressed)[absent].any() and "present" not in moments.columns()
 
 
 def test_a_failed_analysis_shows_what_converged():

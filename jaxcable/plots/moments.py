@@ -10,14 +10,13 @@ import numpy as np
 from .. import design
 from ..analysis.solution import PhaseResult, Solution, State
 from ..common.types import Bool, Float
+from ..elements.element import PRESENT
 from ..model.parts import columns, slack_cables
 from ..model.structure import Structure
 from .animation import evenly
 from .stages import start_of
 
 _NOTHING = 1e-9  # compression over the largest force up to which it is rounding
-PRESENT = "present"
-"""Name of the result that says which elements are there, 1 or 0."""
 
 
 class Moment:
@@ -119,7 +118,7 @@ class Moments:
 
         for at, shot in enumerate(self.shots):
             told = self.told(shot)
-            others = {name: tree for name, tree in told.items() if name != PRESENT}
+            others = {name: tree for name, tree in told.items() if name != PRESENT.name}
             for column in columns(self.parts, others):
                 put(column.label, column.unit, at, self.joined(column.values))
             if self.structure is not None and self.has_strength():
@@ -155,16 +154,17 @@ class Moments:
             force = self.joined(leaves(told["tension"])) if "tension" in told else None
             if force is None:
                 force = np.full(sum(self.counts), np.nan)
-            loose = force == 0.0
+            gone = np.zeros(len(force), bool)
+            if PRESENT.name in told:
+                gone = self.joined(leaves(told[PRESENT.name])) == 0.0
+            loose = (force == 0.0) & ~gone
             if self.structure is not None:
                 ends = np.cumsum([0, *self.counts])
                 pairs = zip(self.structure.groups, ends[:-1], ends[1:], strict=True)
-                loose = np.concatenate([slack_cables(g, force[a:b]) for g, a, b in pairs])
-            gone = np.zeros(len(force), bool)
-            if PRESENT in told:
-                gone = self.joined(leaves(told[PRESENT])) == 0.0
+                parts = [slack_cables(g, force[a:b], ~gone[a:b]) for g, a, b in pairs]
+                loose = np.concatenate(parts)
             largest = np.nanmax(np.abs(force), initial=0.0)
-            slack.append(loose & ~gone)
+            slack.append(loose)
             pressed.append(~loose & ~gone & (force < -_NOTHING * largest))
             absent.append(gone)
         return np.stack(slack), np.stack(pressed), np.stack(absent)
