@@ -71,10 +71,9 @@ jc.plots.sequence(erected, structure=bridge, names=names)
 
 # %% [markdown]
 # What if the girder were joined first, and the deck hung on it? The phases are in another order,
-# which is data: no other program. The girder now bears what the cables leave to it of the dead
-# load, while they still have another shape. How much that is depends on nothing but the order, as
-# all laws are elastic; the last state is the same, because the girder has the same unstressed shape
-# when it is joined straight, level and free. It is the way that asks too much of it.
+# which is data: no other program. The girder then bends with the cables while they have another
+# shape. The last state is the same, because all laws are elastic and the girder is straight and
+# unstressed where it is joined in both; it is the way that asks more of it.
 
 # %%
 first, *hung, girder, planks = phases
@@ -92,7 +91,7 @@ figure, axes = plt.subplots(figsize=(7, 3))
 stages = np.arange(1, len(phases) + 1)
 axes.plot(stages, largest(erected), "o-", label="girder joined when all hangs")
 axes.plot(stages, largest(early), "s--", label="girder joined first")
-axes.set(xlabel="phase", ylabel="largest moment of the girder, kN m")
+axes.set(xlabel="phase", ylabel="largest moment of the girder, kN m", ylim=(-5, 110))
 axes.grid(color="0.9")
 axes.legend()
 plt.show()
