@@ -11,6 +11,7 @@ distinguished by the colour-blind, and slack and compressed elements also differ
 
 from .animation import animation
 from .convergence import convergence, work_precision
+from .diagrams import diagram
 from .histories import history
 from .increments import increments
 from .nets import net
@@ -22,6 +23,7 @@ from .view import view
 __all__ = [
     "animation",
     "convergence",
+    "diagram",
     "history",
     "increments",
     "net",

@@ -62,7 +62,7 @@ def grid(
 def settle(
     figure: Figure,
     slots: Sequence[tuple[float, float, float, float]],
-    mappable: ScalarMappable,
+    mappable: ScalarMappable | None,
     label: str,
     handles: Sequence[Any],
     columns: int | None = None,
@@ -71,7 +71,7 @@ def settle(
 
     Args:
         figure, slots: results of `arrange` or `grid`; the figure has one axes per slot.
-        mappable: lines whose colours the colour bar explains.
+        mappable: lines whose colours the colour bar explains; None for no colour bar.
         label: label of the colour bar.
         handles: legend entries.
         columns: of a `grid` of flat axes, which get one size; None to fill every slot alone.
@@ -79,10 +79,13 @@ def settle(
     width, height = figure.get_size_inches()
     views = list(figure.axes)
     room = _legend(figure, handles, width)
-    figure.set_size_inches(width, height + room)
+    if mappable is None:
+        height -= _BAR
     total = height + room
-    bar = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
-    figure.colorbar(mappable, cax=bar, orientation="horizontal", label=label)
+    figure.set_size_inches(width, total)
+    if mappable is not None:
+        bar = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
+        figure.colorbar(mappable, cax=bar, orientation="horizontal", label=label)
     resize(figure)
     for axes, (left, top, wide, high) in zip(views, slots, strict=True):
         axes.set_position((left / width, 1 - (top + high) / total, wide / width, high / total))
