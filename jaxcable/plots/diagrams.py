@@ -30,6 +30,7 @@ PLACES = 25  # along a beam, ends included
 _HIGH = 0.12  # length of the largest value over the extent of the structure
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
+_NOTHING = 1e-9  # value over the largest one up to which it is rounding
 _LEAST = 0.05  # of the largest value: less is not written
 _COLOURS = {"positive": SERIES[0], "negative": SERIES[1]}
 
@@ -103,7 +104,7 @@ def diagram(
     if view is None and not seen.plane:
         seen = View("space")
     sides = _in_picture(sides, axis[:, 1] - axis[:, 0], seen)
-    scale = high * extent / max(largest, 1e-300)
+    scale, least = high * extent / max(largest, 1e-300), _NOTHING * largest
     tips = drawn + scale * values[..., None] * sides[:, None]
     factor, unit = force_unit(largest)
     unit = unit + (" m" if of in ("T", "My", "Mz") else "")
@@ -111,9 +112,12 @@ def diagram(
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     name = f"after phase {int(shown.phase) + 1}" if len(solution.phases) > 1 else "at the end"
     axes = seen.add_axes(figure, everything, f"{of} ({unit}), {name}")
-    _draw(axes, seen, positions, solution, there, drawn, tips, values)
+    _draw(axes, seen, positions, solution, there, drawn, tips, values, least)
+    occur = values.max(initial=0.0) > least, values.min(initial=0.0) < -least
     handles: list[Any] = [
-        Patch(color=_COLOURS[sign], alpha=0.6, label=f"{of} {sign}") for sign in _COLOURS
+        Patch(color=_COLOURS[sign], alpha=0.6, label=f"{of} {sign}")
+        for sign, occurs in zip(_COLOURS, occur, strict=True)
+        if occurs
     ]
     if supports:
         held = stages[-1].held(structure, seen)
@@ -183,7 +187,7 @@ def _in_picture(sides, chord, view):
     return np.where(along < -1e-9, -across, across) @ basis
 
 
-def _draw(axes, view, positions, solution, there, drawn, tips, values):
+def _draw(axes, view, positions, solution, there, drawn, tips, values, least):
     """Lines of all elements, and the areas between beams and their values."""
     links, element = pieces(solution.last.topology.parts)[:2]
     lines, areas = (LineCollection, PolyCollection) if view.flat else (
@@ -201,7 +205,7 @@ def _draw(axes, view, positions, solution, there, drawn, tips, values):
     axes.add_collection(lines(top, colors=INK, linewidths=0.7, zorder=3), autolim=False)
     quads = np.stack([base[:, :-1], base[:, 1:], top[:, 1:], top[:, :-1]], axis=2)
     mean = 0.5 * (values[:, :-1] + values[:, 1:])
-    for sign, chosen in (("positive", mean > 0), ("negative", mean < 0)):
+    for sign, chosen in (("positive", mean > least), ("negative", mean < -least)):
         if chosen.any():
             look = {"facecolors": _COLOURS[sign], "edgecolors": "none", "alpha": 0.6, "zorder": 2}
             axes.add_collection(areas(quads[chosen], **look), autolim=False)
