@@ -45,7 +45,16 @@ def test_blocks_run_and_print_what_the_readme_says(tmp_path, monkeypatch):
     assert printed == said
     assert int(names["solution"].status) == 0
     made = {path.name for path in tmp_path.iterdir()}
-    assert made == {"net.json", "net.png", "net.vtk", "net.txt", "formed.json", "tuned.json"}
+    expected = {
+        "net.json",
+        "net.png",
+        "net.vtk",
+        "net.txt",
+        "net.html",
+        "formed.json",
+        "tuned.json",
+    }
+    assert made == expected
     # by hand: four cables carry 300 N, 4 N sin(a) = 300, at the sag that was found
     sag, tension = float(-names["solution"].displacement[4, 2]), float(names["solution"].tension[0])
     assert abs(4 * tension * sag / (1 + sag**2) ** 0.5 - 300.0) < 1e-6
