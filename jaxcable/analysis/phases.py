@@ -70,7 +70,9 @@ class Phase:
         adds: elements that are there from this phase on, and not before: keys of groups, or a
             prefix pytree of `only(numbers)` or booleans [n_elem]. An element is unstressed where it
             finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
-            the structure's nodes. Its weight, and loads along it, are ramped in.
+            the structure's nodes. Its weight, and loads along it, are ramped in. What no phase of
+            an analysis adds is there from its beginning: an analysis of the first stages alone has
+            to remove in its first phase what comes later.
         removes: elements that go, likewise; their end forces are ramped out, their loads end.
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
