@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
-from ..common.status import OK
+from ..common.status import OK, AnalysisError, raise_if_failed
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
 from ..files.reading import written
 from ..model.structure import Structure
-from .guard import Refused, say
+from .guard import FAILED, Refused, say
 
 PICTURES = (".png", ".pdf", ".svg")
 RESULTS = (".json", ".npz", ".csv", ".vtk", ".py", ".dxf")
@@ -50,3 +51,15 @@ def result(path: str | Path, structure: Structure, solution: Solution) -> list[P
             return []
         return save_opensees(path, structure, solution)
     return save_result(path, structure, solution)
+
+
+def ended(scene: str, solution: Solution) -> int | None:
+    """Exit status of a command whose analysis has ended: it says why if that has failed."""
+    if int(solution.status) == OK:
+        return None
+    sys.stdout.flush()
+    try:
+        raise_if_failed(solution)
+    except AnalysisError as error:
+        say(f"{scene}: {error}")
+    return FAILED

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from argparse import Namespace
 
 import numpy as np
@@ -16,7 +15,7 @@ from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
 from ..reporting import report
 from . import inputs, outputs
-from .guard import FAILED, Refused, require_writable, say
+from .guard import Refused, require_writable, say
 
 
 def run(options: Namespace) -> int | None:
@@ -44,14 +43,7 @@ def run(options: Namespace) -> int | None:
         print("\n".join(findings.summary))
     if not options.quiet:
         print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
-    if int(solution.status) != status.OK:
-        sys.stdout.flush()
-        try:
-            status.raise_if_failed(solution)
-        except status.AnalysisError as error:
-            say(f"{options.scene}: {error}")
-        return FAILED
-    return None
+    return outputs.ended(options.scene, solution)
 
 
 def _write(options, structure, solution, findings):

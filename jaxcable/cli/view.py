@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 import webbrowser
 from argparse import Namespace
 from pathlib import Path
 
 from .. import plots
 from ..analysis import solver
-from ..common import status
 from . import inputs, outputs
-from .guard import FAILED, Refused, require_writable, say
+from .guard import Refused, require_writable
 
 
 def run(options: Namespace) -> int | None:
@@ -29,11 +27,4 @@ def run(options: Namespace) -> int | None:
         print(f"wrote {page.path}")
     if not options.no_open:
         webbrowser.open(page.path.resolve().as_uri())
-    if int(solution.status) != status.OK:
-        sys.stdout.flush()
-        try:
-            status.raise_if_failed(solution)
-        except status.AnalysisError as error:
-            say(f"{options.scene}: {error}")
-        return FAILED
-    return None
+    return outputs.ended(options.scene, solution)

@@ -87,7 +87,7 @@ def read_dxf(
         unit = document.header.get("$INSUNITS", 0)
     except Exception as error:  # whatever a foreign parser makes of a damaged file
         told = " ".join(str(error).split())[:120]
-        raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from None
+        raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
     if scale is None and unit not in _METRES:
         raise FileError(f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m")
     metres = float(_METRES[unit] if scale is None else scale)

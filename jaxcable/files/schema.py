@@ -65,29 +65,25 @@ _BOUNDS: dict[str | tuple[str, str], Schema] = {
 _LOADED = 'the elements of that group: {"type": "Selection", "elements": [4, 5]}; null means all'
 _NOT_HERE = "a catenary is elastic: left out, or null"
 _MORE = {  # what docstrings tell in prose, of two fields at once, or in the words of Python
-    (
-        "Structure",
-        "elements",
-    ): "one group of elements (Cables, Bars, ...), or several: an object whose "
-    "keys are names of groups, or a list; at any depth",
+    ("Structure", "elements"): (
+        "one group of elements (Cables, Bars, ...), or several: an object whose "
+        "keys are names of groups, or a list; at any depth"
+    ),
     ("Structure", "supports"): "which nodes are held, and how",
     ("Supports", "chosen"): "nodes that are held in part or in other directions, [n]",
-    (
-        "Supports",
-        "held",
-    ): "of the chosen nodes: which of three displacements and three rotations are held, [n, 6]",
-    (
-        "Supports",
-        "axes",
-    ): "of the chosen nodes: the directions of what is held, [n, 3, 3], one in each "
-    "row of a matrix",
+    ("Supports", "held"): (
+        "of the chosen nodes: which of three displacements and three rotations are held, [n, 6]"
+    ),
+    ("Supports", "axes"): (
+        "of the chosen nodes: the directions of what is held, [n, 3, 3], one in each "
+        "row of a matrix"
+    ),
     ("Phase", "shortening"): "by how much a turnbuckle shortens the unstressed length, m",
     ("Phase", "temperature"): "change of the temperature, K; the group needs `expansion`",
-    (
-        "Phase",
-        "adds",
-    ): "elements that are there from this phase on, and not before: the key of a group, "
-    "a list of keys, or Selection or booleans [n_elem] in the forms of a statement",
+    ("Phase", "adds"): (
+        "elements that are there from this phase on, and not before: the key of a group, "
+        "a list of keys, or Selection or booleans [n_elem] in the forms of a statement"
+    ),
     ("Phase", "removes"): "elements that go, in the same forms; their end forces are ramped out",
     ("Bars", "area"): "cross-section, scalar or [n_elem], m2; beside a law",
     ("Bars", "law"): "uniaxial law of all elements of the group; beside an area",
@@ -98,10 +94,9 @@ _MORE = {  # what docstrings tell in prose, of two fields at once, or in the wor
     ("LineLoads", "factor"): "factor of the forces, without unit",
     ("LineLoads", "elements"): _LOADED,
     ("SelfWeight", "elements"): _LOADED,
-    (
-        "SupportMovement",
-        "displacements",
-    ): "[3] or [n, 3], m, along freedoms held in the phase; null if nodes only turn",
+    ("SupportMovement", "displacements"): (
+        "[3] or [n, 3], m, along freedoms held in the phase; null if nodes only turn"
+    ),
     ("Parallel", "laws"): "the laws, a list",
     ("Polygonal", "strain"): "strains of the points, [n], n >= 2, increasing, without unit",
     ("Polygonal", "stress"): "stresses of the points, [n], Pa",
