@@ -158,7 +158,7 @@ _, axes = plt.subplots(figsize=(6, 3.2), dpi=110, layout="constrained")
 axes.fill_between(numbers, lowest, highest, step="mid", alpha=0.3, label="envelope of the cases")
 axes.step(numbers, 1e-3 * start.tension, where="mid", color="black", label="prestress")
 axes.set(xlabel="cable (-)", ylabel="tension (kN)", xlim=(0, numbers[-1]), ylim=(0, None))
-axes.legend()
+axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2, frameon=False)
 axes.grid(color="0.9")
 
 # %% [markdown]

@@ -164,6 +164,9 @@ axes[0].hist(np.asarray(forces).ravel() / 1e3, bins=40)
 axes[0].set(xlabel="force of a lower spoke, kN", ylabel="spokes of 24 000")
 axes[1].hist(1e3 * np.ptp(np.asarray(heights), axis=1), bins=40)
 axes[1].set(xlabel="hub out of level, mm", ylabel="roofs of 1 000")
+for each in axes:
+    each.grid(color="0.9")
+    each.set_axisbelow(True)
 figure.tight_layout()
 plt.show()
 

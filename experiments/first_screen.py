@@ -1,0 +1,81 @@
+"""How long do the commands of the README's first screen take?
+
+Question   Seconds from a fresh checkout to the picture of the demo, with and without what is
+           installed first; from a command to a page that turns; of all tests if they are asked for.
+Reference  None: times of whole commands, as a newcomer has them.
+Error      None.
+Command    python experiments/first_screen.py [tests]   (writes experiments/results/first_screen.txt,
+           and first_screen_tests.txt with `tests`)
+
+The last commit is cloned into an empty folder. Nothing that was downloaded or compiled before is
+used: pip's cache is off, and the folder of kept programs is empty. Downloads are part of the time.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from record import Record
+
+ROOT = Path(__file__).parent.parent
+MODEL = "bridge"
+
+
+class Screen:
+    """Runs commands in a clone, and notes how long each takes.
+
+    Args:
+        folder: an empty folder.
+        record: function that takes lines.
+    """
+
+    def __init__(self, folder, record):
+        self.at, self.record = Path(folder) / "jaxcable", record
+        subprocess.run(["git", "clone", "--quiet", str(ROOT), str(self.at)], check=True)
+        kept = {
+            name: value
+            for name, value in os.environ.items()
+            if name not in ("PYTHONPATH", "VIRTUAL_ENV", "MAKEFLAGS")
+        }
+        cache = str(Path(folder) / "cache")
+        self.environment = kept | {"PIP_NO_CACHE_DIR": "1", "XDG_CACHE_HOME": cache}
+        record(f"{'seconds':>8}  command")
+
+    def __call__(self, command, note=""):
+        """Run a command line, which must succeed."""
+        begin = time.perf_counter()
+        run = subprocess.run(
+            command, shell=True, cwd=self.at, env=self.environment, capture_output=True, text=True
+        )
+        seconds = time.perf_counter() - begin
+        if run.returncode:
+            raise RuntimeError(f"{command}: {run.stdout[-3000:]}{run.stderr[-3000:]}")
+        self.record(f"{seconds:8.1f}  {command}{'  # ' + note if note else ''}")
+        return run.stdout
+
+
+def main():
+    tests = sys.argv[1:] == ["tests"]
+    record = Record("first_screen_tests" if tests else "first_screen")
+    with tempfile.TemporaryDirectory() as folder:
+        screen = Screen(folder, record)
+        if tests:
+            said = screen("make test", "with the time to install")
+            for line in said.splitlines():
+                if " passed" in line:
+                    record(f"          {line.strip('= ')}")
+        else:
+            screen("make .venv/installed", "a part of make demo")
+            screen("make demo", "the first time")
+            screen("make demo", "again")
+            screen(f".venv/bin/jaxcable new {MODEL}")
+            for note in ("the first time", "again"):
+                screen(f".venv/bin/jaxcable view {MODEL}.json --no-open", note)
+    record.close()
+
+
+if __name__ == "__main__":
+    main()
