@@ -16,9 +16,9 @@ Fields are the arguments of the classes of this package, in SI units; node numbe
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
 
 A "comment", a text or a list of lines, may stand at the top and in every object of a class: in
-what has a "type", and in structure, supports, section and phases. (Where the keys are names of
-groups, it would be such a name.) Reading skips it whatever it is, and writing writes none: a scene
-that has been read and is written again has lost its comments.
+what names one as its "type", and in structure, supports, section and phases. (Where the keys are
+names of groups, it would be such a name.) Reading skips it whatever it is, and writing writes none:
+a scene that has been read and is written again has lost its comments.
 
 `scene_schema` describes the format to editors: with ``"$schema": "scene.schema.json"`` in a scene,
 and the file that ``jaxcable schema --save scene.schema.json`` writes beside it, they explain and
