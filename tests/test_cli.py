@@ -18,7 +18,7 @@ from jaxcable.cli import main
 
 ROOT = Path(__file__).parent.parent
 LAW = jc.Polygonal([0.0, 0.003], [0.0, 300e6])  # of 1 mm2: 100 kN a unit of strain, to 300 N
-COMMANDS = ("demo", "solve", "form", "optimize", "info", "convert", "schema")
+COMMANDS = ("new", "info", "solve", "plot", "view", "form", "optimize", "convert", "schema", "demo")
 
 
 def environment(**changes):
@@ -182,8 +182,8 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys):
     assert "no phase has a pretension" in one_line(capsys.readouterr().err)
 
 
-def test_optimize_leaves_its_last_good_design(scene, capsys):
-    """Written, and said so, if the search does not end; not written if the start fails."""
+def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
+    """The best design of a search that has not ended is written by --keep, none of a bad start."""
     structure, (prestress, loading) = jc.scenes.flat_net(increments=(1, 1))
     weak = jc.replace(structure.elements, axial_stiffness=None, area=1e-6, law=LAW)
     jc.save_scene("bare.json", (structure, [prestress]))
@@ -191,8 +191,20 @@ def test_optimize_leaves_its_last_good_design(scene, capsys):
     words = ["optimize", "bare.json", "--target", "321", "--steps", "1", "--save", "t.json"]
     assert main(words) == 1
     told = capsys.readouterr()
-    assert "wrote t.json: the scene with this pretension, the last good one" in told.out
-    assert "allowed steps are used up" in one_line(told.err)
+    assert not Path("t.json").exists() and "wrote" not in told.out
+    (best,) = [line for line in told.out.splitlines() if line.startswith("pretension ")]
+    first, second = told.err.strip().splitlines()
+    assert first == (
+        "jaxcable: t.json: not written: the search has not come to its end; --keep writes it"
+    )
+    assert "allowed steps are used up" in second
+    Path("t.json").write_text("mine")  # nor is what is there replaced
+    assert main([*words, "--quiet"]) == 1
+    assert capsys.readouterr().out == "" and Path("t.json").read_text() == "mine"
+    assert main([*words, "--keep"]) == 1
+    told = capsys.readouterr()
+    assert "wrote t.json: the scene with this pretension, the best one found" in told.out
+    assert best in told.out and "allowed steps are used up" in one_line(told.err)
     found = np.asarray(jc.load_scene("t.json").phases[0].pretension)
     assert (found > 200.0).all() and not np.allclose(found, 321.0, rtol=1e-6)
     assert main(["optimize", "weak.json", "--target", "100", "--save", "n.json", "--quiet"]) == 1

@@ -177,7 +177,7 @@ def test_command_writes_and_opens_it(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_wheel_has_the_page(tmp_path):
+def test_wheel_has_the_page_and_the_first_scenes(tmp_path):
     import subprocess
     import sys
     from pathlib import Path
@@ -187,5 +187,6 @@ def test_wheel_has_the_page(tmp_path):
     subprocess.run([*command, str(root)], check=True)
     (wheel,) = tmp_path.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
-    for own in (root / "jaxcable" / "plots" / "viewer").iterdir():
-        assert f"jaxcable/plots/viewer/{own.name}" in names
+    for folder in ("plots/viewer", "cli/templates"):
+        for own in (root / "jaxcable" / folder).iterdir():
+            assert f"jaxcable/{folder}/{own.name}" in names

@@ -348,6 +348,12 @@ class Solution(Told):
     ``jnp.where(s.status == 0, f(s.last), 0.0)``. (Selecting between values of the solution itself
     works only if ``f`` is linear: the derivative of another ``f`` at NaN is NaN, also times zero.)
 
+    Its arrays, and those of `last` and `phases`, are JAX arrays inside and outside of jit, so that
+    what is computed from them can be differentiated. They take numbers, slices, NumPy arrays and
+    masks as an index, but no list, and cannot be written to: ``reactions[np.array([0, 10])]``. A
+    number out of range is not refused, but means the nearest one. ``np.asarray(reactions)`` follows
+    NumPy's rules, with lists; ``np.array(reactions)`` is a copy to write to.
+
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.
         stable: whether the end is stable, as in `PhaseResult`. The status of an unstable
@@ -380,6 +386,8 @@ class Solution(Told):
         0.399185 m
         >>> print(f"{solution.reactions[:, 2].sum():.6f} N")  # four loads of 15 N
         60.000000 N
+        >>> solution.reactions[np.array([4, 7])].shape, np.asarray(solution.reactions)[[4, 7]].shape
+        ((2, 3), (2, 3))
     """
 
     status: Int[Array, ""]

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.phases import ABSOLUTE, Phase
 from ..common import status
+from ..common.progress import SHOW, compiling
 from ..common.tree import replace
 from ..files import save_scene
 from ..forms import find_form, force_density
@@ -21,9 +22,12 @@ def run(options: Namespace) -> None:
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
     structure, phases = inputs.scene(options)
+    show = None if options.quiet else SHOW
     try:
         if options.tension is not None:
-            form = find_form(structure, inputs.values(options.tension, structure, "--tension"))
+            tension = inputs.values(options.tension, structure, "--tension")
+            with compiling(show):
+                form = find_form(structure, tension)
             status.raise_if_failed(form)
             positions, stated = form.positions, {"pretension": form.tension}
             print(
@@ -33,7 +37,8 @@ def run(options: Namespace) -> None:
             )
         else:
             words = inputs.values(options.force_density, structure, "--force-density")
-            positions, stated = force_density(structure, words), {"force_density": words}
+            with compiling(show):
+                positions, stated = force_density(structure, words), {"force_density": words}
             if not np.isfinite(np.asarray(positions)).all():
                 raise status.AnalysisError(
                     "force densities hold no shape: a part of the net is free, or they cancel"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import threading
@@ -26,6 +27,9 @@ class Refused(Exception):  # noqa: N818 - the input is at fault, not the program
 def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> int:
     """Run a command; returns the exit status: 0, 1 (analysis failed) or 2 (bad input).
 
+    With `options.quiet` nothing is printed but errors: no results, no warnings. Commands show no
+    progress then.
+
     The command runs in another thread, because compiled programs do not react to Ctrl-C: the main
     thread waits for Ctrl-C meanwhile.
     """
@@ -33,9 +37,9 @@ def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> i
 
     def work():
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), _printing(options.quiet):
                 for kind in (InputWarning, UnstableWarning):
-                    warnings.simplefilter("always", kind)
+                    warnings.simplefilter("ignore" if options.quiet else "always", kind)
                 warnings.showwarning = _warn
                 outcome.append(command(options) or OK)
         except BaseException as error:
@@ -50,6 +54,16 @@ def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> i
         leave()  # compiled programs cannot be stopped otherwise
     (result,) = outcome
     return result if isinstance(result, int) else _exit_status(result)
+
+
+@contextlib.contextmanager
+def _printing(quiet):
+    """Print as usual or, if it shall be quiet, nothing on stdout."""
+    if not quiet:
+        yield
+        return
+    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+        yield
 
 
 def _exit_status(error):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import sys
+import warnings
 from argparse import Namespace
 
 import jax
@@ -12,6 +14,7 @@ import numpy as np
 from .. import design
 from ..analysis.solver import solve
 from ..common import status
+from ..common.checks import InputWarning
 from ..common.tree import replace
 from ..files import save_scene
 from ..scenes import Scene
@@ -24,8 +27,9 @@ _WIDTH = 0.02  # width of the smooth maximum of deflections, relative to their l
 def run(options: Namespace) -> None:
     """Optimize the pretension of the first phase that states one.
 
-    If the search does not converge, its last good design is printed and written, with exit status
-    1. If the analysis fails at the start, there is no design, and nothing is written.
+    If the search does not converge, the best numbers that it has found are printed, with the cause
+    and exit status 1; they are written if `options.keep` asks for it. If the analysis fails at the
+    start, there is no design, and nothing is written.
     """
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
@@ -35,23 +39,25 @@ def run(options: Namespace) -> None:
         raise Refused(f"{options.scene}: no phase has a pretension to optimize")
     start, spread_out = _parameters(structure, phases[number], options)
 
-    def analysed(parameters):
+    def analysed(parameters, progress=False):
         phase = replace(phases[number], pretension=spread_out(parameters))
-        return solve(structure, [*phases[:number], phase, *phases[number + 1 :]])
+        changed = [*phases[:number], phase, *phases[number + 1 :]]
+        return solve(structure, changed, progress=progress)
 
     low, high = options.bounds
     if not low <= high:
         raise Refused(f"--bounds {low:g} {high:g}: the first is above the second")
     inside = jnp.clip(start, low, high)
     if (inside != start).any():
-        say(f"warning: the search starts within {low:g} to {high:g} N, where the scene does not")
+        text = f"the search starts within {low:g} to {high:g} N, where the scene does not"
+        warnings.warn(text, InputWarning, stacklevel=1)
     start = inside
     try:
         if options.target is not None:
             found, description = _to_target(analysed, start, (low, high), options)
         else:
             found, description = _least(analysed, start, (low, high), options)
-        solution = analysed(found.params)
+        solution = analysed(found.params, progress=not options.quiet)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
     code = int(found.status)
@@ -67,16 +73,19 @@ def run(options: Namespace) -> None:
         f"forces at the end {inputs.spread(solution.last.peak_tension)} N",
         f"largest displacement {inputs.short(float(moved))} m",
     ]
-    if options.save is not None:
+    good = code == status.OK or options.keep
+    if options.save is not None and good:
         best = jax.tree.map(np.asarray, spread_out(found.params))
         phase = replace(phases[number], pretension=best)
         save_scene(options.save, Scene(structure, [*phases[:number], phase, *phases[number + 1 :]]))
         ended = "the scene with this pretension"
         if code != status.OK:
-            ended += ", the last good one: the search has not come to its end"
+            ended += ", the best one found: the search has not come to its end"
         lines.append(f"wrote {options.save}: {ended}")
-    if not options.quiet:
-        print("\n".join(lines))
+    print("\n".join(lines))
+    if options.save is not None and not good:
+        sys.stdout.flush()
+        say(f"{options.save}: not written: the search has not come to its end; --keep writes it")
     status.raise_if_failed(found)
 
 
@@ -131,7 +140,7 @@ def _to_target(analysed, start, bounds, options):
         return design.tension_distance(solution, options.target), solution
 
     found = design.minimize(loss, start, bounds, steps=options.steps, progress=not options.quiet)
-    n = sum(v.size for v in jax.tree.leaves(analysed(start).tension))
+    n = sum(v.size for v in jax.tree.leaves(jax.eval_shape(analysed, start).tension))
     distance = float(np.sqrt(float(found.loss) / n))
     return found, f"root mean square distance from {options.target:g} N: {distance:.6g} N"
 

@@ -11,7 +11,7 @@ from .. import linear
 from ..common import fusion
 from ..common.keeping import keep_programs
 from ..files.reading import number, whole
-from . import convert, demo, form, info, optimize, schema, solve, view
+from . import convert, demo, form, info, new, optimize, plot, schema, solve, view
 from .guard import guarded
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
@@ -33,20 +33,28 @@ def parser() -> argparse.ArgumentParser:
     """The parser of the command line, with all commands."""
     top = argparse.ArgumentParser(
         prog="jaxcable",
-        description="Prestressed cable structures: form, two-phase analysis, prestress. SI units.\n"
-        "Scenes are JSON files; `jaxcable schema` prints their JSON Schema, which editors know.",
+        description="Prestressed cable structures: form, analysis in phases, prestress. SI units.\n"
+        "A scene is a JSON file with a structure and its phases: `jaxcable new net` writes one to\n"
+        "begin with, which explains itself. `jaxcable COMMAND --help` explains a command.",
         epilog=f"example: jaxcable solve net.json --plot net.png --report\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    commands = top.add_subparsers(dest="command", required=True, metavar="command")
-    _demo(commands)
+    commands = top.add_subparsers(
+        title="commands", dest="command", required=True, metavar="COMMAND"
+    )
+    _new(commands)
+    _info(commands)
     _solve(commands)
+    _plot(commands)
     _view(commands)
     _form(commands)
     _optimize(commands)
-    _info(commands)
     _convert(commands)
     _schema(commands)
+    _demo(commands)
+    text = "print errors only: no results, no warnings, no progress"
+    for command in commands.choices.values():
+        command.add_argument("--quiet", action="store_true", help=text)
     return top
 
 
@@ -85,6 +93,17 @@ def _reads(command, scene=True):
     command.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
 
 
+def _new(commands):
+    text = "write a small scene that explains itself, to begin with, and the same in Python"
+    command = _command(commands, "new", new, text, "bridge --save my_bridge.json")
+    text = "; ".join(f"{kind}: {about}" for kind, about in new.KINDS.items())
+    command.add_argument("kind", choices=new.KINDS, help=text)
+    text = "scene to write (.json; default its kind, in this folder); the script lies beside it"
+    command.add_argument("--save", metavar="FILE", help=text)
+    text = "replace files that exist; otherwise the command writes nothing and ends with 2"
+    command.add_argument("--force", action="store_true", help=text)
+
+
 def _demo(commands):
     text = "the hyperbolic paraboloid net beside the published deflections"
     command = _command(commands, "demo", demo, text, "--plot hypar.png")
@@ -110,7 +129,27 @@ def _solve(commands):
     command.add_argument("--corrections", type=_few, metavar="N", help=text)
     text = "default: by size"
     command.add_argument("--linear-solver", choices=linear.offered(), help=text)
-    command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
+
+
+def _plot(commands):
+    text = "analyse a scene and draw it, without a report"
+    command = _command(commands, "plot", plot, text, "mast.json --of My --save moments.pdf")
+    _reads(command)
+    text = "picture to write (png, pdf, svg; default: beside the scene, with its name, .png)"
+    command.add_argument("--save", metavar="FILE", help=text)
+    text = (
+        "what to draw: tension (default), utilisation (force over strength) or another result as "
+        "colours; N, Vy, Vz, T, My, Mz as a diagram on beams"
+    )
+    command.add_argument("--of", default="tension", metavar="RESULT", help=text)
+    text = "default: by the shape of the structure"
+    command.add_argument("--view", choices=("plan", "elevation", "space"), help=text)
+    text = "the end of every phase, beside each other"
+    command.add_argument("--sequence", action="store_true", help=text)
+    text = "factor on displacements (default 1), not of diagrams"
+    command.add_argument("--magnify", type=_positive, metavar="X", help=text)
+    text = "draw the reactions of supports, too"
+    command.add_argument("--reactions", action="store_true", help=text)
 
 
 def _view(commands):
@@ -120,7 +159,6 @@ def _view(commands):
     text = "page to write (default: the name of the scene, .html, in this folder)"
     command.add_argument("--out", metavar="FILE", help=text)
     command.add_argument("--no-open", action="store_true", help="write the page, open no browser")
-    command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
 
 
 def _form(commands):
@@ -160,9 +198,12 @@ def _optimize(commands):
     command.add_argument(
         "--one", action="store_true", help="one pretension for each group of elements"
     )
-    command.add_argument("--steps", type=_count, default=100, help="steps at most (default 100)")
-    command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
-    command.add_argument("--quiet", action="store_true", help="print errors only, and no progress")
+    text = "steps of the search at most (default 100)"
+    command.add_argument("--steps", type=_count, default=100, metavar="N", help=text)
+    text = "scene to write (.json), if the search comes to its end"
+    command.add_argument("--save", metavar="FILE", help=text)
+    text = "write the best scene found even if the search does not come to its end (exit status 1)"
+    command.add_argument("--keep", action="store_true", help=text)
 
 
 def _info(commands):

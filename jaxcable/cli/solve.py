@@ -37,12 +37,8 @@ def run(options: Namespace) -> int | None:
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
     wrote = _write(options, structure, solution, findings)  # before printing: the reader may end
-    if options.report == "-":
-        print(findings.text())
-    elif not options.quiet:
-        print("\n".join(findings.summary))
-    if not options.quiet:
-        print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
+    print(findings.text() if options.report == "-" else "\n".join(findings.summary))
+    print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
     return outputs.ended(options.scene, solution)
 
 

@@ -7,9 +7,9 @@ from argparse import Namespace
 from pathlib import Path
 
 from .. import plots
-from ..analysis import solver
-from . import inputs, outputs
-from .guard import Refused, require_writable
+from . import outputs
+from .analysed import shown
+from .guard import require_writable
 
 
 def run(options: Namespace) -> int | None:
@@ -17,14 +17,12 @@ def run(options: Namespace) -> int | None:
     out = Path(options.scene).with_suffix(".html").name if options.out is None else options.out
     outputs.check_suffix(out, outputs.PAGES, "--out")
     require_writable(out)
-    structure, phases = inputs.scene(options)
-    try:
-        solution = solver.solve(structure, phases, progress=not options.quiet)
-        page = plots.view(solution, out, structure=structure, title=Path(options.scene).stem)
-    except ValueError as error:
-        raise Refused(f"{options.scene}: {error}") from None
-    if not options.quiet:
-        print(f"wrote {page.path}")
+    title = Path(options.scene).stem
+    solution, page = shown(
+        options,
+        lambda structure, solution: plots.view(solution, out, structure=structure, title=title),
+    )
+    print(f"wrote {page.path}")
     if not options.no_open:
         webbrowser.open(page.path.resolve().as_uri())
     return outputs.ended(options.scene, solution)

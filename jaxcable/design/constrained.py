@@ -11,7 +11,7 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import status
-from ..common.progress import Step
+from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .box import checked_call, default_tol, numbers
@@ -117,7 +117,8 @@ def minimize_subject_to(
     params = numbers(params)
     tol = default_tol(params) if tol is None else tol
     loss, evaluate = _programs(problem)
-    (value, (constraints, code)), slope = evaluate(params, *args)
+    with compiling(listener(progress)):
+        (value, (constraints, code)), slope = evaluate(params, *args)
     multipliers = np.zeros(constraints.shape[0])
     # the loss may be zero at the start: its change with the parameters gives it a size, too
     sizes = jax.tree.map(lambda x, g: jnp.max(jnp.abs(x), initial=0.0) * jnp.abs(g), params, slope)

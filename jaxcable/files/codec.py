@@ -81,6 +81,9 @@ def register(cls: Kind) -> Kind:
 IMPLIED = {"structure": Structure, "supports": Supports, "section": Section}
 """Classes of objects that need not name theirs, by the field that they stand in."""
 
+COMMENT = "comment"
+"""Field of every object of a class that is not read: for people."""
+
 DEEPEST = 32
 """Levels of nested objects that are read: more than any structure needs."""
 
@@ -236,7 +239,7 @@ def _decode_object(data, where, implied, depth):
     kinds = {field.name: str(field.type) for field in stated(cls)}
     values = {}
     for key, value in data.items():
-        if key == "type":
+        if key == "type" or (key == COMMENT and key not in kinds):
             continue
         if key not in kinds:
             raise FileError(f"{where}: a {name} has no field {key!r}{_meant(key, kinds)}")

@@ -15,6 +15,11 @@ The format, version 1::
 Fields are the arguments of the classes of this package, in SI units; node numbers start at 0. An
 object with a "type" is of a class in `codec.TYPES`; without it, it is a dict, as of element groups.
 
+A "comment", a text or a list of lines, may stand at the top and in every object of a class: in
+what names one as its "type", and in structure, supports, section and phases. (Where the keys are
+names of groups, it would be such a name.) Reading skips it whatever it is, and writing writes none:
+a scene that has been read and is written again has lost its comments.
+
 `scene_schema` describes the format to editors: with ``"$schema": "scene.schema.json"`` in a scene,
 and the file that ``jaxcable schema --save scene.schema.json`` writes beside it, they explain and
 check every field while it is typed. Reading ignores the field.
@@ -31,7 +36,7 @@ from ..analysis.preparation import prepare
 from ..common.checks import InputWarning
 from ..model.structure import Structure
 from ..scenes import Scene
-from .codec import decode, encode
+from .codec import COMMENT, decode, encode
 from .layout import laid_out
 from .reading import LARGEST, FileError, read_json, written
 
@@ -127,7 +132,7 @@ def _scene(data):
         raise FileError(f"version: {version} is newer than {VERSION}, the last that is known")
     if not isinstance(data.get("$schema", ""), str):  # of editors: where the schema is
         raise FileError(f"$schema: expected a text, got {_short(data['$schema'])}")
-    unknown = data.keys() - {"format", "version", "structure", "phases", "comment", "$schema"}
+    unknown = data.keys() - {"format", "version", "structure", "phases", COMMENT, "$schema"}
     if unknown:
         raise FileError(f"unknown field {min(unknown)!r}; known are structure, phases, comment")
     for name, kind, words in (("structure", dict, "an object"), ("phases", list, "a list")):

@@ -16,7 +16,7 @@ from ..elements.straight import Straight
 from ..loads import along, areas, pressure
 from ..loads.load import Load
 from ..materials.law import Law
-from .codec import IMPLIED, TYPES, stated
+from .codec import COMMENT, IMPLIED, TYPES, stated
 from .explained import explained, summary
 from .kinds import Schema, closed, options, ref, tagged, united
 from .scene import FORMAT, MOST_INCREMENTS, VERSION
@@ -106,6 +106,10 @@ _MORE = {  # what docstrings tell in prose, of two fields at once, or in the wor
 }
 for _key in ("area", "law"):
     _MORE |= {(_name, _key): _MORE["Bars", _key] for _name in ("Cables", "SlidingCables")}
+_COMMENT: Schema = {
+    "title": COMMENT,
+    "description": "anything, such as a text or a list of lines; it is not read",
+}
 _BEYOND = (
     "Reading also refuses what a schema cannot say: numbers of nodes or elements, and keys of "
     "groups, that the structure does not have; arrays that shall have one length and do not; "
@@ -152,7 +156,7 @@ def scene_schema() -> dict[str, Any]:
                     "maximum": VERSION,
                     "description": "of the format",
                 },
-                "comment": {"description": "anything; it is not read"},
+                COMMENT: _COMMENT,
                 "structure": ref("Structure"),
                 "phases": {
                     "type": "array",
@@ -178,6 +182,7 @@ def _object(cls, defs):
         **closed(
             {
                 "type": {"const": name, "description": "the class of this object"},
+                COMMENT: _COMMENT,
                 **{field.name: _field(cls, field, texts, defs) for field in stated(cls)},
             },
             (["type"] if named else []) + needs,

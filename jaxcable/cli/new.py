@@ -1,0 +1,57 @@
+"""``new``: write a small scene to begin with, which explains itself, and the same as a script."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from argparse import Namespace
+from importlib import resources
+from pathlib import Path
+
+from ..files import scene_schema
+from ..files.layout import laid_out
+from ..files.reading import written
+from . import outputs
+from .guard import Refused, require_writable
+
+KINDS = {
+    "net": "a saddle of prestressed cables, under snow",
+    "mast": "a guyed mast that bends, under wind",
+    "bridge": "a stayed footbridge, erected in stages",
+    "dome": "a cable dome with struts, under snow",
+}
+_SCHEMA = "scene.schema.json"  # as the scenes name it
+
+
+def run(options: Namespace) -> None:
+    """Write scene, script and schema of the kind that `options` name; say what to type next."""
+    scene = Path(f"{options.kind}.json" if options.save is None else options.save)
+    outputs.check_suffix(str(scene), (".json",), "--save")
+    script = scene.with_suffix(".py")
+    if script.stem in sys.stdlib_module_names | {"jax", "jaxcable", "matplotlib", "numpy", "scipy"}:
+        raise Refused(f"--save {scene}: {script.name} would hide Python's module of that name")
+    if scene.name == _SCHEMA:
+        raise Refused(f"--save {scene}: is the name of the schema that is written beside the scene")
+    texts = {scene: _template(f"{options.kind}.json"), script: _template(f"{options.kind}.py.txt")}
+    there = [str(path) for path in texts if path.exists()]
+    if there and not options.force:
+        names = ", ".join(there)
+        raise Refused(f"{names}: there already; --save names another file, --force replaces")
+    schema = scene.with_name(_SCHEMA)
+    if options.force or not schema.exists():
+        texts[schema] = laid_out(scene_schema()) + "\n"
+    require_writable(*texts)
+    for path, text in texts.items():
+        with written(path) as stream:
+            stream.write(text)
+    name, picture = shlex.quote(str(scene)), shlex.quote(str(scene.with_suffix(".png")))
+    print(f"wrote {scene}: {KINDS[options.kind]}")
+    print(f"wrote {script}: the same in Python, with a picture and a page that turns")
+    if schema in texts:
+        print(f"wrote {schema}: with it editors explain and check the scene")
+    print(f"next:\n  jaxcable solve {name} --plot {picture}\n  jaxcable view {name}")
+
+
+def _template(name):
+    """The text of a file in `templates`."""
+    return (resources.files(__package__) / "templates" / name).read_text("utf-8")

@@ -1,0 +1,52 @@
+"""``plot``: analyse a scene and draw it."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from .. import plots
+from ..analysis.solution import Solution
+from ..common import status
+from ..elements.element import SECTION_FORCES
+from ..model.structure import Structure
+from . import outputs
+from .analysed import shown
+from .guard import Refused, require_writable, say
+
+
+def run(options: Namespace) -> int | None:
+    """Draw the scene that `options` name; returns the exit status, 1 if the analysis fails."""
+    path = options.save
+    if path is None:
+        path = str(Path(options.scene).with_suffix(".png"))
+    outputs.check_suffix(path, outputs.PICTURES, "--save")
+    diagram = options.of in SECTION_FORCES.components
+    for name in ("sequence", "magnify", "reactions"):
+        if diagram and getattr(options, name):
+            raise Refused(f"--{name}: not of a diagram; give --of tension, or another colour")
+    if options.sequence and options.reactions:
+        raise Refused("--reactions: not in a sequence")
+    require_writable(path)
+
+    def draw(structure: Structure, solution: Solution) -> Figure | None:
+        if int(solution.status) != status.OK:
+            return None
+        same = {"structure": structure, "view": options.view}
+        if diagram:
+            return plots.diagram(solution, options.of, **same)
+        magnify = 1.0 if options.magnify is None else options.magnify
+        if options.sequence:
+            return plots.sequence(solution, None, magnify, colour=options.of, **same)
+        reactions = options.reactions
+        return plots.net(solution, None, magnify, colour=options.of, reactions=reactions, **same)
+
+    solution, figure = shown(options, draw)
+    if figure is None:
+        say(f"{path}: not drawn: the analysis failed")
+    else:
+        outputs.picture(figure, path)
+        print(f"wrote {path}")
+    return outputs.ended(options.scene, solution)
