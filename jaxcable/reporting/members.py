@@ -17,8 +17,11 @@ BUCKLING = (
 _ROUNDING = 1e-9  # compression over the largest force up to which it is rounding
 
 
-def members(structure, state, states):
-    """Force, utilisation and envelope of every element, by the largest force along it."""
+def members(structure, state, states, several):
+    """Force, utilisation and envelope of every element, by the largest force along it.
+
+    The text leaves the envelope out unless there are `several` states.
+    """
     try:
         used = per_group(structure, utilisation(structure, state))
         most = {name: per_group(structure, utilisation(structure, s)) for name, s in states.items()}
@@ -58,8 +61,11 @@ def members(structure, state, states):
         notes.append(
             "utilisation of beams is that of their axial force alone: see stresses of fibres"
         )
-    title = "Forces, tension positive, and their envelope"
-    return Table(title, columns, units, rows, tuple(notes), governing=10 if known else 4)
+    details = () if several else (5, 6, 7, 8, 10)
+    title = f"Forces, tension positive{', and their envelope' if several else ''}"
+    return Table(
+        title, columns, units, rows, tuple(notes), governing=10 if known else 4, details=details
+    )
 
 
 def _forces(structure, state):

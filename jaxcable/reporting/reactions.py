@@ -17,12 +17,16 @@ _ASLANT = 1e-9  # cosine from which a held direction has a component
 
 
 def reactions(
-    structure: Structure, state: results.State, fixed: Fixed, states: Mapping[str, State]
+    structure: Structure,
+    state: results.State,
+    fixed: Fixed,
+    states: Mapping[str, State],
+    several: bool,
 ) -> Table:
     """Reactions at the end, and the largest resultant over cases or phases with its case.
 
     The table has all nodes that are held at the end or in one of these states. A component that no
-    support holds has no value.
+    support holds has no value. The text leaves the largest out unless there are `several` states.
     """
     values = np.asarray(state.reactions, float)
     held = _held(structure, fixed)
@@ -50,7 +54,8 @@ def reactions(
     if any(None in row[1:4] for row in rows):
         notes.append("no value: no support holds it at the end")
     governing = 4 if not names else len(columns) - 2
-    return Table(title, tuple(columns), tuple(units), rows, tuple(notes), governing)
+    details = () if several else (len(columns) - 2, len(columns) - 1)
+    return Table(title, tuple(columns), tuple(units), rows, tuple(notes), governing, details)
 
 
 def _held(structure, fixed):

@@ -219,9 +219,9 @@ def report(
     several = len(every) > 1
     kind = "ends of phases" if cases is None else "cases"
     tables = {
-        "reactions": reactions(structure, state, end.fixed, counted),
+        "reactions": reactions(structure, state, end.fixed, counted, several),
         "equilibrium": equilibrium(structure, state),
-        "members": members(structure, state, counted),
+        "members": members(structure, state, counted, several),
         **internal_forces(structure, end, counted if several else {}, kind),
         **stresses(structure, solution, good),
         "cutting_list": cutting_list(structure, solution),

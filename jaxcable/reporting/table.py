@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 _SCALED = ("N", "N m", "J")
 _SHARED = 4  # columns from which a unit that all of them have is said in the title
-_NOTHING = 1e-9  # of the largest number with the same unit: less is rounding
+_NOTHING = 1e-9  # of the largest number with the same unit, or of 1 N, J, Pa: less is rounding
 _LEVER = 1e-3  # m; at it the largest force makes the least moment that counts beside it
 
 Cell: TypeAlias = int | float | str | None
@@ -73,7 +73,8 @@ def as_text(table, most):
     prefixes, factors = zip(*(scales.get(unit, ("", 1.0)) for unit in table.units), strict=True)
     units = [prefix + unit for prefix, unit in zip(prefixes, table.units, strict=True)]
     title, heads = _headings(table, units)
-    least = {unit: _NOTHING * _largest(table, table.rows, unit) for unit in (*_SCALED, "Pa")}
+    sizes = {unit: _largest(table, table.rows, unit) for unit in (*_SCALED, "Pa")}
+    least = {unit: _NOTHING * max(size, 1.0) for unit, size in sizes.items()}
     least["N m"] = max(least["N m"], _LEVER * least["N"])
     body = [
         [
