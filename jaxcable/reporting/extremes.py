@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legder, legvander
 
 from ..common.types import Float
+from ..elements.bending import lobatto
 
+_MOST = 6  # points through which there is one polynomial
+_FINE = 17  # places at which it is taken; between them are cubics, with errors of 1e-7
 _NEAR = 1e-9  # of the largest value: what exceeds an end by less is rounding
 
 
@@ -23,13 +28,36 @@ class Extremes(NamedTuple):
     high_at: Float[np.ndarray, " *shape"]
 
 
-def lines(
-    values: Float[np.ndarray, "*shape n_point"],
-) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Coefficients 1, t, t^2, t^3 of the straight lines from value to value, t from 0 to 1."""
-    change = np.diff(values, axis=-1)
-    none = np.zeros_like(change)
-    return np.stack([values[..., :-1], change, none, none], axis=-1)
+@functools.cache
+def interpolation(
+    count: int, sloped: bool
+) -> tuple[Float[np.ndarray, " n_fine"], Float[np.ndarray, "n_data n_fine"], ...]:
+    """The polynomial through values at `count` Gauss-Lobatto points, at many places.
+
+    Args:
+        count: number of points.
+        sloped: whether the slopes are given, too, after the values; else the values only.
+
+    Returns:
+        places: from 0 to 1, [n_fine]; the points themselves if there are many of them, where a
+            polynomial through all would be of no use.
+        values, slopes: matrices [n_data, n_fine] that give both there, from the data.
+    """
+    points = lobatto(count)[0]
+    degree = (2 if sloped else 1) * count - 1
+    if count > _MOST and not sloped:
+        return points, np.eye(count), np.gradient(np.eye(count), points, axis=1)
+    if count > _MOST:
+        return points, np.eye(2 * count, count), np.eye(2 * count, count, -count)
+    places = np.linspace(0.0, 1.0, _FINE)
+    slope = 2 * legder(np.eye(degree + 1))  # of every polynomial, on 0 to 1
+
+    def at(places):
+        x = 2 * places - 1
+        return legvander(x, degree).T, slope.T @ legvander(x, degree - 1).T
+
+    data = np.hstack(at(points)) if sloped else at(points)[0]
+    return places, *(np.linalg.solve(data, wanted) for wanted in at(places))
 
 
 def cubics(
@@ -37,7 +65,10 @@ def cubics(
     slopes: Float[np.ndarray, "*shape n_point"],
     places: Float[np.ndarray, " n_point"],
 ) -> Float[np.ndarray, "*shape n_piece 4"]:
-    """Coefficients, as of `lines`, of the cubics with given values and slopes at the places."""
+    """Coefficients of 1, t, t^2, t^3 of the cubics with given values and slopes at the places.
+
+    From place to place t goes from 0 to 1.
+    """
     size = np.diff(places)
     change, first = np.diff(values, axis=-1), slopes[..., :-1] * size
     last = slopes[..., 1:] * size

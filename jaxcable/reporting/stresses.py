@@ -138,7 +138,7 @@ def _notes(structure, moment, rows):
     if other:
         reach = [f"{100 * _reach(section):.2g} % ({label or 'beams'})" for label, section in other]
         notes.append(
-            "of laws that are not linear: at centres of fibres and at integration points; edges are "
+            "of laws that are not linear: at centres of fibres, integration points; edges are "
             f"further out by {', '.join(reach)}"
         )
     if any(row[-1] is not None for row in rows):
