@@ -31,7 +31,11 @@ class Extremes(NamedTuple):
 @functools.cache
 def interpolation(
     count: int, sloped: bool
-) -> tuple[Float[np.ndarray, " n_fine"], Float[np.ndarray, "n_data n_fine"], ...]:
+) -> tuple[
+    Float[np.ndarray, " n_fine"],
+    Float[np.ndarray, "n_data n_fine"],
+    Float[np.ndarray, "n_data n_fine"],
+]:
     """The polynomial through values at `count` Gauss-Lobatto points, at many places.
 
     Args:
@@ -46,18 +50,19 @@ def interpolation(
     points = lobatto(count)[0]
     degree = (2 if sloped else 1) * count - 1
     if count > _MOST and not sloped:
-        return points, np.eye(count), np.gradient(np.eye(count), points, axis=1)
+        return points, np.eye(count), np.asarray(np.gradient(np.eye(count), points, axis=1))
     if count > _MOST:
         return points, np.eye(2 * count, count), np.eye(2 * count, count, -count)
     places = np.linspace(0.0, 1.0, _FINE)
-    slope = 2 * legder(np.eye(degree + 1))  # of every polynomial, on 0 to 1
+    change = 2 * legder(np.eye(degree + 1))  # slope of every polynomial, on 0 to 1
 
     def at(places):
         x = 2 * places - 1
-        return legvander(x, degree).T, slope.T @ legvander(x, degree - 1).T
+        return legvander(x, degree).T, change.T @ legvander(x, degree - 1).T
 
     data = np.hstack(at(points)) if sloped else at(points)[0]
-    return places, *(np.linalg.solve(data, wanted) for wanted in at(places))
+    value, slope = (np.linalg.solve(data, wanted) for wanted in at(places))
+    return places, value, slope
 
 
 def cubics(

@@ -92,7 +92,7 @@ def moments(
         name, phase = names[number], solution.phases[number]
         path = phase.path
         stress = _stress(structure, points, phase)
-        for k in np.flatnonzero(np.asarray(path.status) == status.OK):
+        for k in np.flatnonzero(np.asarray(path.status) == status.OK).tolist():
             groups = [
                 None if s is None else _extremes(group, np.asarray(s[k], float), present)
                 for group, s, present in zip(

@@ -10,7 +10,7 @@ from ..analysis import solution as results
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from .states import State
-from .table import Table
+from .table import Cell, Table
 
 _ROUNDING = 1e-9  # of the largest force or moment
 _ASLANT = 1e-9  # cosine from which a held direction has a component
@@ -41,12 +41,12 @@ def reactions(
     held[:, : values.shape[1]] |= np.abs(values) > _least(values)
     names = list(states)
     sizes = np.array([np.linalg.norm(np.asarray(s.reactions), axis=1) for s in states.values()])
-    rows = []
+    rows: list[list[Cell]] = []
     for k in np.flatnonzero(ever.any(axis=1)):
         cells = [float(v) if h else None for v, h in zip(values[k], held[k], strict=False)]
         size = float(np.linalg.norm(values[k, :3])) if held[k, :3].any() else None
         worst = int(sizes[:, k].argmax()) if names else None
-        row = [int(k), *cells[:3], size, *cells[3:]]
+        row: list[Cell] = [int(k), *cells[:3], size, *cells[3:]]
         row += [None, None] if worst is None else [float(sizes[worst, k]), names[worst]]
         rows.append(row)
     title = f"Reactions: forces {'and moments ' if turning else ''}of the supports on the structure"

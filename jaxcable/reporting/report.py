@@ -174,8 +174,8 @@ def report(
         >>> hung = jc.solve(level, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1e3))))
         >>> moment = jc.report(level, hung).tables["My"]
         >>> for name, value in zip(moment.columns[6:8], moment.rows[0][6:8]):
-        ...     print(name, round(value, 3))
-        lowest -4500.0
+        ...     print(name, f"{value:.4g}")
+        lowest -4500
         at 0.5
 
         Work of the prestress and of the loads on four nodes, and the stored energy:

@@ -38,7 +38,8 @@ class State(NamedTuple):
 
 def state_of(part: Any, fixed: Fixed) -> State:
     """The `State` of a result, such as a phase, under the supports `fixed`."""
-    return State(*(getattr(part, name) for name in State._fields[:-1]), fixed)
+    fields = {name: getattr(part, name) for name in State._fields if name != "fixed"}
+    return State(**fields, fixed=fixed)
 
 
 def last_of(solution: results.Solution) -> State:
