@@ -1,4 +1,4 @@
-"""Reports of results: reactions, equilibrium, forces, lengths to cut, what is slack."""
+"""Reports of results: reactions, forces and stresses of elements, lengths, what is slack."""
 
 from .report import Report, report
 from .table import Table

@@ -9,7 +9,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 
 from ..analysis.phases import Phase
@@ -20,10 +19,16 @@ from ..files.results import as_csv
 from ..model.parts import groups_by_name, one_case, there
 from ..model.structure import Structure
 from ..model.topology import require_same
-from . import contents
+from . import stability, states
+from .energies import energy as energies
+from .internal_forces import internal_forces
+from .lengths import cutting_list
+from .members import members, others
+from .reactions import equilibrium, reactions
+from .slackness import loose, slack
+from .stresses import stresses
 from .table import Table, as_text, empty, finite, headed
 
-_FIELDS = ("tension", "peak_tension", "reactions", "present")  # of `contents.State`, and of results
 _LONG = 30  # number of lines of a table up to which its text shows all of them
 
 
@@ -34,8 +39,16 @@ class Report:
     Attributes:
         status: status code of the analysis.
         summary: sentences on the whole analysis.
-        tables: dict from name to `Table`: ``reactions``, ``equilibrium``, ``members``,
-            ``cutting_list``, ``slack``, ``loose``; ``energy`` if it was asked for.
+        tables: dict from name to `Table`:
+
+            - ``reactions`` and ``equilibrium``: of the supports on the structure, along x, y, z;
+            - ``members``: axial force, utilisation and envelope of every element;
+            - ``N``, ``Vy``, ``Vz``, ``T``, ``My``, ``Mz``: section forces of beams, with the signs
+              of `section_forces`; without those that are zero everywhere;
+            - ``stresses``, ``stress_envelope``: lowest and highest stress of fibres, and of bars
+              and cables with an area, at the end and over all converged increments;
+            - ``cutting_list``, ``slack``, ``loose``; other results of elements by their names;
+            - ``energy`` if it was asked for.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -113,7 +126,7 @@ def report(
     buckling: bool | Solution | State = False,
     energy: bool | Solution | State = False,
 ) -> Report:
-    """Report a result: reactions and equilibrium, forces and their envelope, lengths to cut.
+    """Report a result: reactions, section forces and stresses with envelopes, lengths to cut.
 
     Args:
         structure: `Structure` that was analysed.
@@ -134,9 +147,13 @@ def report(
             `Solution` or `State` from which the analysis started. It needs `phases`.
 
     Returns:
-        `Report`. Forces and utilisation are by the largest force along an element; compression is
-        compared with strength alone. Unstressed lengths are at the temperature before the first
-        phase.
+        `Report`; `Report` has its tables. Forces and utilisation in ``members`` are by the largest
+        force along an element; compression is compared with strength alone. Reactions act on the
+        structure; a component that no support holds has no value. Section forces of beams are given
+        at both ends, with the lowest and the highest along the element, and their envelope over the
+        ends of phases or the cases; stresses over all converged increments of these, because every
+        increment records strains. Elements that are not there have no values. Unstressed lengths
+        are at the temperature before the first phase.
 
     Raises:
         ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another
@@ -147,6 +164,19 @@ def report(
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
         >>> print(jc.report(structure, jc.solve(structure, phases)).summary[0])
         status 0: converged
+
+        A beam of 6 m on two supports under 1 kN/m: q L^2 / 8 = 4.5 kN m in the middle:
+
+        >>> section = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+        >>> ends = jc.restrained([0], "xyz", "x") + jc.restrained([1], "yz")
+        >>> beam = jc.Beams([[0, 1]], section=section)
+        >>> level = jc.Structure([[0.0, 0.0, 0.0], [6.0, 0.0, 0.0]], beam, supports=ends)
+        >>> hung = jc.solve(level, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1e3))))
+        >>> moment = jc.report(level, hung).tables["My"]
+        >>> for name, value in zip(moment.columns[6:8], moment.rows[0][6:8]):
+        ...     print(name, f"{value:.4g}")
+        lowest -4500
+        at 0.5
 
         Work of the prestress and of the loads on four nodes, and the stored energy:
 
@@ -173,69 +203,36 @@ def report(
     balanced = energy is not False and energy is not None
     if balanced and phases is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
-    state = solution.last
-    states, failed = _states(solution, cases, names)
+    state, end = solution.last, states.last_of(solution)
+    if cases is None:
+        good = None
+        counted, failed = states.of_phases(solution)
+    else:
+        good, failed = states.each_case(cases, names)
+        counted = states.of_cases(good)
     summary = _summary(structure, solution, failed)
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
-        summary.append(contents.buckling(structure, state, reference))
-    fields = {name: getattr(state, name) for name in _FIELDS}
-    at_end = {"end": contents.State(**fields, fixed=_reached(state))}
-    if cases is None and solution.status == status.OK:
-        at_end = {}  # the end is that of the last phase, which is in `states`
+        summary.append(stability.buckling(structure, state, reference))
+    ended = cases is None and solution.status == status.OK  # the end is that of the last phase
+    every = counted if ended else {"end": end, **counted}
+    several = len(every) > 1
+    kind = "ends of phases" if cases is None else "cases"
     tables = {
-        "reactions": contents.reactions(structure, state, _reached(state), states),
-        "equilibrium": contents.equilibrium(structure, state),
-        "members": contents.members(structure, state, states),
-        "cutting_list": contents.cutting_list(structure, solution),
-        "slack": contents.slack(structure, {**at_end, **states}),
-        "loose": contents.loose(structure, {**at_end, **states}),
+        "reactions": reactions(structure, state, end.fixed, counted, several),
+        "equilibrium": equilibrium(structure, state),
+        "members": members(structure, state, counted, several),
+        **internal_forces(structure, end, counted if several else {}, kind),
+        **stresses(structure, solution, good),
+        "cutting_list": cutting_list(structure, solution),
+        "slack": slack(structure, every),
+        "loose": loose(structure, every),
+        **others(structure, state),
     }
-    tables |= contents.others(structure, state)
     if balanced:
         start = None if energy is True else energy
-        tables["energy"] = contents.energy(structure, solution, phases, start)
+        tables["energy"] = energies(structure, solution, phases, start)
     return Report(int(solution.status), tuple(summary), tables)
-
-
-def _reached(state):
-    """Freedoms that supports hold in a state, [n_row, 3 or 6] bool."""
-    return np.asarray(state.fixed[int(state.phase) + 1].array)
-
-
-def _states(solution, cases, names):
-    """States of the envelopes and status codes of failures, dicts by name of phase or case."""
-    if cases is None:
-        parts = {f"phase {k}": phase for k, phase in enumerate(solution.phases, 1)}
-        codes = {name: int(part.status) for name, part in parts.items()}
-        good = {
-            name: contents.State(*(getattr(part, n) for n in _FIELDS), np.asarray(fixed.array))
-            for (name, part), fixed in zip(parts.items(), solution.last.fixed[1:], strict=True)
-            if codes[name] == status.OK
-        }
-    else:
-        codes = np.asarray(cases.status)
-        if codes.ndim != 1:
-            raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
-        names = [f"case {k}" for k in range(len(codes))] if names is None else list(map(str, names))
-        if len(names) != len(codes):
-            raise ValueError(f"names: {len(names)} of them, but {len(codes)} cases")
-        if len({*names, "end"}) <= len(names):
-            raise ValueError('names: each case needs a name of its own, other than "end"')
-        fixed = np.asarray(cases.last.fixed[-1].array)
-        codes = dict(zip(names, codes.tolist(), strict=True))
-        good = {
-            name: contents.State(
-                *(
-                    jax.tree.map(lambda x, k=k: np.asarray(x)[k], getattr(cases, n))
-                    for n in _FIELDS
-                ),
-                fixed,
-            )
-            for k, name in enumerate(names)
-            if codes[name] == status.OK
-        }
-    return good, {name: code for name, code in codes.items() if code != status.OK}
 
 
 def _summary(structure, solution, failed):

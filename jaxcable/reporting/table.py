@@ -7,6 +7,9 @@ import math
 from typing import TypeAlias
 
 _SCALED = ("N", "N m", "J")
+_SHARED = 4  # columns from which a unit that all of them have is said in the title
+_NOTHING = 1e-9  # of the largest number with the same unit, or of 1 N, J, Pa: less is rounding
+_LEVER = 1e-3  # m; at it the largest force makes the least moment that counts beside it
 
 Cell: TypeAlias = int | float | str | None
 
@@ -21,7 +24,9 @@ class Table:
         units: unit of each column, "" for none; forces are in "N" and lengths in "m".
         rows: lines of the table, lists of numbers and texts; None where there is no value.
         notes: sentences on the table.
-        governing: number of the column whose largest values the text shows if the table is long.
+        governing: number of the column whose largest values the text shows if the table is long, or
+            numbers of such columns.
+        details: numbers of the columns that the text leaves out.
 
     Example:
         >>> table = jc.reporting.Table("Loads", ("node", "F"), ("", "N"), [[3, -15.0]])
@@ -34,7 +39,8 @@ class Table:
     units: tuple[str, ...]
     rows: list[list[Cell]]
     notes: tuple[str, ...] = ()
-    governing: int | None = None
+    governing: int | tuple[int, ...] | None = None
+    details: tuple[int, ...] = ()
 
 
 def headed(table: Table) -> list[str]:
@@ -54,19 +60,22 @@ def empty(value: Cell) -> Cell:
 
 
 def as_text(table, most):
-    """A table as text of at most `most` lines; large forces in kN, large work in kJ."""
+    """A table as text of at most `most` lines; large forces and works in kN and kJ, Pa in MPa."""
     rows, notes = table.rows, list(table.notes)
     if len(rows) > most:
         if table.governing is not None:
-            rows = sorted(rows, key=lambda row: -abs(row[table.governing] or 0.0))
+            rows = sorted(rows, key=lambda row: -_governing(table, row))
         rows = rows[:most]
         which = "the largest" if table.governing is not None else "the first"
         notes.append(f"{which} {most} of {len(table.rows)}; the tables have all")
-    kilo = {unit for unit in _SCALED if _largest(table, rows, unit) >= 1e4}
-    factors = [1e-3 if unit in kilo else 1.0 for unit in table.units]
-    units = ["k" + unit if unit in kilo else unit for unit in table.units]
-    heads = [f"{c} ({u})" if u else c for c, u in zip(table.columns, units, strict=True)]
-    least = {unit: 1e-9 * _largest(table, table.rows, unit) for unit in _SCALED}
+    scales = {unit: ("k", 1e-3) for unit in _SCALED if _largest(table, rows, unit) >= 1e4}
+    scales["Pa"] = ("M", 1e-6)
+    prefixes, factors = zip(*(scales.get(unit, ("", 1.0)) for unit in table.units), strict=True)
+    units = [prefix + unit for prefix, unit in zip(prefixes, table.units, strict=True)]
+    title, heads = _headings(table, units)
+    sizes = {unit: _largest(table, table.rows, unit) for unit in (*_SCALED, "Pa")}
+    least = {unit: _NOTHING * max(size, 1.0) for unit, size in sizes.items()}
+    least["N m"] = max(least["N m"], _LEVER * least["N"])
     body = [
         [
             _cell(value, factor, unit, least.get(unit, 0.0))
@@ -74,13 +83,32 @@ def as_text(table, most):
         ]
         for row in rows
     ]
-    lines = [table.title]
+    lines = [title]
     if rows:
         widths = [max(len(line[k]) for line in [heads, *body]) for k in range(len(heads))]
         shown = [k for k in range(len(heads)) if any(line[k] for line in body)]
+        shown = [k for k in shown if k not in table.details]
         for line in [heads, *body]:
             lines.append("  " + "  ".join(line[k].rjust(widths[k]) for k in shown))
     return "\n".join(lines + [f"  {note}" for note in notes])
+
+
+def _governing(table, row):
+    """Size of the largest value of a row in the columns that govern."""
+    columns = table.governing if isinstance(table.governing, tuple) else (table.governing,)
+    return max(abs(row[k] or 0.0) for k in columns)
+
+
+def _headings(table, units):
+    """Title and names of columns with their units; one that many columns share is in the title."""
+    named = {unit for unit in units if unit not in ("", "-")}
+    shared = len(named) == 1 and sum(unit in named for unit in units) >= _SHARED
+    left = ("", "-", *named) if shared else ("",)
+    heads = [
+        c.strip() if u in left else f"{c.strip()} ({u})"
+        for c, u in zip(table.columns, units, strict=True)
+    ]
+    return (f"{table.title} ({named.pop()})" if shared else table.title), heads
 
 
 def _largest(table, rows, unit):

@@ -1,0 +1,383 @@
+"""Section forces and stresses in reports, against closed forms and against the solution itself."""
+
+import csv
+import io
+import json
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+
+LENGTH, WIDTH, HEIGHT = 6.0, 0.1, 0.2  # m
+SECTION = jc.Section.rectangle(WIDTH, HEIGHT, jc.Elastic(10e9))
+MODULUS = WIDTH * HEIGHT**2 / 6  # of the section, m3
+SIMPLE = jc.restrained([0], "xyz", "x") + jc.restrained([1], "yz")
+SMALL = 1.0  # N/m: slopes of 1e-5, whose second order is 1e-10
+NEAR = 1e-9  # of q L^2, for that
+
+
+def beam(supports, section=SECTION, **options):
+    """A level beam of one element."""
+    group = jc.Beams([[0, 1]], section=section, **options)
+    return jc.Structure([[0.0, 0, 0], [LENGTH, 0, 0]], group, supports)
+
+
+def under(structure, force):
+    """The solution under a uniform load along z, N/m."""
+    solution = jc.solve(structure, jc.Phase(loads=jc.LineLoads((0.0, 0.0, force))))
+    assert int(solution.status) == 0
+    return solution
+
+
+def rows(table, group=None):
+    """Lines of a table as dicts; names that occur twice are told apart by spaces."""
+    found = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    return found if group is None else [row for row in found if row["group"] == group]
+
+
+def test_a_simple_beam_in_one_element():
+    structure = beam(SIMPLE)
+    told = jc.report(structure, under(structure, -SMALL))
+    size = SMALL * LENGTH**2
+    (shear,), (moment,) = rows(told.tables["Vz"]), rows(told.tables["My"])
+    half = SMALL * LENGTH / 2
+    assert [shear["at first"], shear["at last"]] == pytest.approx([-half, half], abs=NEAR * size)
+    assert [shear["lowest"], shear["at"]] == pytest.approx([-half, 0.0], abs=NEAR * size)
+    assert [shear["highest"], shear["at "]] == pytest.approx([half, 1.0], abs=NEAR * size)
+    assert moment["lowest"] == pytest.approx(-size / 8, abs=NEAR * size)
+    assert moment["at"] == pytest.approx(0.5, abs=1e-9)
+    assert [moment["highest"], moment["at first"]] == pytest.approx([0.0, 0.0], abs=NEAR * size)
+    assert (moment["first"], moment["last"]) == (0, 1)
+    assert not {"Vy", "T", "Mz"} & set(told.tables)
+    assert "Vy, T, Mz: zero everywhere" in told.tables["N"].notes
+    (stress,) = rows(told.tables["stresses"])
+    edge = size / 8 / MODULUS  # tension below
+    assert [stress["lowest"], stress["highest"]] == pytest.approx([-edge, edge], rel=1e-6)
+    assert [stress["z"], stress["z "]] == pytest.approx([HEIGHT / 2, -HEIGHT / 2])
+    assert [stress["at"], stress["at "]] == pytest.approx([0.5, 0.5], abs=1e-4)
+    assert stress["used"] is None  # a linear law has no strength
+    # a single state: no envelope
+    assert "min" not in told.tables["My"].columns and "stress_envelope" not in told.tables
+
+
+@pytest.mark.parametrize("points", [3, 9])
+def test_a_propped_cantilever_has_its_extreme_between_places(points):
+    structure = beam(jc.clamped([0]) + jc.restrained([1], "yz"), points=points)
+    told = jc.report(structure, under(structure, -SMALL))
+    (moment,) = rows(told.tables["My"])
+    size = SMALL * LENGTH**2
+    assert [moment["highest"], moment["at "]] == pytest.approx([size / 8, 0.0], abs=NEAR * size)
+    assert moment["lowest"] == pytest.approx(-9 * size / 128, abs=NEAR * size)
+    assert moment["at"] == pytest.approx(5 / 8, abs=1e-6)
+    (shear,) = rows(told.tables["Vz"])
+    ends = [-5 / 8 * SMALL * LENGTH, 3 / 8 * SMALL * LENGTH]
+    assert [shear["at first"], shear["at last"]] == pytest.approx(ends, abs=NEAR * size)
+    (stress,) = rows(told.tables["stresses"])
+    # the moment at the clamp governs; axial forces of second order are 1e-5 of it
+    assert stress["highest"] == pytest.approx(size / 8 / MODULUS, rel=1e-5)
+    assert (stress["at "], stress["z "]) == (0.0, pytest.approx(HEIGHT / 2))
+
+
+def test_a_cantilever_with_a_load_at_its_tip():
+    structure = beam(jc.clamped([0]))
+    load = jc.NodalLoads([1], (0.0, 0.0, -SMALL))
+    told = jc.report(structure, jc.solve(structure, jc.Phase(loads=load)))
+    assert told.status == 0
+    (moment,), (shear,) = rows(told.tables["My"]), rows(told.tables["Vz"])
+    bend = SMALL * LENGTH
+    assert [moment["at first"], moment["at last"]] == pytest.approx([bend, 0.0], abs=1e-8)
+    assert [moment["lowest"], moment["at"]] == pytest.approx([0.0, 1.0], abs=1e-8)
+    assert shear["lowest"] == pytest.approx(-SMALL, rel=1e-8)  # what is beyond pulls down
+    assert shear["at"] is None and shear["at "] is None  # the same all along
+    (stress,) = rows(told.tables["stresses"])
+    assert stress["highest"] == pytest.approx(bend / MODULUS, rel=1e-6)
+    (clamp,) = rows(told.tables["reactions"])
+    assert clamp["My"] == pytest.approx(-bend, rel=1e-8) and clamp["Rz"] == pytest.approx(SMALL)
+
+
+def test_envelopes_name_the_case_that_governs():
+    """1 N/m down and 0.5 N/m up, from a start without load; a third case fails."""
+    structure = beam(SIMPLE)
+    start = jc.solve(structure, jc.Phase())
+    forces = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.5], [0.0, 0.0, np.nan]])
+    cases = jax.vmap(
+        lambda q: jc.solve(structure, jc.Phase(loads=jc.LineLoads(q), increments=2), start=start)
+    )(forces)
+    assert cases.status.tolist()[:2] == [0, 0] and int(cases.status[2]) != 0
+    told = jc.report(structure, start, cases=cases, names=["snow", "wind", "broken"])
+    (moment,) = rows(told.tables["My"])
+    size = LENGTH**2 / 8
+    assert [moment["min"], moment["at  "]] == pytest.approx([-size, 0.5], abs=1e-7)
+    assert [moment["max"], moment["at   "]] == pytest.approx([0.5 * size, 0.5], abs=1e-7)
+    assert (moment["in"], moment["in "]) == ("snow", "wind")
+    assert moment["lowest"] == moment["highest"] == 0.0  # at the end of `start`
+    (stress,) = rows(told.tables["stress_envelope"])
+    assert [stress["lowest"], stress["highest"]] == pytest.approx(
+        [-size / MODULUS, size / MODULUS], rel=1e-6
+    )
+    assert (stress["in"], stress["in "]) == ("snow", "snow")
+    assert stress["z"] == pytest.approx(HEIGHT / 2)
+    assert "broken" not in told.csv()["My"] and "nan" not in told.text()
+    json.dumps(told.dict(), allow_nan=False)
+    calm = jax.tree.map(lambda x: np.asarray(x)[1:2], cases)
+    (alone,) = rows(jc.report(structure, start, cases=calm).tables["stress_envelope"])
+    # upwards, -z is pressed; half of the load comes first, and counts nowhere
+    assert (alone["in"], alone["z"]) == ("case 0", pytest.approx(-HEIGHT / 2))
+
+
+def test_envelopes_over_phases_and_their_increments():
+    """1 N/m down, then 1.5 N/m up in three increments: both ends govern one side."""
+    structure = beam(SIMPLE)
+    down, up = (jc.LineLoads((0.0, 0.0, q)) for q in (-1.0, 1.5))
+    solution = jc.solve(structure, [jc.Phase(loads=down), jc.Phase(loads=up, increments=3)])
+    told = jc.report(structure, solution)
+    assert told.status == 0
+    (moment,) = rows(told.tables["My"])
+    size = LENGTH**2 / 8
+    assert [moment["min"], moment["max"]] == pytest.approx([-size, 0.5 * size], abs=1e-7)
+    assert (moment["in"], moment["in "]) == ("phase 1", "phase 2")
+    assert moment["highest"] == pytest.approx(0.5 * size, abs=1e-7)
+    (end,), (all_,) = (rows(told.tables[n]) for n in ("stresses", "stress_envelope"))
+    assert end["highest"] == pytest.approx(0.5 * size / MODULUS, rel=1e-6)
+    assert all_["highest"] == pytest.approx(size / MODULUS, rel=1e-6)
+    assert (all_["in "], all_["z "]) == ("phase 1", pytest.approx(-HEIGHT / 2))
+
+
+def test_an_increment_within_a_phase_governs_by_its_load_factor():
+    """A strut that is pulled while its end comes down: the largest stress is not at an end."""
+    steel = jc.Bars([[0, 1], [1, 2]], area=1e-4, law=jc.Elastic(210e9))
+    nodes = [[0.0, 0, 0], [1.0, 0, 0.01], [2.0, 0, 0]]
+    structure = jc.Structure(nodes, steel, jc.pinned([0, 2]) + jc.restrained([1], "xyz"))
+    moved = jc.Phase(loads=jc.SupportMovement([1], (0.0, 0.0, -0.02)), increments=4)
+    told = jc.report(structure, jc.solve(structure, moved))
+    assert told.status == 0
+    first = rows(told.tables["stress_envelope"])[0]
+    assert first["in"] == "phase 1, 0.5"  # straight
+    strain = 1 / np.hypot(1.0, 0.01) - 1
+    assert first["lowest"] == pytest.approx(210e9 * strain, rel=1e-9)
+    assert first["at"] is None and first["y"] is None  # the same all over a bar
+    # back at its length; rounding of lengths, 1e-16, of 210 GPa
+    assert rows(told.tables["stresses"])[0]["lowest"] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_elements_that_are_not_there_have_no_values():
+    """A cantilever is prolonged, and its prop, another beam, taken away again."""
+    nodes = [[0.0, 0, 0], [2, 0, 0], [4, 0, 0], [2, 0, -1]]
+    groups = {
+        "deck": jc.Beams([[0, 1], [1, 2]], section=SECTION),
+        "prop": jc.Beams([[3, 1]], section=SECTION, up=(1.0, 0.0, 0.0)),
+    }
+    structure = jc.Structure(nodes, groups, jc.clamped([0, 3]))
+    load = [jc.NodalLoads([k], (0.0, 0.0, -10.0)) for k in (1, 2)]
+    phases = [
+        jc.Phase(loads=load[0]),
+        jc.Phase(adds={"deck": jc.only([1]), "prop": None}, loads=load[1]),
+        jc.Phase(removes="prop"),
+    ]
+    solution = jc.solve(structure, phases)
+    told = jc.report(structure, solution)
+    assert told.status == 0
+    (prop,) = rows(told.tables["N"], "prop")
+    names = "at first", "at last", "lowest", "at", "highest", "at "
+    assert [prop[name] for name in names] == [None] * 6
+    # the second phase adds to the first; along the bent prop the force varies by 1e-5
+    exact = np.asarray(solution.phases[1].section_forces["prop"])[0, 0, 0]
+    assert prop["min"] == pytest.approx(exact, rel=1e-4) and prop["in"] == "phase 2"
+    come = rows(told.tables["My"], "deck")[1]
+    assert come["min"] is not None and come["in"] != "phase 1" and come["in "] != "phase 1"
+    assert "no values: the element is not there" in told.tables["N"].notes
+    (stress,) = rows(told.tables["stresses"], "prop")
+    assert set(stress.values()) == {"prop", 0, None}
+    (ever,) = rows(told.tables["stress_envelope"], "prop")
+    assert ever["in"] == "phase 2" and ever["lowest"] < 0
+    assert "no stress: the element is not there" in told.tables["stresses"].notes
+    json.dumps(told.dict(), allow_nan=False)
+
+
+def test_a_cable_net_has_no_such_tables():
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    told = jc.report(structure, jc.solve(structure, phases))
+    assert list(told.tables) == [
+        *("reactions", "equilibrium", "members"),
+        *("cutting_list", "slack", "loose"),
+    ]
+    assert told.tables["reactions"].columns[:6] == ("node", "Rx", "Ry", "Rz", "R", "largest R")
+
+
+def test_stresses_of_bars_and_cables_by_their_areas_and_strengths():
+    """Two strands in a row under 100 kN, of 1 and 2 cm2, and a bar of two laws beside them."""
+    strand = jc.materials.strand()
+    mixed = jc.Section.composite(
+        [
+            jc.Section.rectangle(0.01, 0.01, jc.Elastic(200e9)),
+            jc.Section.rectangle(0.01, 0.01, jc.Elastic(50e9)).shifted(0.0, 0.01),
+        ]
+    )
+    groups = {
+        "bar": jc.Bars([[0, 2]], section=mixed),
+        "strands": jc.Cables([[0, 1], [1, 2]], area=[1e-4, 2e-4], law=strand),
+        "tie": jc.Bars([[0, 1]], axial_stiffness=1e3),
+    }
+    nodes = [[0.0, 0, 0], [0, 0, -1], [0, 0, -3]]
+    guides = jc.pinned([0]) + jc.restrained([1, 2], "xy")
+    structure = jc.Structure(nodes, groups, guides)
+    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -100e3))))
+    told = jc.report(structure, solution)
+    assert told.status == 0
+    force = np.asarray(solution.tension["strands"])
+    stress = force / np.array([1e-4, 2e-4])
+    found = rows(told.tables["stresses"], "strands")
+    np.testing.assert_allclose([row["highest"] for row in found], stress, rtol=1e-12)
+    np.testing.assert_allclose([row["used"] for row in found], stress / 1860e6, rtol=1e-12)
+    assert [row["lowest"] for row in found] == [row["highest"] for row in found]
+    (bar,) = rows(told.tables["stresses"], "bar")
+    # 1 cm2 each: the stiffer part takes four fifths of the force
+    share = float(solution.tension["bar"][0]) / 5e-4
+    assert [bar["lowest"], bar["highest"]] == pytest.approx([share, 4 * share], rel=1e-9)
+    assert bar["z"] > 0.005 > bar["z "] and bar["used"] is None
+    assert not rows(told.tables["stresses"], "tie")
+    assert "tie: a stiffness only, no stress" in told.tables["stresses"].notes
+    assert not {"N", "My"} & set(told.tables)
+
+
+def test_stresses_beyond_the_linear_range_are_those_of_the_fibres():
+    """A law that bends at 1 MPa: stresses of fibres, and their share of 1.2 MPa."""
+    law = jc.Polygonal([-3e-4, -1e-4, 0.0, 1e-4, 3e-4], [-1.2e6, -1e6, 0.0, 1e6, 1.2e6])
+    section = jc.Section.rectangle(WIDTH, HEIGHT, law, (20, 20))
+    structure = beam(SIMPLE, section)
+    solution = jc.solve(structure, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -160.0)), increments=4))
+    told = jc.report(structure, solution)
+    assert told.status == 0
+    every = np.asarray(jc.fibre_stress(structure, solution.phases[0]))
+    (end,), (ever,) = (rows(told.tables[n]) for n in ("stresses", "stress_envelope"))
+    assert (end["lowest"], end["highest"]) == (every[-1].min(), every[-1].max())
+    assert (ever["lowest"], ever["highest"]) == (every.min(), every.max())
+    assert every.max() > 1e6 and end["used"] == pytest.approx(np.abs(every[-1]).max() / 1.2e6)
+    assert end["z "] == pytest.approx(-0.095)
+    # the outermost fibre has its centre at 95 mm of 100
+    assert any("further out by 5.3 % (beams)" in note for note in told.tables["stresses"].notes)
+
+
+def test_a_failed_analysis_reports_the_section_forces_of_its_last_state():
+    structure = beam(SIMPLE)
+    good, bad = (jc.Phase(loads=jc.LineLoads((0.0, 0.0, q))) for q in (-1.0, np.nan))
+    told = jc.report(structure, jc.solve(structure, [good, bad]))
+    assert told.status != 0
+    (moment,) = rows(told.tables["My"])
+    assert moment["lowest"] == pytest.approx(-(LENGTH**2) / 8, abs=1e-7)
+    assert (moment["min"], moment["in"]) == (moment["lowest"], "phase 1")
+    (stress,) = rows(told.tables["stresses"])
+    assert stress["highest"] == pytest.approx(LENGTH**2 / 8 / MODULUS, rel=1e-6)
+    json.dumps(told.dict(), allow_nan=False)
+    nothing = jc.report(structure, jc.solve(structure, bad))
+    assert nothing.status != 0 and not {"My", "stresses"} & set(nothing.tables)
+    json.dumps(nothing.dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_extremes_between_places_where_axial_forces_bend(share):
+    """A column of one element under a part of Euler's load, against forces at 2001 places."""
+    structure = beam(jc.clamped([0]) + jc.restrained([1], "yz"))
+    euler = np.pi**2 * 10e9 * WIDTH * HEIGHT**3 / 12 / LENGTH**2
+    loads = [jc.LineLoads((0.0, 0.0, -1e3)), jc.NodalLoads([1], (-share * euler, 0.0, 0.0))]
+    solution = jc.solve(structure, jc.Phase(loads=loads, increments=2))
+    told = jc.report(structure, solution)
+    assert told.status == 0
+    exact = np.asarray(jc.section_forces(structure, solution, 2001))[0]
+    for name, column, near in (("Vz", 2, 1e-5), ("My", 4, 1e-5)):
+        (row,) = rows(told.tables[name])
+        size = np.abs(exact[:, column]).max()
+        lowest, highest = exact[:, column].min(), exact[:, column].max()
+        assert abs(row["lowest"] - lowest) < near * size
+        assert abs(row["highest"] - highest) < near * size
+    where = np.linspace(0, 1, 2001)[exact[:, 4].argmin()]
+    assert row["at"] == pytest.approx(where, abs=2e-3)
+
+
+@pytest.fixture(scope="module")
+def mast():
+    structure, phases = jc.scenes.guyed_mast(levels=2, per_level=2, wind=3000.0, increments=(1, 4))
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    return structure, solution, jc.report(structure, solution, phases)
+
+
+def test_a_mast_by_its_forces_at_many_places(mast):
+    structure, solution, told = mast
+    exact = np.asarray(jc.section_forces(structure, solution, 2001)["mast"])
+    for name, column in (("N", 0), ("Vz", 2), ("My", 4)):
+        found, values = rows(told.tables[name]), exact[..., column]
+        # elements of 15 m that turn by some 1e-2, to the second order of that
+        near = 1e-4 * np.abs(values).max()
+        for end, of in (("lowest", values.min(axis=1)), ("highest", values.max(axis=1))):
+            np.testing.assert_allclose([row[end] for row in found], of, rtol=0, atol=near)
+        np.testing.assert_allclose([row["at first"] for row in found], values[:, 0], atol=1e-6)
+        np.testing.assert_allclose([row["at last"] for row in found], values[:, -1], atol=1e-6)
+    assert not {"Vy", "T", "Mz"} & set(told.tables)
+
+
+def test_a_report_of_a_mast_is_fit_to_hand_in(mast):
+    structure, _, told = mast
+    text = told.text()
+    assert max(map(len, text.splitlines()[4:])) <= 120  # after the summary
+    assert "My, bending moment about y: positive where the side of +z is in tension (kN m)" in text
+    assert "Vy, T, Mz: zero everywhere" in text and "lowest (MPa)" in text
+    assert "guys: a stiffness only, no stress" in text
+    assert "nan" not in text and "None" not in text
+    guys = [row for row in rows(told.tables["reactions"]) if row["node"] > 4]
+    assert len(guys) == 6 and {row["Mx"] for row in guys} == {None}  # anchors do not turn
+    foot = rows(told.tables["reactions"])[0]
+    assert None not in foot.values()
+    for name, content in told.csv().items():
+        head, *lines = list(csv.reader(io.StringIO(content)))
+        if name == "summary":
+            continue
+        table = told.tables[name]
+        assert len(head) == len(table.columns)
+        for line, meant in zip(lines, table.rows, strict=True):
+            for cell, value in zip(line, meant, strict=True):
+                assert (cell == "") if value in (None, "") else (type(value)(cell) == value)
+    data = json.loads(json.dumps(told.dict(), allow_nan=False))
+    assert data["tables"]["My"]["rows"] == told.tables["My"].rows
+    assert len(data["tables"]["My"]["rows"]) == len(structure.elements["mast"].links)
+
+
+def test_long_tables_show_the_elements_that_govern():
+    count = 12
+    nodes = np.linspace([0.0, 0, 0], [LENGTH, 0, 0], count + 1)
+    links = np.column_stack([np.arange(count), np.arange(1, count + 1)])
+    structure = jc.Structure(nodes, jc.Beams(links, section=SECTION), jc.clamped([0]))
+    told = jc.report(structure, under(structure, -SMALL))
+    part = told.text(rows=3).split("My, bending")[1].split("Stresses")[0].splitlines()
+    assert [int(line.split()[0]) for line in part[2:5]] == [0, 1, 2]
+    assert "the largest 3 of 12" in part[5]
+    reverse = jc.Structure(nodes, jc.Beams(links, section=SECTION), jc.clamped([count]))
+    told = jc.report(reverse, under(reverse, -SMALL))
+    part = told.text(rows=3).split("My, bending")[1].split("Stresses")[0].splitlines()
+    assert [int(line.split()[0]) for line in part[2:5]] == [11, 10, 9]
+
+
+def test_reactions_have_the_components_that_supports_hold():
+    """A beam on a fork that turns, a roller aslant, and a prop that is taken away."""
+    nodes = [[0.0, 0, 0], [3, 0, 0], [6, 0, 0]]
+    group = jc.Beams([[0, 1], [1, 2]], section=SECTION)
+    fork = jc.restrained([0], "xyz", "x")
+    aslant = jc.restrained([2], "z", axes=[[0.8, 0, -0.6], [0, 1, 0], [0.6, 0, 0.8]])
+    side = jc.restrained([1], "y")
+    before = fork + aslant + jc.restrained([1], "yz")
+    structure = jc.Structure(nodes, group, before)
+    load = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -SMALL)))
+    solution = jc.solve(structure, [load, jc.Phase(supports=fork + aslant + side)])
+    told = jc.report(structure, solution)
+    assert told.status == 0
+    table = rows(told.tables["reactions"])
+    first, middle, last = table
+    assert None not in [first[n] for n in ("Rx", "Ry", "Rz", "Mx")]
+    assert first["My"] is None and first["Mz"] is None
+    assert last["Ry"] is None and last["Rx"] / last["Rz"] == pytest.approx(0.75, rel=1e-9)
+    assert (middle["Rx"], middle["Rz"]) == (None, None) and middle["Ry"] is not None
+    assert middle["in"] == "phase 1" and middle["largest R"] > SMALL
+    assert "no value: no support holds it at the end" in told.tables["reactions"].notes
+    assert "on the structure" in told.tables["reactions"].title
