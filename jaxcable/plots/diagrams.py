@@ -31,7 +31,7 @@ PLACES = 25  # along a beam, ends included
 _HIGH = 0.12  # length of the largest value over the extent of the structure
 _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
-_NOTHING = 1e-9  # value over the largest one up to which it is rounding
+_NOTHING = 1e-9  # value over the largest force, or moment, up to which it is rounding
 _LEAST = 0.05  # of the largest value: less is not written
 _COLOURS = {"positive": SERIES[0], "negative": SERIES[1]}
 
@@ -96,9 +96,13 @@ def diagram(
     links, stages, shown = stages_of(solution, structure, state, names=names)
     stage = stages[-1]
     there, positions, curves = stage.forces.present, stage.positions, stage.curves
-    values, ends, number = _values(solution, shown, structure, components.index(of))
+    forces, ends, number = _forces(solution, shown, structure)
     kept = there[number]
-    values, ends, number = values[kept], ends[kept], number[kept]
+    forces, ends, number = forces[kept], ends[kept], number[kept]
+    alike = slice(3, 6) if of in ("T", "My", "Mz") else slice(0, 3)
+    least = _NOTHING * float(np.abs(forces[..., alike]).max(initial=0.0))
+    values = forces[..., components.index(of)]
+    values = np.where(np.abs(values) > least, values, 0.0)
     points = np.concatenate(drawn(*stage.now()))
     extent = float(np.ptp(points, axis=0).max())
     largest = float(np.abs(values).max(initial=0.0))
@@ -115,14 +119,15 @@ def diagram(
     if view is None and not seen.plane:
         seen = View("space")
     sides = _in_picture(sides, axis[:, 1] - axis[:, 0], seen)
-    scale, least = high * extent / max(largest, 1e-300), _NOTHING * largest
+    scale = high * extent / max(largest, 1e-300)
     tips = base + scale * values[..., None] * sides[:, None]
     factor, unit = force_unit(largest)
     unit = unit + (" m" if of in ("T", "My", "Mz") else "")
     everything = np.concatenate([points, tips.reshape(-1, 3)])
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     name = stage.title if names is not None else stage.title[0].lower() + stage.title[1:]
-    axes = seen.add_axes(figure, everything, f"{of} ({unit}), {name}")
+    title = f"{of} ({unit}), {name}" + ("" if largest > 0.0 else ": zero")
+    axes = seen.add_axes(figure, everything, title)
     _draw(axes, seen, stage, links, base, tips, values, least)
     occur = values.max(initial=0.0) > least, values.min(initial=0.0) < -least
     handles: list[Any] = [
@@ -144,8 +149,8 @@ def diagram(
     return finish(figure, path)
 
 
-def _values(solution, state, structure, k):
-    """Values of all beams [n_beam, n_place], their ends [n_beam, 2] and numbers [n_beam]."""
+def _forces(solution, state, structure):
+    """Forces of all beams [n_beam, n_place, 6], their ends [n_beam, 2] and numbers [n_beam]."""
     found, ends, numbers, count = [], [], [], 0
     parts = solution.last.topology.parts
     if structure is None:
@@ -154,7 +159,7 @@ def _values(solution, state, structure, k):
         forces = per_group(structure, section_forces(structure, state, PLACES))
     for part, values in zip(parts, forces, strict=True):
         if values is not None:
-            found.append(np.asarray(values)[..., k])
+            found.append(np.asarray(values))
             ends.append(first_and_last(part))
             numbers.append(count + np.arange(len(part.links.array)))
         count += len(part.links.array)
@@ -232,7 +237,7 @@ def _written(
     places, found = tips[beam, at].reshape(-1, 3), values[beam, at].ravel()
     kept: list[int] = []
     for k in np.argsort(-np.abs(found)):
-        if len(kept) == _LABELS or np.abs(found[k]) < _LEAST * np.abs(found).max():
+        if len(kept) == _LABELS or np.abs(found[k]) <= _LEAST * np.abs(found).max():
             break
         if all(np.linalg.norm(places[k] - places[j]) > _APART * extent for j in kept):
             kept.append(int(k))

@@ -16,10 +16,11 @@ from .views import View
 
 _ARROW = 0.14  # length of the longest arrow over the extent of the structure, for few arrows
 _SHARE = 0.3  # what it takes of the structure's size in each direction of the picture, at most
-_LEAST = {True: 0.15, False: 0.3}  # least of these sizes over the extent, in flat views and space
-_MOST = 250  # arrows of a kind; of more, the largest in each cell of a grid are drawn
-_BEHIND = 0.9  # cosine between an arrow and an element from which on one is behind the other
-_AXIS = 0.06  # length of an axis of a section over the extent, for few beams
+_LEAST = {True: 0.15, False: 0.2}  # least of these sizes over the extent, in flat views and space
+_MOST = 250  # arrows of a kind; of more, only the largest in each cell of a grid are drawn
+_ON = 0.9  # cosine between an arrow and an element from which on one lies on the other
+_AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
+_AXIS_SHARE = 0.4  # and over the length of the beam
 _SMALL = 1e-9  # force over the largest one up to which it is not drawn
 HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in part"))
 """Mark, filling and name of the kinds of supports."""
@@ -82,7 +83,7 @@ class Arrows:
     """Forces on nodes as arrows, drawn to a common scale.
 
     The longest arrow has `_ARROW` of the extent of the structure, less if there are many, and at
-    most `_SHARE` of its size in every direction of the picture. Arrows lie behind the elements.
+    most `_SHARE` of its size in every direction of the picture.
 
     Args:
         name: name in the legend.
@@ -91,11 +92,13 @@ class Arrows:
         view: `View` of the picture.
         points: all points of the structure that are drawn, [n, 3], m.
         links: node numbers of the pieces that are drawn, [n_piece, 2].
-        push: whether the arrows end at their nodes (loads) or begin there (reactions), where no
-            element lies behind one on this side and none on the other.
+        push: whether the arrows end at their nodes (loads) or begin there (reactions). An arrow
+            that would lie on an element lies on the other side of its node; if it would lie on one
+            there, too, it is drawn under the elements.
 
     Attributes:
         tails, vectors: of the arrows, [n_arrow, 3], m.
+        under: which arrows are drawn under the elements, [n_arrow] bool.
         ends: tails and tips, [2 n_arrow, 3], m.
         largest: size of the largest force, N.
         count: number of forces.
@@ -119,9 +122,10 @@ class Arrows:
         self.count = len(node)
         extent = np.ptp(points, axis=0).max()
         if len(node) > _MOST:
-            node = _largest_in_cells(positions, size, node, extent / np.sqrt(_MOST))
+            node = _largest_in_cells(positions, size, node)
         self.vectors = forces[node] * _scale(forces[node], view, points, extent)
-        outward = _outward(forces[node], node, positions, links, push)
+        seen = view.project(forces[node]), node, view.project(positions), links
+        outward, self.under = _outward(*seen, push)
         self.tails = positions[node] - np.where(outward[:, None], 0.0, self.vectors)
         self.ends = np.concatenate([self.tails, self.tails + self.vectors])
 
@@ -131,15 +135,14 @@ class Arrows:
             return
         tails, vectors = view.project(self.tails), view.project(self.vectors)
         width = float(np.clip(1.4 * np.sqrt(40.0 / len(tails)), 0.5, 1.4))
-        look: dict[str, Any]
+        look: dict[str, Any] = {"arrow_length_ratio": 0.3, "linewidth": width}
         if view.flat:
             look = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "units": "dots"}
-            look |= {"headwidth": 5.0, "minlength": 0.0}
-            dots = width * axes.figure.dpi / 72
-            axes.quiver(*tails.T, *vectors.T, color=self.colour, width=dots, zorder=1.5, **look)
-        else:
-            look = {"arrow_length_ratio": 0.3, "linewidth": width, "zorder": 1.5}
-            axes.quiver(*tails.T, *vectors.T, color=self.colour, **look)
+            look |= {"width": width * axes.figure.dpi / 72, "headwidth": 4.0}
+        for which, order in ((self.under, 1.5), (~self.under, 6)):
+            if which.any():
+                parts = *tails[which].T, *vectors[which].T
+                axes.quiver(*parts, color=self.colour, zorder=order, **look)
 
     def keys(self) -> list[Line2D]:
         """The legend entry, with the force of the longest arrow; an empty list without arrows."""
@@ -162,53 +165,78 @@ def _scale(forces, view, points, extent):
     return min(longest / max(largest, 1e-300), *(room / np.maximum(parts, 1e-300)))
 
 
-def _largest_in_cells(positions, size, node, width):
-    """Of the nodes in every cell of a grid the one with the largest force, [n]."""
-    cell = np.floor((positions[node] - positions.min(axis=0)) / width).astype(int)
-    order = np.argsort(-size[node], kind="stable")
-    first = np.unique(cell[order], axis=0, return_index=True)[1]
-    return np.sort(node[order[first]])
+def _largest_in_cells(positions, size, node):
+    """Of the nodes in every cell of a grid the one with the largest force, at most `_MOST`."""
+    place = positions[node] - positions.min(axis=0)
+    node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))
+    width, first = place.max() / np.sqrt(_MOST), np.arange(len(node))
+    while len(first) > _MOST:
+        cells = np.floor(place / width).astype(int)
+        first = np.unique(cells, axis=0, return_index=True)[1]
+        width *= 1.3
+    return np.sort(node[first])
 
 
 def _outward(forces, node, positions, links, push):
-    """Which arrows begin at their nodes, [n_arrow] bool, so that no element lies behind them."""
+    """Which arrows begin at their nodes, and which lie on an element anyway, two [n_arrow] bool.
+
+    Forces and positions are those in the picture.
+    """
     row = np.full(len(positions), -1)
     row[node] = np.arange(len(node))
-    unit = forces / np.linalg.norm(forces, axis=1, keepdims=True)
-    behind = np.full((2, len(node)), -1.0)  # largest cosine of an element with an arrow either way
+    unit = _unit(forces)
+    on = np.full((2, len(node)), -1.0)  # largest cosine of an element with an arrow on either side
     for ends in (links, links[:, ::-1]):
         ends = ends[row[ends[:, 0]] >= 0]
-        along = positions[ends[:, 1]] - positions[ends[:, 0]]
-        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
+        along = _unit(positions[ends[:, 1]] - positions[ends[:, 0]])
         cosine = (along * unit[row[ends[:, 0]]]).sum(axis=1)
         for side, sign in enumerate((-1.0, 1.0)):
-            np.maximum.at(behind[side], row[ends[:, 0]], sign * cosine)
-    usual, other = behind if push else behind[::-1]
-    turned = (usual > _BEHIND) & (other <= _BEHIND)
-    return turned if push else ~turned
+            np.maximum.at(on[side], row[ends[:, 0]], sign * cosine)
+    usual, other = (on if push else on[::-1]) > _ON
+    turned = usual & ~other
+    return (turned if push else ~turned), usual & other
 
 
-def section_axes(
+def _unit(vectors):
+    """Vectors of length 1; those of length 0 as they are."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def axis_tips(
+    middles: Float[np.ndarray, "n_beam 3"],
+    directions: Float[np.ndarray, "n_beam 3 3"],
+    chords: Float[np.ndarray, " n_beam"],
+    extent: float,
+) -> Float[np.ndarray, "n_beam 3 3"]:
+    """Where the axes x, y and z of sections end that are drawn at the middles of beams, m.
+
+    Args:
+        middles: middles of the beams, [n_beam, 3], m.
+        directions: unit vectors of the axes, in rows, [n_beam, 3, 3].
+        chords: lengths of the beams, [n_beam], m.
+        extent: size of the structure, m.
+    """
+    length = np.minimum(_AXIS * extent, _AXIS_SHARE * chords)
+    return middles[:, None] + length[:, None, None] * directions
+
+
+def draw_section_axes(
     axes: Axes,
     view: View,
     middles: Float[np.ndarray, "n_beam 3"],
-    directions: Float[np.ndarray, "n_beam 3 3"],
-    extent: float,
+    tips: Float[np.ndarray, "n_beam 3 3"],
 ) -> None:
-    """Draw the axes x, y and z of sections at the middles of beams; a dot for those end on."""
-    if not len(middles):
-        return
-    length = extent * min(_AXIS, 0.4 / np.sqrt(len(middles)))
+    """Draw the axes x, y and z of sections, see `axis_tips`; a dot for those seen end on."""
+    make = LineCollection if view.flat else Line3DCollection
     feet = view.project(middles)
     for k, colour in enumerate(AXES):
-        arrow = view.project(directions[:, k])
-        on_end = np.linalg.norm(arrow, axis=1) < 0.1
-        tips = feet + length * arrow
-        lines = np.stack([feet, tips], axis=1)[~on_end]
-        make = LineCollection if view.flat else Line3DCollection
-        axes.add_collection(make(lines, colors=colour, linewidths=1.6, zorder=7), autolim=False)
+        lines = np.stack([feet, view.project(tips[:, k])], axis=1)
+        seen = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+        on_end = seen < 0.1 * np.linalg.norm(tips[:, k] - middles, axis=1)
+        look = {"colors": colour, "linewidths": 1.2, "zorder": 7}
+        axes.add_collection(make(lines[~on_end], **look), autolim=False)
         if on_end.any():
-            axes.plot(*feet[on_end].T, ".", color=colour, markersize=4, zorder=8)
+            axes.plot(*feet[on_end].T, ".", color=colour, markersize=3, zorder=8)
 
 
 def section_axis_keys() -> list[Line2D]:

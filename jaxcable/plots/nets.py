@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution, State
 from ..model.structure import Structure
-from .glyphs import Arrows, draw_supports, section_axes, section_axis_keys, support_keys
+from .glyphs import Arrows, draw_section_axes, draw_supports, section_axis_keys, support_keys
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
 from .stages import drawn, stages_of
@@ -65,12 +65,13 @@ def net(
         view: "plan", "elevation" or "space" for the first picture; default: as described above.
         names: titles, one for each phase, such as the names of load cases.
         supports: whether to mark supports.
-        loads, reactions: whether to draw them in the second picture, as arrows behind the elements:
-            loads end at their node, reactions begin there, unless an element lies behind an arrow
-            on this side and none on the other. Both have a scale of their own, so that the longest
-            arrow, whose force the legend says, takes at most 0.3 of the structure's size in each
-            direction of the picture, and is shorter if there are many. Of more than 250 the largest
-            in each cell of a grid are drawn, and the legend counts them. Moments are not drawn.
+        loads, reactions: whether to draw them in the second picture, as arrows: loads end at their
+            node, reactions begin there. An arrow that would lie on an element lies on the other
+            side of its node, or under the elements if there is one, too. Both have a scale of their
+            own, so that the longest arrow, whose force the legend says, takes at most 0.3 of the
+            structure's size in each direction of the picture, and is shorter if there are many. Of
+            more than 250 the largest in each cell of a grid are drawn, and the legend counts them.
+            Moments are not drawn.
         axes: whether to draw the axes x, y and z of the sections of beams at their middles, a dot
             for an axis that is seen end on; needs `structure`.
 
@@ -100,6 +101,9 @@ def net(
     arrows = _arrows(stages[-1], shown, views[-1], links, loads, reactions)
     points = [np.concatenate(stage.places()) for stage in stages]
     points[-1] = np.concatenate([points[-1], *(kind.ends for kind in arrows)])
+    sections = [stage.section_axes() for stage in stages] if axes else []
+    for number, (_, tips) in enumerate(sections):
+        points[number] = np.concatenate([points[number], tips.reshape(-1, 3)])
     scale = Scale([stage.forces for stage in stages])
     ratios = [seen.ratio(within) for seen, within in zip(views, points, strict=True)]
     figure, slots = arrange(ratios, [seen.flat for seen in views])
@@ -112,8 +116,7 @@ def net(
         if supports:
             draw_supports(space, seen, stage.positions, stage.held(structure, seen))
         if axes:
-            extent = np.ptp(points[number], axis=0).max()
-            section_axes(space, seen, *stage.section_axes(), extent)
+            draw_section_axes(space, seen, *sections[number])
     for kind in arrows:
         kind.draw(space, views[-1])
 
@@ -122,7 +125,7 @@ def net(
         kinds = [stage.held(structure, seen) for seen, stage in zip(views, stages, strict=True)]
         handles += support_keys(np.any(kinds, axis=0))
     handles += [key for kind in arrows for key in kind.keys()]
-    if axes and any(len(stage.section_axes()[0]) for stage in stages):
+    if any(len(middles) for middles, _ in sections):
         handles += section_axis_keys()
     settle(figure, slots, lines.taut, scale.label, handles)
     return finish(figure, path)

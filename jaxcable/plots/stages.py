@@ -10,7 +10,7 @@ from ..analysis.solution import Path, PhaseResult, Solution, State
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
 from ..model.structure import Structure
-from .glyphs import supports
+from .glyphs import axis_tips, supports
 from .members import Forces
 from .shapes import Curves, Shapes
 from .views import View
@@ -70,12 +70,16 @@ class Stage:
         return bool(np.abs(here - there).max() > _SEEN * extent)
 
     def section_axes(self) -> tuple[Float[np.ndarray, "n_beam 3"], Float[np.ndarray, "n_beam 3 3"]]:
-        """Middles of the beams that are there, [n_beam, 3], m, and axes, [n_beam, 3, 3]."""
+        """Middles of the beams that are there, and the tips of the axes of their sections, m."""
         if self.curves is None:
             return np.zeros((0, 3)), np.zeros((0, 3, 3))
         points, axes = self.curves.points(self.positions), self.curves.axes
         there = self.forces.present[self.curves.number[: len(axes)]]
-        return points[: len(axes), points.shape[1] // 2][there], axes[there]
+        points, axes = points[: len(axes)][there], axes[there]
+        chords = np.linalg.norm(points[:, -1] - points[:, 0], axis=1)
+        extent = np.ptp(self.positions, axis=0).max()
+        middles = points[:, points.shape[1] // 2]
+        return middles, axis_tips(middles, axes, chords, extent)
 
     def held(self, structure: Structure | None, view: View) -> Bool[np.ndarray, "3 n_node"]:
         """Kinds of supports, [3, n_node] bool, see `glyphs.supports`."""
