@@ -21,7 +21,7 @@ from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys, supports
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
-from .shapes import Shapes
+from .shapes import Shapes, known
 from .stages import drawn, forces_of, named, shown, start_of
 from .style import OVER, SLACK, colour_map
 from .views import View, choose
@@ -164,7 +164,8 @@ def _draw(shots, begin, seen, everything, solution, structure, dpi):
         supports(fixed.array[: len(shots[0].positions)], rotates, seen.normal)
         for fixed in solution.last.fixed[1:]
     ]
-    handles = keys([shot.forces for shot in shots], before=True, counted=False)
+    before = bool(known(begun, shots[0].forces.present).any())
+    handles = keys([shot.forces for shot in shots], before, counted=False)
     handles += support_keys(np.any([kinds[shot.phase] for shot in shots], axis=0))
     settle(figure, slots, lines.taut, scale.label, handles)
     images = []

@@ -233,7 +233,7 @@ def draw_section_axes(
         lines = np.stack([feet, view.project(tips[:, k])], axis=1)
         seen = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
         on_end = seen < 0.1 * np.linalg.norm(tips[:, k] - middles, axis=1)
-        look = {"colors": colour, "linewidths": 1.2, "zorder": 7}
+        look: dict[str, Any] = {"colors": colour, "linewidths": 1.2, "zorder": 7}
         axes.add_collection(make(lines[~on_end], **look), autolim=False)
         if on_end.any():
             axes.plot(*feet[on_end].T, ".", color=colour, markersize=3, zorder=8)

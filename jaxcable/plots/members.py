@@ -19,7 +19,7 @@ from ..common.tree import Indices
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.parts import Column, per_group, slack_cables, there
 from ..model.structure import Structure
-from .shapes import Curves, chosen, lines, projected
+from .shapes import Curves, chosen, known, lines, projected
 from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
 
@@ -93,7 +93,7 @@ class Scale:
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
-        cmap = colour_map()
+        cmap: Any = colour_map()
         if colour == "utilisation":
             # the bar is from 0 to 100 % whatever occurs; what is more has another colour, said
             # with a margin for rounding: a force that has been brought to the strength is not over
@@ -180,10 +180,8 @@ def ghost(
     Elements whose curve is not known there are left out.
     """
     make = LineCollection if view.flat else Line3DCollection
-    if curves is not None:
-        present = present.copy()
-        present[curves.number[~curves.known]] = False
-    segments = chosen(projected(view, lines(positions, links, curves)), present[links[1]])
+    which = known(curves, present)[links[1]]
+    segments = chosen(projected(view, lines(positions, links, curves)), which)
     width = min(1.0, thickness(len(links[0])))
     drawn = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
     axes.add_collection(drawn, autolim=False)

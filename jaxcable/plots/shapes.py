@@ -213,11 +213,22 @@ def projected(view: View, found: Lines) -> Lines:
     return [view.project(line) for line in found]
 
 
-def chosen(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Lines:
-    """The lines, an array or a list, that are chosen by booleans."""
+def chosen(found: Lines, which: Bool[np.ndarray, " n_line"]) -> Any:
+    """The lines, an array or a list, that are chosen by booleans, in the same form."""
     if isinstance(found, np.ndarray):
         return found[which]
     return [found[k] for k in np.flatnonzero(which)]
+
+
+def known(
+    curves: Curves | None, present: Bool[np.ndarray, " n_elem"]
+) -> Bool[np.ndarray, " n_elem"]:
+    """Which of the elements that are there have a known shape, [n_elem] bool."""
+    if curves is None:
+        return present
+    found = present.copy()
+    found[curves.number[~curves.known]] = False
+    return found
 
 
 def cubic(

@@ -134,7 +134,9 @@ def stages_of(
         were = drawn(origin, origin_curves, forces.present & present)
         change = [a - b for a, b in zip(places, were, strict=True) if a.shape == b.shape]
         factor = round_factor(np.concatenate(change), np.concatenate([end, begin]))
-    bent = curves if curves is None else curves.magnified(origin_curves, factor)
+    bent = None
+    if curves is not None and origin_curves is not None:
+        bent = curves.magnified(origin_curves, factor)
     place = origin + factor * (end - origin)
     held = [state.fixed[k + 1].array[: len(end)] for k in (min(number, 0), number)]
     stages = [
