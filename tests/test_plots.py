@@ -214,13 +214,62 @@ def test_bars_without_force_are_not_slack():
 
 
 def test_utilisation(pictures, runs):
-    bar = pictures["net, utilisation"].axes[-1]
-    assert bar.get_xlabel() == "force over strength (-)"
-    assert np.allclose(bar.get_xlim(), [0.0, max(1.0, np.asarray(runs.taut.tension).max() / 600)])
+    """The strength is 600 N: what holds more has a colour that is in no part of the scale."""
+    used = 100 * np.concatenate([runs.taut.phases[0].tension, runs.taut.tension]) / 600
+    assert used.min() < 100 < used.max()
+    figure = pictures["net, utilisation"]
+    bar = figure.axes[-1]
+    assert bar.get_xlabel() == f"force over strength (%), largest {used.max():.4g} %"
+    assert np.allclose(bar.get_xlim(), [0.0, 100.0], atol=1e-3)  # 1e-6 are rounding
+    assert {0, 100} <= set(bar.get_xticks())
+    for axes, values in zip(figure.axes, np.split(used, 2), strict=False):
+        lines = next(c for c in axes.collections if c.get_array() is not None)
+        assert np.allclose(lines.get_array(), values)  # all are taut
+        lines.update_scalarmappable()
+        red = (lines.get_colors()[:, :3] == matplotlib.colors.to_rgb(style.OVER)).all(axis=1)
+        assert (red == (values > 100)).all()
+    below = jc.Structure(
+        runs.structure.nodes, jc.replace(runs.strong.elements, strength=2e3), runs.strong.supports
+    )
+    figure = jc.plots.net(runs.taut, colour="utilisation", structure=below)
+    assert figure.axes[-1].get_xlabel() == "force over strength (%)"
     with pytest.raises(ValueError, match="structure: needed for colour"):
         jc.plots.net(runs.taut, colour="utilisation")
     with pytest.raises(ValueError, match="strength: no group has one"):
         jc.plots.net(runs.taut, colour="utilisation", structure=runs.structure)
+
+
+def test_a_strength_that_is_reached_is_not_exceeded(runs):
+    forces = members.Forces(
+        np.full(12, 600.0 * (1 + 1e-8)), runs.taut.links, runs.strong, "utilisation"
+    )
+    scale = members.Scale([forces])
+    assert scale.label == "force over strength (%)"
+    look = matplotlib.cm.ScalarMappable(**scale.look)
+    over, there = (look.to_rgba(scale.factor * u)[:3] for u in (1.01, 1 + 1e-8))
+    assert over == matplotlib.colors.to_rgb(style.OVER) != there
+
+
+def test_titles_say_the_phase(runs):
+    def titles(solution, **options):
+        figure = jc.plots.net(solution, **options)
+        return [axes.get_title() for axes in figure.axes[:-1]]
+
+    assert titles(runs.taut) == ["Before loading: plan", "After loading"]
+    assert titles(runs.taut, names=["prestress", "snow"], magnify=2.0) == [
+        "prestress: plan",
+        "snow, deflection x 2",
+    ]
+    three = jc.solve(runs.structure, [*runs.phases, jc.Phase()])
+    assert int(three.status) == 0
+    assert titles(three) == ["After phase 1 of 3: plan", "After phase 3 of 3"]
+    one = jc.solve(runs.structure, runs.phases[:1])
+    assert int(one.status) == 0
+    assert titles(one, names=["prestress"]) == ["prestress: plan", "prestress"]
+    with pytest.raises(ValueError, match="names: 1 of them, but 2 phases"):
+        jc.plots.net(runs.taut, names=["snow"])
+    with pytest.raises(ValueError, match="names: 1 of them, but 2 phases"):
+        jc.plots.animation(runs.taut, "net.gif", names=["snow"])
 
 
 def test_what_lies_in_a_vertical_plane_is_drawn_in_elevation(pictures):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import jax
@@ -19,8 +21,9 @@ from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys, supports
 from .layout import arrange, settle
 from .members import Members, Scale, ghost, keys
-from .stages import forces_of, shown, start_of
-from .style import SLACK, colour_map
+from .shapes import Shapes, known
+from .stages import drawn, forces_of, named, shown, start_of
+from .style import OVER, SLACK, colour_map
 from .views import View, choose
 
 _HOLD = 10  # how many times longer the last frame is shown
@@ -34,13 +37,17 @@ def animation(
     colour: str = "tension",
     structure: Structure | None = None,
     view: str | None = None,
+    names: Sequence[str] | None = None,
     frames: int = 60,
     rate: float = 10.0,
     dpi: float = 110,
 ) -> Path:
     """Save the increments of all phases as moving pictures, in space or in their plane.
 
-    Limits of the axes and the colour scale are the same in all frames.
+    Limits of the axes and the colour scale are the same in all frames. With a `structure`, beams
+    are bent and catenaries hang, as in `net`; catenaries are exact at the ends of phases, between
+    them their distances from their chords are interpolated (in the first phase they are those of
+    its end).
 
     Args:
         solution: `Solution`; of a failed analysis the converged increments are shown.
@@ -53,6 +60,7 @@ def animation(
         colour, structure: as for `net`.
         view: "plan", "elevation" or "space"; default: elevation for a structure in a vertical
             plane, else space.
+        names: names of the phases for the titles, one for each.
         frames: largest number of frames, taken evenly from all increments, with the last one.
         rate: frames per second.
         dpi: pixels per inch, of a picture about 5 inches wide.
@@ -61,7 +69,8 @@ def animation(
         The `pathlib.Path` of the file.
 
     Raises:
-        ValueError: another suffix, no converged increment, a batch, or an unknown option.
+        ValueError: another suffix, no converged increment, a batch, another number of names than of
+            phases, or an unknown option.
 
     >>> import pathlib, tempfile
     >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -81,8 +90,9 @@ def animation(
         raise ValueError(f"rate = {rate}: must be positive")
     colour = shown(solution, structure, colour)
     begin = start_of(solution, solution.last)
-    shots = _shots(solution, begin, structure, magnify, colour, frames)
-    everything = np.concatenate([begin, *(shot.positions for shot in shots)])
+    shots = _shots(solution, begin, structure, magnify, colour, frames, names)
+    shown_points = (drawn(shot.positions, shot.curves, shot.forces.present) for shot in shots)
+    everything = np.concatenate([begin, *itertools.chain.from_iterable(shown_points)])
     seen = choose(everything, view)
     if view is None and not seen.plane:
         seen = View("space")
@@ -92,14 +102,16 @@ def animation(
 
 
 class _Shot:
-    """The contents of a frame: number of the phase, title, positions, `Forces`."""
+    """The contents of a frame: number of the phase, title, positions, `Forces`, `Curves`."""
 
-    def __init__(self, phase, title, positions, forces):
+    def __init__(self, phase, title, positions, forces, curves):
         self.phase, self.title, self.positions, self.forces = phase, title, positions, forces
+        self.curves = curves
 
 
-def _shots(solution, begin, structure, magnify, colour, frames):
+def _shots(solution, begin, structure, magnify, colour, frames, names=None):
     """The frames, a list of `_Shot`."""
+    named(solution, names)
     converged = [
         (k, number)
         for k, phase in enumerate(solution.phases)
@@ -109,17 +121,23 @@ def _shots(solution, begin, structure, magnify, colour, frames):
         raise ValueError("solution: has no converged increment to draw; see raise_if_failed")
     origin = begin if len(solution.phases) == 1 else np.asarray(solution.phases[0].positions)
     paths = [jax.tree.map(np.asarray, phase.path) for phase in solution.phases]
+    chosen = [converged[j] for j in evenly(len(converged), frames)]
+    shapes = Shapes(solution, structure)
+    every = shapes.along(chosen)
+    first = shapes.start(every[0]) if len(solution.phases) == 1 else shapes.after(0)
     shots = []
-    for k, number in (converged[j] for j in evenly(len(converged), frames)):
+    for (k, number), curves in zip(chosen, every, strict=True):
         path = paths[k]
         base = begin if k == 0 else np.asarray(solution.phases[k - 1].positions)
         place = base + path.displacement[number]
         if k > 0 or len(solution.phases) == 1:
             place = origin + magnify * (place - origin)
-        title = f"Phase {k + 1}, load factor {path.load_factor[number]:.2f}"
+            curves = curves if curves is None else curves.magnified(first, magnify)
+        name = f"Phase {k + 1}" if names is None else names[k]
+        title = f"{name}, load factor {path.load_factor[number]:.2f}"
         part = jax.tree.map(lambda t, number=number: t[number], path)
         forces = forces_of(part, solution, structure, colour)
-        shots.append(_Shot(k, title, place, forces))
+        shots.append(_Shot(k, title, place, forces, curves))
     return shots
 
 
@@ -137,20 +155,22 @@ def _draw(shots, begin, seen, everything, solution, structure, dpi):
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     figure.set_dpi(dpi)
     axes = seen.add_axes(figure, everything, shots[0].title)
-    ghost(axes, seen, begin, links, shots[0].forces.present)
+    begun = Shapes(solution, structure).start(shots[0].curves)
+    ghost(axes, seen, begin, links, shots[0].forces.present, begun)
     lines = Members(axes, seen, links, scale)
-    lines.show(shots[0].positions, shots[0].forces)
+    lines.show(shots[0].positions, shots[0].forces, shots[0].curves)
     rotates = None if structure is None else structure.rotating()
     kinds = [
         supports(fixed.array[: len(shots[0].positions)], rotates, seen.normal)
         for fixed in solution.last.fixed[1:]
     ]
-    handles = keys([shot.forces for shot in shots], before=True, counted=False)
+    before = bool(known(begun, shots[0].forces.present).any())
+    handles = keys([shot.forces for shot in shots], before, counted=False)
     handles += support_keys(np.any([kinds[shot.phase] for shot in shots], axis=0))
     settle(figure, slots, lines.taut, scale.label, handles)
     images = []
     for shot in shots:
-        lines.show(shot.positions, shot.forces)
+        lines.show(shot.positions, shot.forces, shot.curves)
         axes.title.set_text(shot.title)
         marks = draw_supports(axes, seen, shot.positions, kinds[shot.phase])
         figure.canvas.draw()
@@ -170,7 +190,9 @@ def _gif(images, path, rate):
 
 def _palette():
     """A palette of 256 colours, flat: greys, and colours of lines in four shades up to white."""
-    lines = np.concatenate([colour_map()(np.linspace(0, 1, 54))[:, :3], [to_rgb(SLACK)]])
+    lines = np.concatenate(
+        [colour_map()(np.linspace(0, 1, 53))[:, :3], *([to_rgb(c)] for c in (SLACK, OVER))]
+    )
     grey = np.linspace(0.0, 1.0, 36)[:, None] * np.ones(3)
     faded = [1.0 - part * (1.0 - lines) for part in (1.0, 0.75, 0.5, 0.25)]
     return np.round(255 * np.concatenate([grey, *faded])).astype(int).ravel().tolist()

@@ -1,24 +1,15 @@
-"""Shapes of elements that are no straight lines, for `view`: bent beams and hanging cables."""
+"""Curves and diagrams of elements at all moments that `view` shows."""
 
 from __future__ import annotations
 
-import itertools
-from typing import Any
-
-import jax
 import numpy as np
 
-from ..analysis.solution import State
-from ..common.tree import copy
 from ..common.types import Float, Int
 from ..elements.abilities import Bending, Sagging
-from ..elements.prestress import element
-from ..forms import catenary_curves
-from ..model.parts import first_and_last, per_group
-from ..model.structure import Structure
+from ..model.parts import per_group
 from ..results import section_forces
-from ..stiffness.tangent import filled, prepared
-from .moments import Moment, Moments
+from .moments import Moments
+from .shapes import bends, numbered, sags, state_at
 
 PLACES = 13
 """Places along a beam at which its diagrams are known, ends included."""
@@ -51,45 +42,15 @@ def beams_of(moments: Moments) -> Beams | None:
     if structure is None or not any(isinstance(group, Bending) for group in structure.groups):
         return None
     motion = np.stack([moments.paths[s.phase].motion[s.number] for s in moments.shots])
-    thawed, arrays, _ = prepared(structure, last)
-    numbers, bend, axes = [], [], []
-    for number, found in zip(_numbers(structure), _bent(thawed, arrays, motion), strict=True):
-        if found is not None:
-            slopes, turned, length = (np.asarray(x) for x in found)
-            numbers.append(number)
-            bend.append(slopes * length[..., None, None])
-            axes.append(turned[..., 1:, :])
-    if not numbers:
+    found = bends(structure, last, motion)
+    if found is None:
         return None
+    number, bend, axes = found
     forces = per_group(structure, section_forces(structure, last, PLACES))
-    kept = [x for x, own in zip(forces, _numbers(structure), strict=True) if x is not None]
-    count = sum(map(len, numbers))
-    diagrams = np.concatenate(kept) if sum(map(len, kept)) == count else np.zeros((count, 0, 6))
-    joined = np.concatenate(bend, axis=1), np.concatenate(axes, axis=1)
-    return Beams(np.concatenate(numbers), *joined, diagrams)
-
-
-@jax.jit
-def _bent(thawed, arrays, motion):
-    """Slopes, axes and chords of the beams of every group at some motions of all rows, or None."""
-    nodes, groups, carry = filled(thawed, arrays)
-
-    def one(group, properties, state, ends, motion):
-        found = element(group, properties).deflected(state, ends, motion)
-        if found is None:
-            return None
-        chord = ends[1] + motion[1, :3] - ends[0] - motion[0, :3]
-        return *found, (chord * chord).sum() ** 0.5
-
-    def along(group, state):
-        def of(motion):
-            at = group.properties(), state, nodes[group.links], motion[group.links]
-            return jax.vmap(lambda *x: one(group, *x))(*at)
-
-        return jax.vmap(of)(motion.astype(nodes.dtype))
-
-    pairs = zip(groups, carry.states, strict=True)
-    return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]
+    kept = [x for x in forces if x is not None]
+    known = sum(map(len, kept)) == len(number)
+    diagrams = np.concatenate(kept) if known else np.zeros((len(number), 0, 6))
+    return Beams(number, bend, axes[:, :, 1:], diagrams)
 
 
 def sagging_of(
@@ -102,61 +63,19 @@ def sagging_of(
         chord at places between its ends, evenly along the unstressed length, m. None without a
         structure, or if nothing in it sags.
     """
-    structure = moments.structure
+    structure, last = moments.structure, moments.solution.last
     if structure is None or not any(isinstance(group, Sagging) for group in structure.groups):
         return None
-    pairs = zip(_numbers(structure), structure.groups, strict=True)
-    kept = [(number, group) for number, group in pairs if isinstance(group, Sagging)]
-    count = sum(len(number) for number, _ in kept)
-    n = 17 if count <= 2000 else 9  # pieces are shorter than a pixel where there are many
-    parts = np.linspace(0.0, 1.0, n)[1:-1, None]
+    pairs = zip(numbered(structure), structure.groups, strict=True)
+    number = np.concatenate([own for own, group in pairs if isinstance(group, Sagging)])
+    n = 17 if len(number) <= 2000 else 9  # pieces are shorter than a pixel where there are many
     found = []
     for shot in moments.shots:
         if shot.end is None:
             continue
-        place = moments.start + shot.moved
-        curves = per_group(structure, catenary_curves(structure, _state(moments, shot), n))
-        apart = []
-        for curve, (_, group) in zip([c for c in curves if c is not None], kept, strict=True):
-            a, b = (place[nodes][:, None] for nodes in first_and_last(group).T)
-            apart.append(curve[:, 1:-1] - (1 - parts) * a - parts * b)
-        found.append(np.concatenate(apart))
-    return np.concatenate([number for number, _ in kept]), np.stack(found)
-
-
-def _state(moments: Moments, shot: Moment) -> State:
-    """The `State` of the end of a phase, as far as shapes depend on it.
-
-    Loads of later phases do not act yet, lengths and motions are those of the phase.
-    """
-    last, end = moments.solution.last, shot.end
-    if end is last or end is None:
-        return last
-    carry: Any = last.carry
-    structure: Any = moments.structure
-    amounts = [
-        copy(amount, factors=amount.factors * (np.asarray(stack.phase) <= shot.phase))
-        for stack, amount in zip(carry.loads, carry.amounts, strict=True)
-    ]
-    then, now = (per_group(structure, x.rest_length) for x in (end, last))
-    states = []
-    for state, a, b in zip(carry.states, then, now, strict=True):
-        if state.rest_length is not None:  # the sum of length and elongation stays
-            length = np.asarray(state.rest_length) * (np.asarray(a) / np.asarray(b))
-            longer = np.asarray(state.elongation) + (np.asarray(state.rest_length) - length)
-            state = copy(state, rest_length=length, elongation=longer)
-        states.append(state)
-    path = moments.paths[shot.phase]
-    motion = carry.motion
-    if path.motion is not None:
-        motion = path.motion[shot.number]
-    else:  # from the initial nodes, which an earlier analysis may have left
-        moved = np.asarray(end.positions) - np.asarray(structure.nodes)
-        motion = np.concatenate([moved, np.asarray(motion)[len(moved) :]])
-    return copy(last, carry=copy(carry, motion=motion, states=states, amounts=amounts))
-
-
-def _numbers(structure: Structure) -> list[Int[np.ndarray, " n_elem"]]:
-    """Numbers of the elements of every group, counted through all groups."""
-    ends = np.cumsum([0, *(len(group.links) for group in structure.groups)])
-    return [np.arange(a, b) for a, b in itertools.pairwise(ends)]
+        motion, state = moments.paths[shot.phase].motion, last
+        if shot.end is not last:
+            motion = None if motion is None else motion[shot.number]
+            state = state_at(last, structure, shot.phase, shot.end, motion)
+        found.append(sags(structure, state, moments.start + shot.moved, n)[1])
+    return number, np.stack(found)

@@ -1,4 +1,4 @@
-"""Symbols at nodes: marks for supports, arrows for loads and reactions."""
+"""Symbols on a structure: marks for supports, arrows for forces, axes of sections."""
 
 from __future__ import annotations
 
@@ -6,13 +6,21 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from ..common.types import ArrayLike, Bool, Float
-from .style import INK, LOAD, REACTION, force_text
+from ..common.types import ArrayLike, Bool, Float, Int
+from .style import AXES, INK, LOAD, REACTION, force_text
 from .views import View
 
 _ARROW = 0.14  # length of the longest arrow over the extent of the structure, for few arrows
+_SHARE = 0.3  # what it takes of the structure's size in each direction of the picture, at most
+_LEAST = {True: 0.15, False: 0.2}  # least of these sizes over the extent, in flat views and space
+_MOST = 250  # arrows of a kind; of more, only the largest in each cell of a grid are drawn
+_ON = 0.9  # cosine between an arrow and an element from which on one lies on the other
+_AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
+_AXIS_SHARE = 0.4  # and over the length of the beam
 _SMALL = 1e-9  # force over the largest one up to which it is not drawn
 HELD = (("s", INK, "clamped"), ("^", INK, "pinned"), ("^", "white", "held in part"))
 """Mark, filling and name of the kinds of supports."""
@@ -74,12 +82,26 @@ def support_keys(kinds: Bool[np.ndarray, "3 n_node"]) -> list[Line2D]:
 class Arrows:
     """Forces on nodes as arrows, drawn to a common scale.
 
+    The longest arrow has `_ARROW` of the extent of the structure, less if there are many, and at
+    most `_SHARE` of its size in every direction of the picture.
+
     Args:
         name: name in the legend.
         forces: forces on all nodes, [n_node, 3], N.
         positions: positions of all nodes, [n_node, 3], m.
-        extent: size of the structure, m.
-        push: whether the arrows end at their nodes (loads) or begin there (reactions).
+        view: `View` of the picture.
+        points: all points of the structure that are drawn, [n, 3], m.
+        links: node numbers of the pieces that are drawn, [n_piece, 2].
+        push: whether the arrows end at their nodes (loads) or begin there (reactions). An arrow
+            that would lie on an element lies on the other side of its node; if it would lie on one
+            there, too, it is drawn under the elements.
+
+    Attributes:
+        tails, vectors: of the arrows, [n_arrow, 3], m.
+        under: which arrows are drawn under the elements, [n_arrow] bool.
+        ends: tails and tips, [2 n_arrow, 3], m.
+        largest: size of the largest force, N.
+        count: number of forces.
     """
 
     def __init__(
@@ -87,17 +109,24 @@ class Arrows:
         name: str,
         forces: Float[ArrayLike, "n_node 3"],
         positions: Float[np.ndarray, "n_node 3"],
-        extent: float,
+        view: View,
+        points: Float[np.ndarray, "n 3"],
+        links: Int[np.ndarray, "n_piece 2"],
         push: bool,
     ):
         forces = np.asarray(forces)
         size = np.linalg.norm(forces, axis=1)
-        self.largest = float(size.max(initial=0.0))
-        shown = size > _SMALL * self.largest
         self.name, self.colour = name, LOAD if push else REACTION
-        length = extent * min(_ARROW, 0.8 / np.sqrt(max(shown.sum(), 1)))
-        self.vectors = forces[shown] * (length / max(self.largest, 1e-300))
-        self.tails = positions[shown] - (self.vectors if push else 0.0)
+        self.largest = float(size.max(initial=0.0))
+        node = np.flatnonzero(size > _SMALL * self.largest)
+        self.count = len(node)
+        extent = np.ptp(points, axis=0).max()
+        if len(node) > _MOST:
+            node = _largest_in_cells(positions, size, node)
+        self.vectors = forces[node] * _scale(forces[node], view, points, extent)
+        seen = view.project(forces[node]), node, view.project(positions), links
+        outward, self.under = _outward(*seen, push)
+        self.tails = positions[node] - np.where(outward[:, None], 0.0, self.vectors)
         self.ends = np.concatenate([self.tails, self.tails + self.vectors])
 
     def draw(self, axes: Axes, view: View) -> None:
@@ -105,23 +134,117 @@ class Arrows:
         if not len(self.tails):
             return
         tails, vectors = view.project(self.tails), view.project(self.vectors)
-        width = float(np.clip(1.4 * np.sqrt(40.0 / len(tails)), 0.3, 1.4))
-        look: dict[str, Any]
+        width = float(np.clip(1.4 * np.sqrt(40.0 / len(tails)), 0.5, 1.4))
+        look: dict[str, Any] = {"arrow_length_ratio": 0.3, "linewidth": width}
         if view.flat:
             look = {"angles": "xy", "scale_units": "xy", "scale": 1.0, "units": "dots"}
-            dots = width * axes.figure.dpi / 72
-            axes.quiver(*tails.T, *vectors.T, color=self.colour, width=dots, zorder=6, **look)
-        else:
-            look = {"arrow_length_ratio": 0.3, "linewidth": width, "zorder": 6}
-            axes.quiver(*tails.T, *vectors.T, color=self.colour, **look)
+            look |= {"width": width * axes.figure.dpi / 72, "headwidth": 4.0}
+        for which, order in ((self.under, 1.5), (~self.under, 6)):
+            if which.any():
+                parts = *tails[which].T, *vectors[which].T
+                axes.quiver(*parts, color=self.colour, zorder=order, **look)
 
     def keys(self) -> list[Line2D]:
         """The legend entry, with the force of the longest arrow; an empty list without arrows."""
         if not len(self.tails):
             return []
         label = f"{self.name}, longest {force_text(self.largest)}"
+        if len(self.tails) < self.count:
+            label += f", {len(self.tails)} of {self.count} drawn"
         look: dict[str, Any] = {"color": self.colour, "marker": "$\\rightarrow$", "markersize": 14}
         return [Line2D([], [], linestyle="", label=label, **look)]
+
+
+def _scale(forces, view, points, extent):
+    """Length of arrows per force, m/N, see `Arrows`."""
+    longest = extent * min(_ARROW, 0.8 / np.sqrt(max(len(forces), 1)))
+    seen = np.ptp(view.project(points), axis=0)
+    room = _SHARE * np.maximum(seen, _LEAST[view.flat] * extent)
+    parts = np.abs(view.project(forces)).max(axis=0, initial=0.0)
+    largest = np.linalg.norm(forces, axis=1).max(initial=0.0)
+    return min(longest / max(largest, 1e-300), *(room / np.maximum(parts, 1e-300)))
+
+
+def _largest_in_cells(positions, size, node):
+    """Of the nodes in every cell of a grid the one with the largest force, at most `_MOST`."""
+    place = positions[node] - positions.min(axis=0)
+    node, place = (x[np.argsort(-size[node], kind="stable")] for x in (node, place))
+    width, first = place.max() / np.sqrt(_MOST), np.arange(len(node))
+    while len(first) > _MOST:
+        cells = np.floor(place / width).astype(int)
+        first = np.unique(cells, axis=0, return_index=True)[1]
+        width *= 1.3
+    return np.sort(node[first])
+
+
+def _outward(forces, node, positions, links, push):
+    """Which arrows begin at their nodes, and which lie on an element anyway, two [n_arrow] bool.
+
+    Forces and positions are those in the picture.
+    """
+    row = np.full(len(positions), -1)
+    row[node] = np.arange(len(node))
+    unit = _unit(forces)
+    on = np.full((2, len(node)), -1.0)  # largest cosine of an element with an arrow on either side
+    for ends in (links, links[:, ::-1]):
+        ends = ends[row[ends[:, 0]] >= 0]
+        along = _unit(positions[ends[:, 1]] - positions[ends[:, 0]])
+        cosine = (along * unit[row[ends[:, 0]]]).sum(axis=1)
+        for side, sign in enumerate((-1.0, 1.0)):
+            np.maximum.at(on[side], row[ends[:, 0]], sign * cosine)
+    usual, other = (on if push else on[::-1]) > _ON
+    turned = usual & ~other
+    return (turned if push else ~turned), usual & other
+
+
+def _unit(vectors):
+    """Vectors of length 1; those of length 0 as they are."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def axis_tips(
+    middles: Float[np.ndarray, "n_beam 3"],
+    directions: Float[np.ndarray, "n_beam 3 3"],
+    chords: Float[np.ndarray, " n_beam"],
+    extent: float,
+) -> Float[np.ndarray, "n_beam 3 3"]:
+    """Where the axes x, y and z of sections end that are drawn at the middles of beams, m.
+
+    Args:
+        middles: middles of the beams, [n_beam, 3], m.
+        directions: unit vectors of the axes, in rows, [n_beam, 3, 3].
+        chords: lengths of the beams, [n_beam], m.
+        extent: size of the structure, m.
+    """
+    length = np.minimum(_AXIS * extent, _AXIS_SHARE * chords)
+    return middles[:, None] + length[:, None, None] * directions
+
+
+def draw_section_axes(
+    axes: Axes,
+    view: View,
+    middles: Float[np.ndarray, "n_beam 3"],
+    tips: Float[np.ndarray, "n_beam 3 3"],
+) -> None:
+    """Draw the axes x, y and z of sections, see `axis_tips`; a dot for those seen end on."""
+    make = LineCollection if view.flat else Line3DCollection
+    feet = view.project(middles)
+    for k, colour in enumerate(AXES):
+        lines = np.stack([feet, view.project(tips[:, k])], axis=1)
+        seen = np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1)
+        on_end = seen < 0.1 * np.linalg.norm(tips[:, k] - middles, axis=1)
+        look: dict[str, Any] = {"colors": colour, "linewidths": 1.2, "zorder": 7}
+        axes.add_collection(make(lines[~on_end], **look), autolim=False)
+        if on_end.any():
+            axes.plot(*feet[on_end].T, ".", color=colour, markersize=3, zorder=8)
+
+
+def section_axis_keys() -> list[Line2D]:
+    """Legend entries of the axes of sections."""
+    return [
+        Line2D([], [], color=colour, linewidth=1.6, label=f"section's {name}")
+        for name, colour in zip("xyz", AXES, strict=True)
+    ]
 
 
 def mark_size(n: int) -> float:

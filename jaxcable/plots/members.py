@@ -19,11 +19,13 @@ from ..common.tree import Indices
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
 from ..model.parts import Column, per_group, slack_cables, there
 from ..model.structure import Structure
+from .shapes import Curves, chosen, known, lines, projected
 from .style import GHOST, SLACK, colour_map, force_unit
 from .views import View
 
 DASHES = (0, (3, 1.5))
 _NOTHING = 1e-9  # compression over the largest force up to which it is rounding
+_REACHED = 1e-6  # utilisation above 1 up to which the strength is reached, and not exceeded
 
 
 class Forces:
@@ -91,9 +93,15 @@ class Scale:
         values = np.concatenate([f.value for f in forces])
         values = values[np.isfinite(values)] if np.isfinite(values).any() else np.zeros(1)
         low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
+        cmap: Any = colour_map()
         if colour == "utilisation":
-            # the bar begins at 0 and has 1 on it, so that colours show how far 1 is
-            self.factor, self.label, low, high = 1.0, "force over strength (-)", 0.0, max(high, 1.0)
+            # the bar is from 0 to 100 % whatever occurs; what is more has another colour, said
+            # with a margin for rounding: a force that has been brought to the strength is not over
+            self.factor, self.label = 100.0, "force over strength (%)"
+            if high > 1.0 + _REACHED:
+                cmap.colorbar_extend = "max"
+                self.label += f", largest {100 * high:.{4 if high > 1.01 else 6}g} %"
+            low, high = 0.0, 100.0 * (1.0 + _REACHED)
         else:
             self.factor, unit = 1.0, forces[0].unit
             if unit.startswith("N"):
@@ -110,7 +118,7 @@ class Scale:
             if high - low <= 1e-9 * max(abs(high), 1.0):
                 width = max(0.05 * abs(high), 1e-3)
                 low, high = low - width, high + width
-        self.look = {"cmap": colour_map(), "norm": Normalize(low, high)}
+        self.look = {"cmap": cmap, "norm": Normalize(low, high)}
 
 
 class Members:
@@ -140,18 +148,23 @@ class Members:
         self.slack = make(
             nowhere, colors=SLACK, linewidths=max(0.75 * width, 0.8), linestyles=DASHES, zorder=4
         )
-        for lines in (self.casing, self.taut, self.slack):
-            axes.add_collection(lines, autolim=False)
+        for part in (self.casing, self.taut, self.slack):
+            axes.add_collection(part, autolim=False)
 
-    def show(self, positions: Float[np.ndarray, "n_node 3"], forces: Forces) -> None:
-        """Draw the elements at node positions [n_node, 3], with their `Forces`."""
-        segments = self.view.project(positions)[self.pairs]
+    def show(
+        self,
+        positions: Float[np.ndarray, "n_node 3"],
+        forces: Forces,
+        curves: Curves | None = None,
+    ) -> None:
+        """Draw the elements at node positions [n_node, 3], with `Forces`; curves where known."""
+        drawn = projected(self.view, lines(positions, (self.pairs, self.element), curves))
         slack, compressed = forces.slack[self.element], forces.compressed[self.element]
         taut = forces.present[self.element] & ~slack
-        self.casing.set_segments(segments[compressed])
-        self.taut.set_segments(segments[taut])
+        self.casing.set_segments(chosen(drawn, compressed))
+        self.taut.set_segments(chosen(drawn, taut))
         self.taut.set_array(self.scale.factor * forces.value[self.element][taut])
-        self.slack.set_segments(segments[slack])
+        self.slack.set_segments(chosen(drawn, slack))
 
 
 def ghost(
@@ -160,13 +173,18 @@ def ghost(
     positions: Float[np.ndarray, "n_node 3"],
     links: tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]],
     present: Bool[np.ndarray, " n_elem"],
+    curves: Curves | None = None,
 ) -> None:
-    """Draw the elements that are `present` in an earlier geometry, in thin dashed lines."""
+    """Draw the elements that are `present` in an earlier geometry, in thin dashed lines.
+
+    Elements whose curve is not known there are left out.
+    """
     make = LineCollection if view.flat else Line3DCollection
-    segments = view.project(positions)[links[0][present[links[1]]]]
+    which = known(curves, present)[links[1]]
+    segments = chosen(projected(view, lines(positions, links, curves)), which)
     width = min(1.0, thickness(len(links[0])))
-    lines = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
-    axes.add_collection(lines, autolim=False)
+    drawn = make(segments, colors=GHOST, linewidths=width, linestyles="dashed", zorder=1)
+    axes.add_collection(drawn, autolim=False)
 
 
 def thickness(n: int) -> float:

@@ -15,7 +15,8 @@ from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys
 from .layout import grid, settle
 from .members import Members, Scale, ghost, keys
-from .stages import Stage, forces_of, shown, start_of
+from .shapes import Shapes
+from .stages import Stage, forces_of, named, shown, start_of
 from .style import finish
 from .views import choose
 
@@ -37,12 +38,16 @@ def sequence(
     """Draw the end of every phase: one small picture each, in the same scales and colours.
 
     Only elements that are there are drawn. Behind them, thin and dashed, is the end of the phase
-    before, with the elements that are in both.
+    before, with the elements that are in both. With a `structure`, catenaries hang and beams are
+    bent, as in `net`; catenaries are not drawn as they were before the first phase, because this is
+    not known.
 
     Args:
         solution: `Solution`; of a failed analysis the phases that have converged are drawn.
         path: where to save the picture, in the format of the suffix, or None.
-        magnify: factor on the displacement from the initial geometry.
+        magnify: factor on the displacement from the initial geometry, in which beams are straight:
+            they bend by this factor, too. Catenaries, whose shape is not known there, differ from
+            their chords by as much as they do, not magnified.
 
     Options:
         colour, structure: as of `net`.
@@ -85,9 +90,10 @@ def sequence(
             axes.set(ylabel="", yticklabels=[])
         if seen.flat and number + columns < len(stages):
             axes.set(xlabel="", xticklabels=[])
-        ghost(axes, seen, stage.ghost, links, stage.before & stage.forces.present)
+        present = stage.before & stage.forces.present
+        ghost(axes, seen, stage.ghost, links, present, stage.ghost_curves)
         lines = Members(axes, seen, links, scale)
-        lines.show(stage.positions, stage.forces)
+        lines.show(stage.positions, stage.forces, stage.curves)
         if supports:
             draw_supports(axes, seen, stage.positions, stage.held(structure, seen))
     handles = keys([stage.forces for stage in stages], any(s.moved() for s in stages), False)
@@ -101,10 +107,10 @@ def sequence(
 
 def _stages(solution, structure, colour, magnify, names):
     """A `Stage` for every phase that has converged."""
-    if names is not None and len(names) != len(solution.phases):
-        raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
+    named(solution, names)
     begin = start_of(solution, solution.last)
-    before, found, was = begin, [], None
+    shapes, start = Shapes(solution, structure), None
+    before, found, was, ghost_curves = begin, [], None, None
     for k, phase in enumerate(solution.phases):
         if int(phase.status) != 0:
             break
@@ -112,10 +118,13 @@ def _stages(solution, structure, colour, magnify, names):
         title = f"phase {k + 1}" if names is None else str(names[k])
         forces = forces_of(phase, solution, structure, colour)
         fixed = solution.last.fixed[k + 1].array[: len(end)]
-        found.append(
-            Stage(title, end, before, forces, fixed, forces.present if was is None else was)
-        )
-        before, was = end, forces.present
+        curves = shapes.after(k)
+        if k == 0:
+            start = ghost_curves = shapes.start(curves)
+        curves = curves if curves is None else curves.magnified(start, magnify)
+        present = forces.present if was is None else was
+        found.append(Stage(title, end, before, forces, fixed, present, curves, ghost_curves))
+        before, was, ghost_curves = end, forces.present, curves
     if not found:
         raise ValueError("solution: no phase has converged; see raise_if_failed")
     return found

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..analysis.solution import Path, PhaseResult, Solution, State
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
 from ..model.structure import Structure
-from .glyphs import supports
+from .glyphs import axis_tips, supports
 from .members import Forces
+from .shapes import Curves, Shapes
 from .views import View
 
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
@@ -26,6 +29,7 @@ class Stage:
         forces: `Forces`.
         fixed: held freedoms, [n_node, 3 or 6].
         before: elements that are there in the earlier geometry, [n_elem] bool.
+        curves, ghost_curves: `Curves` in both geometries, or None.
     """
 
     def __init__(
@@ -36,23 +40,60 @@ class Stage:
         forces: Forces,
         fixed: Bool[np.ndarray, "n_node n_freedom"],
         before: Bool[np.ndarray, " n_elem"],
+        curves: Curves | None = None,
+        ghost_curves: Curves | None = None,
     ):
         self.title, self.positions, self.ghost = title, positions, ghost
         self.forces, self.fixed, self.before = forces, fixed, before
+        self.curves, self.ghost_curves = curves, ghost_curves
 
-    def places(self) -> tuple[Float[np.ndarray, "n_node 3"], Float[np.ndarray, "n_node 3"]]:
-        """All positions that are drawn, two arrays [n_node, 3]."""
-        return self.ghost, self.positions
+    def places(self) -> list[Float[np.ndarray, "n 3"]]:
+        """All positions that are drawn: of the nodes, and of points of curves, arrays [n, 3]."""
+        both = (self.ghost, self.ghost_curves, self.before), self.now()
+        return [points for geometry in both for points in drawn(*geometry)]
+
+    def now(
+        self,
+    ) -> tuple[Float[np.ndarray, "n_node 3"], Curves | None, Bool[np.ndarray, " n_elem"]]:
+        """Positions, curves, and which elements are there; of the later geometry."""
+        return self.positions, self.curves, self.forces.present
 
     def moved(self) -> bool:
         """Whether the difference from the earlier geometry is visible."""
         extent = np.ptp(np.concatenate(self.places()), axis=0).max()
-        return bool(np.abs(self.positions - self.ghost).max() > _SEEN * extent)
+        here, there = self.positions, self.ghost
+        if self.curves is not None and self.ghost_curves is not None:
+            both = self.before & self.forces.present
+            kept = self.ghost_curves.known & both[self.curves.number]
+            here = np.concatenate([here, self.curves.points(here)[kept].reshape(-1, 3)])
+            there = np.concatenate([there, self.ghost_curves.points(there)[kept].reshape(-1, 3)])
+        return bool(np.abs(here - there).max() > _SEEN * extent)
+
+    def section_axes(self) -> tuple[Float[np.ndarray, "n_beam 3"], Float[np.ndarray, "n_beam 3 3"]]:
+        """Middles of the beams that are there, and the tips of the axes of their sections, m."""
+        if self.curves is None:
+            return np.zeros((0, 3)), np.zeros((0, 3, 3))
+        points, axes = self.curves.points(self.positions), self.curves.axes
+        there = self.forces.present[self.curves.number[: len(axes)]]
+        points, axes = points[: len(axes)][there], axes[there]
+        chords = np.linalg.norm(points[:, -1] - points[:, 0], axis=1)
+        extent = np.ptp(self.positions, axis=0).max()
+        middles = points[:, points.shape[1] // 2]
+        return middles, axis_tips(middles, axes, chords, extent)
 
     def held(self, structure: Structure | None, view: View) -> Bool[np.ndarray, "3 n_node"]:
         """Kinds of supports, [3, n_node] bool, see `glyphs.supports`."""
         rotates = None if structure is None else structure.rotating()
         return supports(self.fixed, rotates, view.normal)
+
+
+def drawn(
+    positions: Float[np.ndarray, "n_node 3"],
+    curves: Curves | None,
+    present: Bool[np.ndarray, " n_elem"],
+) -> list[Float[np.ndarray, "n 3"]]:
+    """Points of one geometry: its nodes, and those of the curves of elements that are there."""
+    return [positions] if curves is None else [positions, curves.drawn(positions, present)]
 
 
 def stages_of(
@@ -61,6 +102,7 @@ def stages_of(
     state: State | None = None,
     magnify: float | None = 1.0,
     colour: str = "tension",
+    names: Sequence[str] | None = None,
 ) -> tuple[tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]], list[Stage], State]:
     """What a picture of a solution shows.
 
@@ -70,51 +112,93 @@ def stages_of(
         state: the `State` after loading.
     """
     colour = shown(solution, structure, colour)
+    state = state_of(solution, state)
+    end, begin, first = np.asarray(state.positions), start_of(solution, state), solution.phases[0]
+    number = int(state.phase)
+    forces = forces_of(state, solution, structure, colour)
+    shapes = Shapes(solution, structure)
+    curves = shapes.of(state)
+    if number < 1:  # a single phase: both pictures are of its end
+        origin, origin_curves, present = begin, shapes.start(curves), forces.present
+        titles = [title_of(solution, number, names, state)] * 2
+        plain = end, begin, forces, curves, origin_curves
+    else:
+        origin, origin_curves = np.asarray(first.positions), shapes.after(0)
+        before = forces_of(first, solution, structure, colour)
+        present = before.present
+        titles = [title_of(solution, 0, names), title_of(solution, number, names, state)]
+        plain = origin, origin, before, origin_curves, origin_curves
+    factor = magnify
+    if factor is None:
+        places = drawn(end, curves, forces.present & present)
+        were = drawn(origin, origin_curves, forces.present & present)
+        change = [a - b for a, b in zip(places, were, strict=True) if a.shape == b.shape]
+        factor = round_factor(np.concatenate(change), np.concatenate([end, begin]))
+    bent = None
+    if curves is not None and origin_curves is not None:
+        bent = curves.magnified(origin_curves, factor)
+    place = origin + factor * (end - origin)
+    held = [state.fixed[k + 1].array[: len(end)] for k in (min(number, 0), number)]
+    stages = [
+        Stage(titles[0], *plain[:3], held[0], present, *plain[3:]),
+        Stage(
+            titles[1] + _times(factor), place, origin, forces, held[1], present, bent, origin_curves
+        ),
+    ]
+    return pieces(solution.last.topology.parts)[:2], stages, state
+
+
+def state_of(solution: Solution, state: State | None) -> State:
+    """The `State` that is drawn: the stated one, or the end of a solution that has not failed."""
     if state is None:
         if int(solution.status) != 0:
             raise ValueError(
                 "solution: has failed; draw its last converged state, "
                 "state=solution.last, or call raise_if_failed"
             )
-        state = solution.last
-    elif not hasattr(state, "load_factor") or not np.isfinite(np.asarray(state.positions)).all():
+        return solution.last
+    if not hasattr(state, "load_factor") or not np.isfinite(np.asarray(state.positions)).all():
         raise ValueError("state: expected a State with finite positions, such as solution.last")
-    end, begin, first = np.asarray(state.positions), start_of(solution, state), solution.phases[0]
-    number = int(state.phase)
-    n_node = len(end)
+    return state
 
-    def fixed(phase):
-        return state.fixed[phase + 1].array[:n_node]
 
-    def factor(origin):
-        return (
-            round_factor(end - origin, np.concatenate([end, begin])) if magnify is None else magnify
-        )
+def title_of(
+    solution: Solution, phase: int, names: Sequence[str] | None, state: State | None = None
+) -> str:
+    """Title of the end of a phase, or of a `State` in it.
 
-    forces = forces_of(state, solution, structure, colour)
-    stopped = "" if float(state.load_factor) == 1.0 else f" at {float(state.load_factor):.3g}"
-    unstable = [", unstable" if _unstable(phase) else "" for phase in solution.phases]
-    at_end = "" if stopped or number < 0 else unstable[number]
-    if number < 1:  # a single phase: both pictures are of its end
-        last = "At the end" if len(solution.phases) == 1 else "After phase 1"
-        name = f"{last}{stopped}{at_end}" if number == 0 else "Start"
-        factor = factor(begin)
-        moved = begin + factor * (end - begin)
-        stages = [
-            Stage(name, end, begin, forces, fixed(number), forces.present),
-            Stage(name + _times(factor), moved, begin, forces, fixed(number), forces.present),
-        ]
-        return pieces(solution.last.topology.parts)[:2], stages, state
-    middle = np.asarray(first.positions)
-    name = f"Phase {number + 1}{stopped}" if stopped else f"After loading{at_end}"
-    factor = factor(middle)
-    moved = middle + factor * (end - middle)
-    before = forces_of(first, solution, structure, colour)
-    stages = [
-        Stage(f"Before loading{unstable[0]}", middle, begin, before, fixed(0), before.present),
-        Stage(name + _times(factor), moved, middle, forces, fixed(number), before.present),
-    ]
-    return pieces(solution.last.topology.parts)[:2], stages, state
+    It is the name of the phase, if phases have `names`; else "Before loading" and "After loading"
+    of two phases, "At the end" of a single one, and "After phase 3 of 7" of more.
+
+    Raises:
+        ValueError: another number of names than of phases.
+    """
+    named(solution, names)
+    count = len(solution.phases)
+    if phase < 0:
+        return "Start"
+    stopped = ""
+    if state is not None and float(state.load_factor) != 1.0:
+        stopped = f" at {float(state.load_factor):.3g}"
+    number = f"phase {phase + 1}" + (f" of {count}" if count > 2 else "")
+    if names is not None:
+        title = str(names[phase])
+    elif stopped:
+        title = number[0].upper() + number[1:]
+    elif count == 1:
+        title = "At the end"
+    elif count == 2 and (state is None or phase == 1):
+        title = ("Before loading", "After loading")[phase]
+    else:
+        title = f"After {number}"
+    unstable = not stopped and _unstable(solution.phases[phase])
+    return f"{title}{stopped}" + (", unstable" if unstable else "")
+
+
+def named(solution: Solution, names: Sequence[str] | None) -> None:
+    """Raise ValueError if there is not one name for each phase."""
+    if names is not None and len(names) != len(solution.phases):
+        raise ValueError(f"names: {len(names)} of them, but {len(solution.phases)} phases")
 
 
 def _unstable(phase):

@@ -28,6 +28,10 @@ GHOST = "0.72"
 INK = "0.1"
 LOAD = "#000000"
 REACTION = "#CC79A7"
+OVER = "#E8002A"
+"""Colour of values above a scale: bright, and in no part of the colour map."""
+AXES = ("#E69F00", "#56B4E9", "#0072B2")
+"""Colours of the axes x, y and z of sections."""
 GRID = "0.9"
 
 
@@ -73,9 +77,12 @@ def finish(figure: Figure, path: str | os.PathLike[str] | None = None, dpi: floa
 
 
 def colour_map() -> Colormap:
-    """Viridis without its brightest end, invisible on white; grey where there is no value."""
+    """Viridis without its brightest end, invisible on white; grey where there is no value.
+
+    What is above the scale has the colour `OVER`.
+    """
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.92, 256))
-    return ListedColormap(colours).with_extremes(bad="0.6")
+    return ListedColormap(colours).with_extremes(bad="0.6", over=OVER)
 
 
 def force_unit(largest: float) -> tuple[float, str]:

@@ -60,7 +60,8 @@ class View:
         seen = self.project(points)
         low, high = seen.min(axis=0), seen.max(axis=0)
         size = np.maximum(high - low, _LEAST * max((high - low).max(), 1e-9))
-        size = size * (1.0 + 2 * _MARGIN)
+        # flat axes cut off what is outside: marks take as much room on all sides
+        size = size + 2 * _MARGIN * (size.max() if self.flat else size)
         middle = 0.5 * (low + high)
         return middle - 0.5 * size, middle + 0.5 * size
 
@@ -104,7 +105,7 @@ class View:
                     MaxNLocator(nbins=4 if share > 0.5 else 2 if share > 0.2 else 1)
                 )
                 axis.set_label_text(label)
-                axis.labelpad = 0 if name == "z" and share < 0.5 else 6
+                axis.labelpad = 0 if name == "z" and share < 0.5 else 6 if name == "z" else 9
                 axes.tick_params(axis=name, pad=0)
             axes.set_title("", y=1.0)  # y stops matplotlib from moving the title
         axes.set_title(title, fontsize=SIZE)

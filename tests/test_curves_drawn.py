@@ -1,0 +1,292 @@
+"""Pictures of what is no straight line, and of arrows: by the vertices that are drawn."""
+
+import jax
+import numpy as np
+import pytest
+from matplotlib.collections import LineCollection
+from matplotlib.quiver import Quiver
+from PIL import Image
+
+import jaxcable as jc
+from jaxcable.plots import glyphs, shapes, views
+
+SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+RIGIDITY = 10e9 * 0.1 * 0.2**3 / 12
+LENGTH, LOAD = 4.0, 50.0
+# a catenary between levelled supports: half its length, horizontal force, weight, stiffness
+HALF, PULL, WEIGHT, STIFFNESS = 60.0, 6000.0, 30.0, 60e6
+
+
+@pytest.fixture(scope="module")
+def cantilever():
+    """Along x, under a small load at its end, in one element."""
+    beam = jc.Beams([[0, 1]], section=SECTION)
+    structure = jc.Structure([[0, 0, 0], [LENGTH, 0, 0]], beam, supports=jc.clamped([0]))
+    load = jc.NodalLoads([1], (0.0, 0.0, -LOAD))
+    solution = jc.solve(structure, [jc.Phase(loads=load), jc.Phase(loads=load)])
+    assert int(solution.status) == 0
+    return structure, solution
+
+
+@pytest.fixture(scope="module")
+def rope():
+    """A catenary with a node in its middle, under its weight, then under a load there."""
+    half = PULL / WEIGHT * np.arcsinh(WEIGHT * HALF / PULL) + PULL * HALF / STIFFNESS
+    nodes = [[-half, 0.0, 9.0], [0.0, 0.0, 0.0], [half, 0.0, 9.0]]
+    cables = jc.Catenaries(
+        [[0, 1], [1, 2]], axial_stiffness=STIFFNESS, weight=WEIGHT, rest_length=HALF
+    )
+    structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 2]))
+    push = jc.NodalLoads([1], (500.0, 0.0, -1000.0))
+    solution = jc.solve(structure, [jc.Phase(loads=jc.SelfWeight()), jc.Phase(loads=push)])
+    assert int(solution.status) == 0
+    return structure, solution
+
+
+def coloured(axes):
+    """Vertices of the lines that have a colour by value, a list of [n_place, 2]."""
+    lines = next(c for c in axes.collections if c.get_array() is not None)
+    return [np.asarray(segment) for segment in lines.get_segments()]
+
+
+def hanging(s):
+    """Place of a catenary at a length s from its lowest point, elastic, closed form."""
+    stretch = WEIGHT * s / PULL
+    x = PULL / WEIGHT * np.arcsinh(stretch) + PULL * s / STIFFNESS
+    z = PULL / WEIGHT * (np.sqrt(1 + stretch**2) - 1) + WEIGHT * s**2 / (2 * STIFFNESS)
+    return np.stack([x, z], axis=-1)
+
+
+def test_a_catenary_is_drawn_as_one(rope):
+    """Between nodes where the closed form has them, the line is the closed form."""
+    structure, solution = rope
+    axes = jc.plots.net(solution, structure=structure).axes
+    left, right = coloured(axes[0])
+    s = np.linspace(0.0, HALF, len(right))
+    depth = hanging(HALF)[1] - 9.0  # the supports are at 9 m, so the lowest point is below 0
+    expected = hanging(s) - [0.0, depth]
+    span = 2 * hanging(HALF)[0]
+    # 1e-6 of the span: the middle node is in equilibrium to 1e-10 of the forces
+    np.testing.assert_allclose(right, expected, atol=1e-6 * span)
+    np.testing.assert_allclose(left, expected[::-1] * [-1.0, 1.0], atol=1e-6 * span)
+    assert len(right) > 10
+    chord = right[0] + np.linspace(0, 1, len(s))[:, None] * (right[-1] - right[0])
+    assert np.abs(right - chord).max() > 1e-2 * span  # the control: it is no chord
+    assert all(len(line) == 2 for line in coloured(jc.plots.net(solution).axes[0]))
+
+
+@pytest.mark.parametrize("magnify", [1.0, 3.0])
+def test_curves_end_in_the_nodes(rope, magnify):
+    """Every point of a cable moves by the factor, as the nodes do."""
+    structure, solution = rope
+    figure = jc.plots.net(solution, structure=structure, magnify=magnify)
+    before, after = (np.array(coloured(axes)) for axes in figure.axes[:2])
+    start, end = (np.asarray(phase.positions)[:, [0, 2]] for phase in solution.phases)
+    nodes = start + magnify * (end - start)
+    np.testing.assert_allclose(after[:, 0], nodes[:2], atol=1e-9)
+    np.testing.assert_allclose(after[:, -1], nodes[1:], atol=1e-9)
+    exact = np.asarray(jc.forms.catenary_curves(structure, solution, n=before.shape[1]))[..., ::2]
+    np.testing.assert_allclose(after, before + magnify * (exact - before), atol=1e-6)
+
+
+@pytest.mark.parametrize("magnify", [1.0, 20.0])
+def test_a_cantilever_is_bent(cantilever, magnify):
+    """``P x^2 (3 L - x) / 6 EI`` under the first load, from there on magnified."""
+    structure, solution = cantilever
+    figure = jc.plots.net(solution, structure=structure, magnify=magnify)
+    for axes, factor in zip(figure.axes[:2], (1.0, 1.0 + magnify), strict=True):
+        (line,) = coloured(axes)
+        x = np.linspace(0.0, LENGTH, len(line))
+        deflection = -factor * LOAD * x**2 * (3 * LENGTH - x) / (6 * RIGIDITY)
+        # the cubic is of small rotations, here 6e-4: the load at the end shortens by their square
+        np.testing.assert_allclose(line[:, 1], deflection, rtol=1e-4, atol=1e-6 * LENGTH)
+        np.testing.assert_allclose(line[:, 0], x, atol=1e-5 * LENGTH * factor)
+    assert all(len(line) == 2 for line in coloured(jc.plots.net(solution).axes[0]))
+
+
+def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
+    for structure, solution in (cantilever, rope):
+        stages = jc.plots.sequence(solution, structure=structure).axes
+        net = jc.plots.net(solution, structure=structure).axes
+        for one, other in zip(stages[:2], net[:2], strict=True):
+            np.testing.assert_allclose(coloured(one), coloured(other), atol=1e-12)
+    structure, solution = cantilever
+    figure = jc.plots.diagram(solution, structure=structure, names=["a", "both loads"])
+    assert figure.axes[0].get_title() == "My (N m), both loads"
+    (axis,) = (
+        lines.get_segments()[0]
+        for lines in figure.axes[0].collections
+        if isinstance(lines, LineCollection) and lines.get_linewidth()[0] == 1.4
+    )
+    np.testing.assert_allclose(axis, coloured(net_of(cantilever)[1])[0], atol=1e-12)
+
+
+def net_of(case, **options):
+    return jc.plots.net(case[1], structure=case[0], **options).axes
+
+
+def test_before_the_first_phase_catenaries_are_not_known(rope):
+    """They are no ghosts in the first picture, and in the second they are where they were."""
+    structure, solution = rope
+    axes = jc.plots.sequence(solution, structure=structure).axes
+    ghosts = [part.collections[0].get_segments() for part in axes[:2]]
+    assert len(ghosts[0]) == 0
+    np.testing.assert_allclose(ghosts[1], coloured(axes[0]), atol=1e-12)
+
+
+def test_increments_have_curves(cantilever, rope, tmp_path):
+    structure, solution = cantilever
+    found = shapes.Shapes(solution, structure).along([(0, 0), (1, 0)])
+    for k, curves in enumerate(found):
+        x = np.linspace(0.0, LENGTH, curves.apart.shape[1])
+        place = np.asarray(solution.phases[k].positions)
+        drawn = curves.points(place)[0, :, 2]
+        deflection = -(k + 1) * LOAD * x**2 * (3 * LENGTH - x) / (6 * RIGIDITY)
+        np.testing.assert_allclose(drawn, deflection, rtol=1e-4, atol=1e-6 * LENGTH)
+    structure, solution = rope
+    made = jc.plots.animation(
+        solution, tmp_path / "rope.gif", structure=structure, names=["hung", "loaded"], dpi=40
+    )
+    with Image.open(made) as gif:
+        assert gif.n_frames == 2
+
+
+def test_pressed_curves(cantilever):
+    """A strut that bends has a casing along its curve."""
+    structure, _ = cantilever
+    load = jc.NodalLoads([1], (-1e3, 0.0, -LOAD))
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert int(solution.status) == 0
+    axes = jc.plots.net(solution, structure=structure).axes[0]
+    casing, taut, slack = axes.collections[1:4]  # after the ghost
+    assert len(casing.get_segments()) == len(taut.get_segments()) == 1
+    np.testing.assert_allclose(casing.get_segments()[0], taut.get_segments()[0])
+    assert len(casing.get_segments()[0]) > 10 and len(slack.get_segments()) == 0
+
+
+def test_nets_of_cables_have_no_curves():
+    """The lines of straight elements stay one array, whatever is known of the structure."""
+    structure, phases = jc.scenes.flat_net()
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    assert shapes.Shapes(solution, structure).after(0) is None
+    links = structure.elements.links.array, np.arange(12)
+    assert shapes.lines(np.asarray(solution.positions), links, None).shape == (12, 2, 3)
+
+
+def test_axes_of_sections(cantilever):
+    """x along the beam, z up, y away from who looks, of one length that leaves room."""
+    structure, solution = cantilever
+    plain = jc.plots.net(solution, structure=structure)
+    figure = jc.plots.net(solution, structure=structure, axes=True)
+    texts = [[t.get_text() for t in f.legends[0].get_texts()] for f in (plain, figure)]
+    assert texts[1] == [*texts[0], "section's x", "section's y", "section's z"]
+    space = figure.axes[1]
+    drawn = [part for part in space.collections if isinstance(part, LineCollection)]
+    lines = [part.get_segments() for part in drawn[-3:]]
+    assert [len(part) for part in lines] == [1, 0, 1]
+    (x,), _, (z,) = lines
+    middle = coloured(space)[0][12]
+    np.testing.assert_allclose([x[0], z[0]], [middle] * 2)
+    np.testing.assert_allclose(x[1] - x[0], [0.05 * LENGTH, 0.0], atol=1e-3)  # it has turned
+    np.testing.assert_allclose(z[1] - z[0], [0.0, 0.05 * LENGTH], atol=1e-3)
+    dots = [line for line in space.lines if line.get_marker() == "."]
+    assert len(dots) == 1  # y, seen end on
+    with pytest.raises(ValueError, match="structure: needed for axes"):
+        jc.plots.net(solution, axes=True)
+
+
+SCENES = [name for name in jc.scenes.__all__ if name not in ("Scene", "saddle")]
+
+
+@pytest.mark.parametrize("name", [*SCENES, "saddle"])
+def test_arrows_are_a_modest_part_of_every_scene(name):
+    """At most 0.14 of the extent, and 0.3 of what is seen in every direction of the picture."""
+    scene = getattr(jc.scenes, name)(*((20, 20) if name == "saddle" else ()))
+    nodes = np.asarray(scene.structure.nodes)
+    links = np.concatenate([g.links.array[:, :2] for g in scene.structure.groups])
+    rng = np.random.default_rng(len(name))
+    extent = np.ptp(nodes, axis=0).max()
+    fields = {
+        "down": np.array([0.0, 0.0, -1e3]) * rng.uniform(0.1, 1.0, (len(nodes), 1)),
+        "any": rng.normal(size=(len(nodes), 3)) * 10.0 ** rng.uniform(0, 6, (len(nodes), 1)),
+    }
+    for kind in ("elevation", "space"):
+        view = views.choose(nodes, kind)
+        size = np.ptp(view.project(nodes), axis=0)
+        room = 0.3 * np.maximum(size, (0.15 if view.flat else 0.2) * extent)
+        for forces in fields.values():
+            arrows = glyphs.Arrows("loads", forces, nodes, view, nodes, links, push=True)
+            longest = np.linalg.norm(arrows.vectors, axis=1).max()
+            assert longest <= 0.14 * extent * (1 + 1e-9)
+            parts = np.abs(view.project(arrows.vectors)).max(axis=0)
+            assert (parts <= room * (1 + 1e-9)).all()
+            # and not smaller than it has to be: one of the bounds is reached
+            many = 0.8 / np.sqrt(len(arrows.tails))
+            reached = [longest / (extent * min(0.14, many)), *(parts / room)]
+            assert max(reached) == pytest.approx(1.0, rel=1e-9)
+            # the picture stays that of the structure
+            everything = np.concatenate([nodes, arrows.ends])
+            assert (np.ptp(view.project(everything), axis=0) <= size + 2 * room + 1e-9).all()
+
+
+def test_many_arrows_are_thinned():
+    """Of 10 000 at most 250, with the largest of all among them; the legend counts them."""
+    x, y = (a.ravel() for a in np.meshgrid(*2 * [np.arange(100.0)]))
+    nodes = np.stack([x, y, 0 * x], axis=1)
+    forces = np.zeros((10_000, 3))
+    forces[:, 2] = -np.random.default_rng(3).uniform(1.0, 2.0, 10_000)
+    forces[4321, 2] = -5.0
+    links = np.array([[0, 1]])
+    view = views.choose(nodes, "space")
+    arrows = glyphs.Arrows("loads", forces, nodes, view, nodes, links, push=True)
+    assert 100 <= len(arrows.tails) <= 250
+    tips = arrows.tails + arrows.vectors
+    assert (tips == nodes[4321]).all(axis=1).any()
+    (key,) = arrows.keys()
+    assert key.get_label() == f"loads, longest 5 N, {len(arrows.tails)} of 10000 drawn"
+    few = glyphs.Arrows("loads", forces[:200], nodes[:200], view, nodes, links, push=True)
+    assert len(few.tails) == 200 and few.keys()[0].get_label().endswith(" N")
+
+
+def test_arrows_keep_off_the_elements():
+    """The reaction of a mast comes from below, that of a cable pulls; between two there is none."""
+    nodes = np.array([[0.0, 0, 0], [0, 0, 5.0], [0, 0, 10.0], [8.0, 0, 0]])
+    links = np.array([[0, 1], [1, 2], [2, 3]])
+    view = views.choose(nodes, "elevation")
+    force = np.array([[0.0, 0, 9.0], [0, 0, 9.0], [0, 0, 9.0], [4.0, 0, -5.0]])
+    reactions = glyphs.Arrows("reactions", force, nodes, view, nodes, links, push=False)
+    tips = reactions.tails + reactions.vectors
+    np.testing.assert_allclose(tips[0], nodes[0], atol=1e-12)  # ends at the foot
+    np.testing.assert_allclose(reactions.tails[1:], nodes[1:])  # begin at the others
+    assert reactions.under.tolist() == [False, True, False, False]
+    loads = glyphs.Arrows("loads", -force, nodes, view, nodes, links, push=True)
+    np.testing.assert_allclose((loads.tails + loads.vectors)[2], nodes[2], atol=1e-12)
+    assert loads.tails[2, 2] > 10.0  # stands on the top
+    figure = jc.plots.style.start(3, 3, None)
+    axes = view.add_axes(figure, nodes, "")
+    reactions.draw(axes, view)
+    orders = [(q.zorder, q.N) for q in axes.collections if isinstance(q, Quiver)]
+    assert orders == [(1.5, 1), (6, 3)]  # one under the elements, at 3, the others above
+
+
+def test_the_turned_axes_of_a_diagram():
+    """Moments about y are nothing in a frame that bends about z, whatever rounding leaves."""
+    nodes = [[0.0, 0, 0], [2.0, 0, 0], [4.0, 0, 0]]
+    beams = jc.Beams([[0, 1], [1, 2]], section=SECTION)
+    structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
+    load = jc.NodalLoads([2], (0.0, 3e3, 0.0))
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert int(solution.status) == 0
+    figure = jc.plots.diagram(solution, structure=structure)
+    assert figure.axes[0].get_title() == "My (N m), at the end: zero"
+    assert [text.get_text() for text in figure.axes[0].texts] == []
+    largest = np.abs(np.asarray(solution.section_forces)[..., 5]).max()
+    written = jc.plots.diagram(solution, "Mz", structure=structure).axes[0].texts
+    assert np.abs(float(written[0].get_text())) == pytest.approx(largest / 1e3, rel=1e-3)
+
+
+def test_a_batch_is_refused(cantilever):
+    structure, solution = cantilever
+    with pytest.raises(ValueError, match="batch"):
+        jc.plots.net(jax.tree.map(lambda x: x[None], solution), structure=structure)
