@@ -7,16 +7,17 @@ from typing import Any
 
 import jax
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 
 from ..analysis.solution import State
 from ..common.tree import copy
 from ..common.types import Float, Int
 from ..elements.abilities import Bending, Sagging
+from ..elements.bending import lobatto
 from ..elements.prestress import element
 from ..forms import catenary_curves
 from ..model.parts import first_and_last, per_group
 from ..model.structure import Structure
-from ..results import section_forces
 from ..stiffness.tangent import filled, prepared
 from .moments import Moment, Moments
 
@@ -32,7 +33,8 @@ class Beams:
         bend: the chord's length times the slopes against it at both ends, which make a cubic of
             the axis, [n_shot, n_beam, 2, 3], m.
         axes: the section's axes y and z, [n_shot, n_beam, 2, 3].
-        diagrams: ``N, Vy, Vz, T, My, Mz`` at `PLACES` places at the end, [n_beam, PLACES, 6].
+        diagrams: ``N, Vy, Vz, T, My, Mz`` at `PLACES` places at the ends of phases,
+            [n_end, n_beam, PLACES, 6], N and N m; no places if a group of beams tells none.
     """
 
     def __init__(
@@ -40,7 +42,7 @@ class Beams:
         number: Int[np.ndarray, " n_beam"],
         bend: Float[np.ndarray, "n_shot n_beam 2 3"],
         axes: Float[np.ndarray, "n_shot n_beam 2 3"],
-        diagrams: Float[np.ndarray, "n_beam n_place 6"],
+        diagrams: Float[np.ndarray, "n_end n_beam n_place 6"],
     ):
         self.number, self.bend, self.axes, self.diagrams = number, bend, axes, diagrams
 
@@ -61,12 +63,46 @@ def beams_of(moments: Moments) -> Beams | None:
             axes.append(turned[..., 1:, :])
     if not numbers:
         return None
-    forces = per_group(structure, section_forces(structure, last, PLACES))
-    kept = [x for x, own in zip(forces, _numbers(structure), strict=True) if x is not None]
-    count = sum(map(len, numbers))
-    diagrams = np.concatenate(kept) if sum(map(len, kept)) == count else np.zeros((count, 0, 6))
     joined = np.concatenate(bend, axis=1), np.concatenate(axes, axis=1)
-    return Beams(np.concatenate(numbers), *joined, diagrams)
+    number = np.concatenate(numbers)
+    return Beams(number, *joined, _diagrams(moments, structure, number))
+
+
+def _diagrams(moments, structure, number):
+    """Section forces along beams at the ends of phases, see `Beams`."""
+    found = []
+    for shot in moments.shots:
+        if shot.end is None:
+            continue
+        place, parts = moments.start + shot.moved, []
+        forces = per_group(structure, shot.end.section_forces)
+        for values, group in zip(forces, structure.groups, strict=True):
+            if values is not None:
+                chord = np.diff(place[first_and_last(group)], axis=1)[:, 0]
+                parts.append(_along(values, np.linalg.norm(chord, axis=1)))
+        known = sum(map(len, parts)) == len(number)
+        found.append(np.concatenate(parts) if known else np.zeros((len(number), 0, 6)))
+    return np.stack(found)
+
+
+def _along(
+    values: Float[np.ndarray, "n_beam n_point 6"], length: Float[np.ndarray, " n_beam"]
+) -> Float[np.ndarray, "n_beam n_place 6"]:
+    """Section forces at `PLACES` places from those at the points at which beams tell them.
+
+    Forces and the torque are polynomials through the points. Moments are cubics between
+    neighbouring points, with the shear forces as slopes: exact up to loads that are uniform along a
+    beam, and near it where its axial force bends it further (1e-3 of the largest in frames that
+    turn by a right angle).
+    """
+    points, places = lobatto(values.shape[1])[0], np.linspace(0.0, 1.0, PLACES)
+    found = BarycentricInterpolator(points, values, axis=1)(places)
+    for moment, shear, sign in ((4, 2, 1.0), (5, 1, -1.0)):  # My' = Vz, Mz' = -Vy
+        slopes = sign * values[:, :, shear] * length[:, None]
+        found[:, :, moment] = CubicHermiteSpline(points, values[:, :, moment], slopes, axis=1)(
+            places
+        )
+    return found
 
 
 @jax.jit

@@ -41,11 +41,12 @@ def view(
 
     With `structure` beams are bent (cubics through the rotations of their ends, in all increments)
     and have their axes and diagrams of section forces; catenaries hang, exactly at the ends of
-    phases and interpolated between these. Loads are known, and drawn, at the end only; reactions
-    and moments of beams at the ends of phases.
+    phases and interpolated between these. Loads, reactions, moments and diagrams of beams are known
+    at the ends of phases, and drawn there.
 
     Args:
-        solution: `Solution` of one case; of a failed analysis the converged increments are shown.
+        solution: `Solution` of one case. Of a failed analysis the slider goes through what has
+            converged, up to ``solution.last``, and the page says so.
         path: where to write the page, with the suffix ".html", or None.
 
     Options:
@@ -61,8 +62,8 @@ def view(
         A `Page` with `path` and `html`, which notebooks show.
 
     Raises:
-        ValueError: another suffix, no converged increment, a batch, another structure than that of
-            the solution, or an unknown option.
+        ValueError: another suffix, no converged increment, a batch, a `State` or a path (which
+            `path` draws), another structure than that of the solution, or an unknown option.
 
     >>> import pathlib, tempfile
     >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -161,9 +162,12 @@ def _put_nodes(told, arrays, moments):
         for shot in ends
     ]
     arrays.put("supports", "b", [kind.T @ [1, 2, 3] for kind in kinds])
-    arrays.put("load", "f", last.load)
+    # nodes without a load, or without a support, have none in any phase: only others are written
+    load = np.stack([np.asarray(shot.end.load) for shot in ends])
+    loaded = np.flatnonzero((load != 0).any(axis=(0, 2)))
+    arrays.put("loaded", "u", loaded)
+    arrays.put("load", "f", load[:, loaded])
     reactions = np.stack([np.asarray(shot.end.reactions) for shot in ends])
-    # a node without a support has none: only the others are written
     held = np.flatnonzero((reactions != 0).any(axis=(0, 2)))
     arrays.put("held", "u", held)
     arrays.put("reactions", "f", reactions[:, held])

@@ -160,20 +160,20 @@ function axesLayer(look, own, keys) {
   keys.push(["section's y", { stroke: look.y }], ["section's z", { stroke: look.z }]);
 }
 
-// Diagrams of section forces at the end: strips beside the beams. Moments are on the side in
+// Diagrams of section forces at the ends of phases: strips beside the beams. Moments are on the side in
 // tension: My is positive where that is +z, Mz where it is -y.
 const DIAGRAMS = { N: [1, 1], Vy: [0, 1], Vz: [1, 1], T: [1, 1], My: [1, 1], Mz: [0, -1] };
 
 function diagramLayer(look, own, keys) {
   const name = byId("diagram").value, at = Object.keys(DIAGRAMS).indexOf(name);
-  const places = model.get("diagrams") ? model.shape("diagrams")[1] : 0;
-  if (at < 0 || !places || shown.shot !== lastShot) {
+  const places = model.get("diagrams") ? model.shape("diagrams")[2] : 0, end = model.shots[shown.shot].endNumber;
+  if (at < 0 || !places || end < 0) {
     drawing.hide("diagram");
-    if (at >= 0) keys.push([`${name}: known at the end only`, {}]);
+    if (at >= 0) keys.push([`${name}: known at the ends of phases only`, {}]);
     return;
   }
   const [axis, sign] = DIAGRAMS[name], beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
-  const all = model.get("diagrams"), value = (k, j) => all[6 * (k * places + j) + at];
+  const all = model.row("diagrams", end), value = (k, j) => all[6 * (k * places + j) + at];
   let largest = 0;
   for (let k = 0; k < beams.length; k++) for (let j = 0; j < places; j++)
     if (present(beams[k])) largest = Math.max(largest, Math.abs(value(k, j)));
@@ -199,10 +199,12 @@ function diagramLayer(look, own, keys) {
 // Arrows of loads end at their nodes, those of reactions begin there; the longest ones are a tenth
 // of the structure, and shorter where there are many.
 function arrowLayers(look, keys) {
-  const end = model.shots[shown.shot].endNumber, held = model.get("held");
-  const all = Array.from({ length: model.nNode }, (_, k) => k);
-  arrows("loads", byId("loads").checked && shown.shot === lastShot ? model.get("load") : null, all, true, look.load, keys);
-  arrows("reactions", byId("reactions").checked && end >= 0 ? model.row("reactions", end) : null, held, false, look.reaction, keys);
+  const end = model.shots[shown.shot].endNumber;
+  const known = (id, name) => (byId(id).checked && end >= 0 ? model.row(name, end) : null);
+  arrows("loads", known("loads", "load"), model.get("loaded"), true, look.load, keys);
+  arrows("reactions", known("reactions", "reactions"), model.get("held"), false, look.reaction, keys);
+  const wanted = ["loads", "reactions"].filter(id => byId(id).checked);
+  if (end < 0 && wanted.length) keys.push([`${wanted.join(", ")}: known at the ends of phases only`, {}]);
 }
 
 function arrows(name, forces, nodes, push, colour, keys) {
