@@ -57,8 +57,8 @@ def stages():
     structure = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
     line = jc.LineLoads((0.0, 3.0, -20.0), per="initial")
     return structure, [
-        jc.Phase(pretension=1e3, loads=jc.SelfWeight(), increments=2),
-        jc.Phase(adds=jc.only([3]), loads=line),
+        jc.Phase(pretension=1e3, adds=jc.only([3]), loads=jc.SelfWeight(), increments=2),
+        jc.Phase(loads=line),
         jc.Phase(removes=jc.only([2]), increments=2),
     ]
 
@@ -89,10 +89,7 @@ def test_loads_of_every_end_are_those_of_an_analysis_up_to_there(name):
         np.testing.assert_allclose(load, expected, atol=1e-9 * size, err_msg=f"{k}")
         # of the whole structure: what supports and loads exert is in balance, whatever is inside
         parts = np.asarray(phase.reactions) + load
-        assert np.abs(parts.sum(axis=0)).max() < 1e-8 * np.abs(parts).sum() + 1e-9
-        turning = np.cross(np.asarray(phase.positions), parts).sum(axis=0)
-        if phase.reaction_moments is None:
-            assert np.abs(turning).max() < 1e-8 * np.abs(parts).sum() * 100 + 1e-9
+        assert np.abs(parts.sum(axis=0)).max() < 1e-8 * np.abs(parts).sum()
         seen.append(load)
     np.testing.assert_array_equal(seen[-1], whole.load)
     assert max(np.abs(a - b).max() for a, b in zip(seen, seen[1:], strict=False)) > 1.0
@@ -149,7 +146,7 @@ def test_gradients_at_the_end_of_a_phase(name):
     assert np.abs(expected).max() > 1.0
     np.testing.assert_allclose(gradient, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
     rate = float(jnp.sum(gradient * direction))
-    steps = np.array([4e-3, 2e-3, 1e-3])
+    steps = np.array([1e-3, 5e-4, 2.5e-4])
     change = np.array([float(there(nodes + h * direction)[0] - value) for h in steps])
     order = np.diff(np.log(np.abs(change - steps * rate))) / np.diff(np.log(steps))
     assert np.abs(order - 2).max() < 0.15  # Taylor
