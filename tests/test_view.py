@@ -170,6 +170,21 @@ def test_a_failed_analysis_shows_what_converged():
     np.testing.assert_allclose(arrays["tension"][0], failed.last.tension, rtol=SINGLE)
 
 
+def test_a_truss_that_snaps_through_shows_its_way_there():
+    """A load beyond the limit: the slider ends within the phase, with the loads of that factor."""
+    structure, phases = jc.scenes.von_mises_truss(rise=0.1, load=500.0)
+    phases = [jc.replace(phases[0], increments=20)]
+    failed = jc.solve(structure, phases, jc.Newton(max_steps=4))
+    last = failed.last
+    assert int(failed.status) != 0 and 0 < float(last.load_factor) < 1
+    told, arrays = decoded(jc.plots.view(failed, None, structure=structure))
+    shot = told["shots"][-1]
+    assert shot["end"] and shot["factor"] == pytest.approx(float(last.load_factor))
+    assert f"load factor {float(last.load_factor):.3g}" in told["note"]
+    load = arrays["load"][-1, list(arrays["loaded"]).index(1), 2]
+    assert load == pytest.approx(-500.0 * shot["factor"], rel=SINGLE)
+
+
 def test_what_is_refused(tmp_path):
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
@@ -183,6 +198,14 @@ def test_what_is_refused(tmp_path):
         view(solution, None, colour="stress")
     with pytest.raises(ValueError, match="structure: its links"):
         view(solution, None, structure=jc.scenes.hypar_net().structure)
+    with pytest.raises(ValueError, match=r"got State; pass the solution .* solution\.last"):
+        view(solution.last, None)
+    truss = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))
+    for path in (truss, solution.phases[1].path):
+        with pytest.raises(ValueError, match=r"got (Traced)?Path; .* plots\.path"):
+            view(path, None)
+    with pytest.raises(ValueError, match="expected a Solution, got int"):
+        view(3, None)
     with pytest.raises(ValueError, match="solution: is a batch"):
         view(jax.tree.map(lambda x: np.stack([x, x]), solution), None)
 

@@ -10,7 +10,8 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
-from ..analysis.solution import Solution
+from ..analysis.solution import Path as Increments
+from ..analysis.solution import Solution, State
 from ..common import status
 from ..model.parts import groups_by_name, pieces
 from ..model.structure import Structure
@@ -79,6 +80,7 @@ def view(
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
     if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
         raise ValueError(f"frames = {frames!r}: must be a positive integer")
+    _require_solution(solution)
     colour = shown(solution, structure, colour)
     moments = Moments(solution, structure, frames)
     arrays = Arrays()
@@ -88,6 +90,21 @@ def view(
     _put_nodes(told, arrays, moments)
     told["colours"] = _colours()
     return write(title, told, arrays, path)
+
+
+def _require_solution(solution):
+    """Raise ValueError, saying what to pass, for what is no `Solution`."""
+    if isinstance(solution, Solution):
+        return
+    more = ""
+    if isinstance(solution, State):
+        more = "; pass the solution whose state it is, its slider ends at solution.last"
+    elif isinstance(solution, Increments):
+        more = (
+            "; of a traced path pass solve(structure, phases) up to a load factor on it, failed or"
+            " not, and draw the path itself by plots.path"
+        )
+    raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}{more}")
 
 
 def _note(solution):

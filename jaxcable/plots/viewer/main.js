@@ -220,8 +220,8 @@ function arrows(name, forces, nodes, push, colour, keys) {
     ends.push(...tail, ...tip);
   }
   const count = ends.length / 6, both = new Float32Array(ends), tint = fill(count, [...rgb(colour), 255]);
-  drawing.set(name, "lines", [both, tint, fill(count, [10 * Math.min(1.8, Math.max(0.8, 1.8 * Math.sqrt(60 / count))), 0, 0, 0])], { lift: 1e-4 });
-  drawing.set(`${name} heads`, "heads", [both, tint]);
+  drawing.set(name, "lines", [both, tint, fill(count, [10 * Math.min(1.8, Math.max(0.8, 1.8 * Math.sqrt(60 / count))), 0, 0, 0])], { lift: 2e-3 });
+  drawing.set(`${name} heads`, "heads", [both, tint], { lift: 2e-3 });
   keys.push([`${name}, largest ${withUnit(largest, "N", 3)}`, { arrow: colour }]);
 }
 
@@ -231,8 +231,11 @@ function markLayers(keys) {
   const kinds = model.row("supports", ends.findIndex(s => s.phase === phase));
   const some = byId("supports").checked && kinds.some(k => k > 0);
   if (some) {
-    const points = Math.min(13, Math.max(5, 13 * Math.sqrt(60 / kinds.filter(k => k > 0).length)));
-    drawing.set("supports", "marks", [shown.nodes, Float32Array.from(kinds)], { points, lift: 2e-4 });
+    // of held nodes only: a mark costs its pixels even where it draws none
+    const held = [...kinds.keys()].filter(k => kinds[k] > 0), points = Math.min(13, Math.max(5, 13 * Math.sqrt(60 / held.length)));
+    const at = new Float32Array(3 * held.length);
+    held.forEach((k, i) => at.set(shown.nodes.subarray(3 * k, 3 * k + 3), 3 * i));
+    drawing.set("supports", "marks", [at, Float32Array.from(held, k => kinds[k])], { points, lift: 2e-4 });
     ["clamped", "pinned", "held in part"].forEach((name, k) => { if (kinds.includes(k + 1)) keys.push([name, { mark: k + 1 }]); });
   } else drawing.hide("supports");
   if (byId("nodes").checked) drawing.set("nodes", "marks", [shown.nodes, new Float32Array(model.nNode).fill(4)], { points: 2.5 * lineWidth(), lift: 1e-4 });
@@ -306,10 +309,10 @@ function aspect() { return canvas.clientWidth / Math.max(canvas.clientHeight, 1)
 
 function paint() {
   dirty = false;
-  const ratio = Math.min(window.devicePixelRatio || 1, 2);
+  const turning = settled !== 0, ratio = Math.min(window.devicePixelRatio || 1, 2) * (turning ? 1 : drawing.fine);
   const [w, h] = [canvas.clientWidth, canvas.clientHeight].map(x => Math.max(1, Math.round(x * ratio)));
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-  drawing.draw(camera.matrix(aspect()), { ...scene, ratio }, settled !== 0);
+  drawing.draw(camera.matrix(aspect()), { ...scene, ratio }, turning);
   showTriad(camera.directions());
 }
 
