@@ -55,24 +55,33 @@ def measured(record, own, folder, n, increments):
     with browser.opened(own, path, SIZE) as page:
         browser.until(page, f"{PAINT} !== undefined")
         painted, drawn = page.evaluate(f"[{PAINT}, view.drawn]")
-        pictures = page.evaluate(TURNING)
+        pictures = []
+        for ghost in (False, True):
+            page.evaluate(f"() => {{ {put(ghost=ghost)} }}")
+            pictures.append(page.evaluate(TURNING))
         assert page.faults == []
     size = path.stat().st_size / 1e6
     line = f"{members:8d}   {seconds:8.3f}   {size:6.2f}   {painted:8.0f}   {drawn:8.0f}"
-    record(f"{line}   {pictures:8.1f}")
+    record(f"{line}   {pictures[0]:8.1f}   {pictures[1]:8.1f}")
 
 
 def study():
     record = Record("view")
     record("Saddle nets in two phases, window of 1000 x 640 px, Chromium without a graphics card\n")
-    record(" members   write, s       MB   paint, ms   drawn, ms   pictures a second")
+    record(" members   write, s       MB   paint, ms   drawn, ms   pictures a second, two")
     with tempfile.TemporaryDirectory() as folder, browser.started() as own:
         own.new_page().close()  # the browser itself has started
         for n, increments in ((22, (1, 10)), (70, (1, 10)), (223, (1, 4))):
             measured(record, own, Path(folder), n, increments)
         record(f"\n{own.browser_type.name} {own.version}, SwiftShader")
-    record("Beyond 30 000 lines a part is drawn while the picture turns, all when it rests;")
-    record("the geometry compared with is not drawn at first where there are more than 3 000.")
+    record(
+        "Layers of more than 2 000 lines are drawn one pixel wide while the picture turns, and of"
+    )
+    record("more than 40 000 lines a part; all of it, and smooth up to 30 000, when it rests. The")
+    record(
+        "geometry compared with is not drawn at first where there are more than 3 000 (last column:"
+    )
+    record("pictures a second with it).")
     record.close()
 
 

@@ -63,6 +63,15 @@ def test_lines_and_polylines_become_groups_by_layer(tmp_path):
         read_dxf(tmp_path / "net.dxf", supports="feet")
 
 
+def test_lines_may_end_as_windows_ends_them(tmp_path):
+    path = drawing(tmp_path / "net.dxf")
+    once = read_dxf(path, supports="held")
+    path.write_bytes(path.read_bytes().replace(b"\r\n", b"\n").replace(b"\n", b"\r\n"))
+    again = read_dxf(path, supports="held")
+    assert again.groups == once.groups and again.nodes.tolist() == once.nodes.tolist()
+    assert again.links.tolist() == once.links.tolist() and (again.fixed == once.fixed).all()
+
+
 @pytest.mark.parametrize(
     ("unit", "metres"), [(1, 0.0254), (2, 0.3048), (4, 1e-3), (5, 1e-2), (6, 1.0)]
 )

@@ -56,7 +56,11 @@ def test_numbers_are_those_of_the_solution(tmp_path):
     path = solution.phases[1].path
     for shot in shots:
         assert shot["factor"] == pytest.approx(float(path.load_factor[shot["number"] - 1]))
-    np.testing.assert_allclose(arrays["load"], solution.load, rtol=SINGLE)
+    assert set(arrays["loaded"]) == set(np.flatnonzero(np.asarray(solution.load).any(axis=1)))
+    for k, phase in enumerate(solution.phases):
+        loads = np.zeros((len(place), 3))
+        loads[arrays["loaded"]] = arrays["load"][k]
+        np.testing.assert_allclose(loads, phase.load, rtol=SINGLE)
     np.testing.assert_allclose(arrays["rest_length"][1], solution.rest_length, rtol=SINGLE)
     np.testing.assert_allclose(
         arrays["reactions"][1], np.asarray(solution.reactions)[arrays["held"]], rtol=1e-6
@@ -96,12 +100,44 @@ def test_beams_are_bent_as_their_ends_turn():
     for k, part in enumerate((0.25, 0.5, 0.75, 1.0)):  # slopes against the chord, times its length
         expected = part * length * np.array([chord, chord - slope])
         np.testing.assert_allclose(arrays["bend"][k, 0, :, 2], expected, rtol=1e-4)
-    places = np.linspace(0.0, 1.0, arrays["diagrams"].shape[1])
-    moment = np.abs(arrays["diagrams"][0, :, 4])
+    places = np.linspace(0.0, 1.0, arrays["diagrams"].shape[2])
+    moment = np.abs(arrays["diagrams"][0, 0, :, 4])
     np.testing.assert_allclose(moment, load * length * (1 - places), rtol=1e-4, atol=1e-3)
     assert arrays["largest My"][-1] == pytest.approx(load * length, rel=1e-4)
     assert np.isnan(arrays["largest My"][0]) and told["shots"][0]["factor"] == 0.25
     np.testing.assert_allclose(arrays["axes"][0, 0], [[0, 1, 0], [0, 0, 1]], atol=1e-3)
+
+
+@pytest.mark.parametrize("points", [3, 5, 8])
+def test_diagrams_at_the_ends_of_phases(points):
+    """Under a load along it: a parabola per phase; and as `section_forces` has them at the end."""
+    length, load = 3.0, np.array([2e3, 3e3])
+    section = jc.Section.rectangle(0.1, 0.3, jc.Elastic(200e9))
+    beam = jc.Beams([[0, 1]], section=section, points=points)
+    ends = jc.restrained([0], "xyz", "x") + jc.restrained([1], "yz")
+    structure = jc.Structure([[0.0, 0, 0], [length, 0, 0]], beam, supports=ends)
+    phases = [jc.Phase(loads=jc.LineLoads((0.0, 0.0, -q))) for q in load]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    x = length * np.linspace(0.0, 1.0, arrays["diagrams"].shape[2])
+    for found, q in zip(arrays["diagrams"][:, 0], np.cumsum(load), strict=True):
+        largest = q * length**2 / 8
+        expected = q * x * (length - x) / 2  # small displacements: 1e-5 of the length
+        np.testing.assert_allclose(np.abs(found[:, 4]), expected, atol=1e-4 * largest)
+        np.testing.assert_allclose(np.abs(found[:, 2]), np.abs(q * (length / 2 - x)), atol=q)
+    exact = jc.section_forces(structure, solution, len(x))[0]
+    np.testing.assert_allclose(arrays["diagrams"][-1, 0, :, 4], exact[:, 4], atol=1e-4 * largest)
+
+
+def test_diagrams_of_beams_that_turn_far():
+    structure, _, solution = solved("toggle_frame")
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    n = arrays["diagrams"].shape[2]
+    exact = np.concatenate(jax.tree.leaves(jc.section_forces(structure, solution, n)))
+    forces, moments = np.abs(exact[..., :3]).max(), np.abs(exact[..., 3:]).max()
+    error = np.abs(arrays["diagrams"][-1] - exact)  # cubics between the points: `curved._along`
+    assert error[..., :3].max() < 1e-3 * forces and error[..., 3:].max() < 1e-3 * moments
 
 
 def test_catenaries_hang_in_every_phase():
@@ -134,6 +170,21 @@ def test_a_failed_analysis_shows_what_converged():
     np.testing.assert_allclose(arrays["tension"][0], failed.last.tension, rtol=SINGLE)
 
 
+def test_a_truss_that_snaps_through_shows_its_way_there():
+    """A load beyond the limit: the slider ends within the phase, with the loads of that factor."""
+    structure, phases = jc.scenes.von_mises_truss(rise=0.1, load=500.0)
+    phases = [jc.replace(phases[0], increments=20)]
+    failed = jc.solve(structure, phases, jc.Newton(max_steps=4))
+    last = failed.last
+    assert int(failed.status) != 0 and 0 < float(last.load_factor) < 1
+    told, arrays = decoded(jc.plots.view(failed, None, structure=structure))
+    shot = told["shots"][-1]
+    assert shot["end"] and shot["factor"] == pytest.approx(float(last.load_factor))
+    assert f"load factor {float(last.load_factor):.3g}" in told["note"]
+    load = arrays["load"][-1, list(arrays["loaded"]).index(1), 2]
+    assert load == pytest.approx(-500.0 * shot["factor"], rel=SINGLE)
+
+
 def test_what_is_refused(tmp_path):
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
@@ -147,6 +198,14 @@ def test_what_is_refused(tmp_path):
         view(solution, None, colour="stress")
     with pytest.raises(ValueError, match="structure: its links"):
         view(solution, None, structure=jc.scenes.hypar_net().structure)
+    with pytest.raises(ValueError, match=r"got State; pass the solution .* solution\.last"):
+        view(solution.last, None)
+    truss = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))
+    for path in (truss, solution.phases[1].path):
+        with pytest.raises(ValueError, match=r"got (Traced)?Path; .* plots\.path"):
+            view(path, None)
+    with pytest.raises(ValueError, match="expected a Solution, got int"):
+        view(3, None)
     with pytest.raises(ValueError, match="solution: is a batch"):
         view(jax.tree.map(lambda x: np.stack([x, x]), solution), None)
 

@@ -3,6 +3,7 @@
 Without a browser these tests are skipped, unless JAXCABLE_BROWSER asks for one.
 """
 
+import contextlib
 import os
 
 import browser
@@ -256,3 +257,76 @@ def test_without_webgl_it_says_so(chromium, net):
     page.goto(net[1].as_uri())
     assert "WebGL" in page.locator("#message").inner_text()
     context.close()
+
+
+@contextlib.contextmanager
+def phone(chromium, path):
+    """The page on a phone, with fingers: a function that puts them at places on the canvas."""
+    options = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
+    with browser.opened(chromium, path, size=(390, 760), **options) as page:
+        session = page.context.new_cdp_session(page)
+        box = page.locator("#canvas").bounding_box()
+
+        def touch(kind, *fingers):
+            points = [
+                {"x": box["x"] + x, "y": box["y"] + y, "id": k} for k, (x, y) in enumerate(fingers)
+            ]
+            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+
+        yield page, touch, (box["width"] / 2, box["height"] / 2)
+        assert page.faults == []
+
+
+CAMERA = "[view.camera.azimuth, view.camera.elevation, view.camera.span, ...view.camera.target]"
+
+
+def test_one_finger_turns_and_a_tap_picks(chromium, net):
+    with phone(chromium, net[1]) as (page, touch, (x, y)):
+        before = page.evaluate(CAMERA)
+        touch("touchStart", (x, y))
+        for step in (20, 40, 60):
+            touch("touchMove", (x + step, y + step / 2))
+        touch("touchEnd")
+        page.wait_for_timeout(100)  # moves come with the pictures
+        azimuth, elevation, *others = page.evaluate(CAMERA)
+        # half a turn in some 500 px, see `camera.js`: 0.0065 rad a pixel
+        assert azimuth == pytest.approx(before[0] - 0.0065 * 60, abs=1e-6)
+        assert elevation == pytest.approx(before[1] + 0.0065 * 30, abs=1e-6)
+        assert others == before[2:]
+        assert page.locator("#picked").is_hidden()  # that was no tap
+        x, y, _ = page.evaluate("view.place('element', 3)")
+        touch("touchStart", (x, y))
+        touch("touchEnd")
+        assert values(page)[0] == "Element 3"
+
+
+def test_two_fingers_enlarge_and_move(chromium, net):
+    with phone(chromium, net[1]) as (page, touch, (x, y)):
+        before = page.evaluate(CAMERA)
+        touch("touchStart", (x - 40, y))
+        touch("touchStart", (x - 40, y), (x + 40, y))
+        for apart in (50, 60, 80):
+            touch("touchMove", (x - apart, y), (x + apart, y))
+        browser.until(page, f"Math.abs(view.camera.span - {before[2] / 2}) < 1e-6")
+        azimuth, elevation, span, *target = page.evaluate(CAMERA)
+        # twice as far apart: half as much is seen, and the middle stays where it was
+        assert span == pytest.approx(before[2] / 2, rel=1e-6)
+        assert [azimuth, elevation] == before[:2]
+        height = page.evaluate("document.getElementById('canvas').clientHeight")
+        pixel = span / height  # places of fingers are whole pixels of the canvas
+        np.testing.assert_allclose(target, before[3:], atol=pixel)
+        for move in (10, 30):
+            touch("touchMove", (x - 80 + move, y), (x + 80 + move, y))
+        page.wait_for_timeout(100)  # moves come with the pictures
+        right = page.evaluate("view.camera.directions()[0]")
+        moved = np.array(page.evaluate(CAMERA)[3:]) - target
+        np.testing.assert_allclose(moved, -30 * pixel * np.array(right), atol=pixel)
+        touch("touchEnd")
+        assert page.locator("#picked").is_hidden()
+        # the page itself has not been enlarged or moved
+        assert page.evaluate("[visualViewport.scale, scrollX, scrollY]") == [1, 0, 0]
+        touch("touchStart", (x, y))  # and one finger turns again
+        touch("touchMove", (x + 30, y))
+        touch("touchEnd")
+        page.wait_for_timeout(100)
+        assert page.evaluate(CAMERA)[0] == pytest.approx(azimuth - 0.0065 * 30, abs=1e-6)

@@ -22,6 +22,7 @@ PER_PHASE = (
     "peak_tension",
     "rest_length",
     "reactions",
+    "load",
     "rotation",
     "reaction_moments",
     "section_forces",
@@ -196,6 +197,8 @@ class PhaseResult(Told):
             unsymmetric, its symmetric part is judged, which is on the safe side (Hill 1958).
         displacement: from the geometry in which the phase began, [n_node, 3], m.
         positions, tension, peak_tension, rest_length, reactions: as in `State`.
+        load: all loads that act at the end of the phase, those of earlier phases included,
+            [n_node, 3], N.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
         path: `Path`.
         began: memory of the laws when the phase began (such as plastic strains), in the shape of
@@ -210,6 +213,8 @@ class PhaseResult(Told):
         200.000 N, 233.760 N
         >>> print(f"{1e3 * loading.displacement[3, 2]:.3f} mm")
         -12.838 mm
+        >>> print(prestress.load[:, 2].sum(), loading.load[:, 2].sum())  # N
+        0.0 -60.0
     """
 
     status: Int[Array, ""]
@@ -218,6 +223,7 @@ class PhaseResult(Told):
     tension: PyTree[Float[Array, " n_elem"]]
     rest_length: PyTree[Float[Array, " n_elem"]]
     reactions: Float[Array, "n_node 3"]
+    load: Float[Array, "n_node 3"]
     path: Path
     rotation: Float[Array, "n_node 4"] | None = None
     reaction_moments: Float[Array, "n_node 3"] | None = None

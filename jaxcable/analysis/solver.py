@@ -177,7 +177,7 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         stable=run.stable,
         last=copy(end, carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **{name: getattr(final, name) for name in (*PER_PHASE, "load")},
+        **{name: getattr(final, name) for name in PER_PHASE},
     )
 
 
@@ -221,7 +221,7 @@ class _Run:
 
 def _unless(ok, end, touched):
     """A `State` whose results are NaN unless `ok`."""
-    values = {name: getattr(end, name) for name in (*PER_PHASE, "load")}
+    values = {name: getattr(end, name) for name in PER_PHASE}
     return copy(end, **implicit.nan_beside(ok, values, touched))
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import collections
+import contextlib
+import gc
 import io
 import itertools
 import logging
@@ -82,9 +84,11 @@ def read_dxf(
     except UnicodeDecodeError:  # before 2007 names of layers were in the code page of a country
         text = data.decode("cp1252", "replace")
     try:
-        document = library.read(io.StringIO(text))
-        entities = [_content(entity) for entity in document.modelspace()]
-        unit = document.header.get("$INSUNITS", 0)
+        with _no_collection():
+            # lines may end as Windows ends them, which the parser leaves to its stream
+            document = library.read(io.StringIO(text, newline=None))
+            entities = [_content(entity) for entity in document.modelspace()]
+            unit = document.header.get("$INSUNITS", 0)
     except Exception as error:  # whatever a foreign parser makes of a damaged file
         told = " ".join(str(error).split())[:120]
         raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
@@ -105,6 +109,18 @@ def _library() -> ModuleType:
         raise ValueError("DXF: needs ezdxf; pip install 'jaxcable[dxf]'") from None
     logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # else it prints by itself
     return ezdxf
+
+
+@contextlib.contextmanager
+def _no_collection():
+    """Without looking for garbage: a drawing has none while it is read, and it takes a fifth."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
 
 
 def _content(entity):

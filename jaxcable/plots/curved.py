@@ -3,13 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 
 from ..common.types import Float, Int
 from ..elements.abilities import Bending, Sagging
+<<<<<<< HEAD
 from ..model.parts import per_group
 from ..results import section_forces
 from .moments import Moments
 from .shapes import bends, numbered, sags, state_at
+=======
+from ..elements.bending import lobatto
+from ..elements.prestress import element
+from ..forms import catenary_curves
+from ..model.parts import first_and_last, per_group
+from ..model.structure import Structure
+from ..stiffness.tangent import filled, prepared
+from .moments import Moment, Moments
+>>>>>>> fd107bdcf3940eb6b6e38b6723c9d39843c0a6ff
 
 PLACES = 13
 """Places along a beam at which its diagrams are known, ends included."""
@@ -23,7 +34,8 @@ class Beams:
         bend: the chord's length times the slopes against it at both ends, which make a cubic of
             the axis, [n_shot, n_beam, 2, 3], m.
         axes: the section's axes y and z, [n_shot, n_beam, 2, 3].
-        diagrams: ``N, Vy, Vz, T, My, Mz`` at `PLACES` places at the end, [n_beam, PLACES, 6].
+        diagrams: ``N, Vy, Vz, T, My, Mz`` at `PLACES` places at the ends of phases,
+            [n_end, n_beam, PLACES, 6], N and N m; no places if a group of beams tells none.
     """
 
     def __init__(
@@ -31,7 +43,7 @@ class Beams:
         number: Int[np.ndarray, " n_beam"],
         bend: Float[np.ndarray, "n_shot n_beam 2 3"],
         axes: Float[np.ndarray, "n_shot n_beam 2 3"],
-        diagrams: Float[np.ndarray, "n_beam n_place 6"],
+        diagrams: Float[np.ndarray, "n_end n_beam n_place 6"],
     ):
         self.number, self.bend, self.axes, self.diagrams = number, bend, axes, diagrams
 
@@ -45,12 +57,78 @@ def beams_of(moments: Moments) -> Beams | None:
     found = bends(structure, last, motion)
     if found is None:
         return None
+<<<<<<< HEAD
     number, bend, axes = found
     forces = per_group(structure, section_forces(structure, last, PLACES))
     kept = [x for x in forces if x is not None]
     known = sum(map(len, kept)) == len(number)
     diagrams = np.concatenate(kept) if known else np.zeros((len(number), 0, 6))
     return Beams(number, bend, axes[:, :, 1:], diagrams)
+=======
+    joined = np.concatenate(bend, axis=1), np.concatenate(axes, axis=1)
+    number = np.concatenate(numbers)
+    return Beams(number, *joined, _diagrams(moments, structure, number))
+
+
+def _diagrams(moments, structure, number):
+    """Section forces along beams at the ends of phases, see `Beams`."""
+    found = []
+    for shot in moments.shots:
+        if shot.end is None:
+            continue
+        place, parts = moments.start + shot.moved, []
+        forces = per_group(structure, shot.end.section_forces)
+        for values, group in zip(forces, structure.groups, strict=True):
+            if values is not None:
+                chord = np.diff(place[first_and_last(group)], axis=1)[:, 0]
+                parts.append(_along(values, np.linalg.norm(chord, axis=1)))
+        known = sum(map(len, parts)) == len(number)
+        found.append(np.concatenate(parts) if known else np.zeros((len(number), 0, 6)))
+    return np.stack(found)
+
+
+def _along(
+    values: Float[np.ndarray, "n_beam n_point 6"], length: Float[np.ndarray, " n_beam"]
+) -> Float[np.ndarray, "n_beam n_place 6"]:
+    """Section forces at `PLACES` places from those at the points at which beams tell them.
+
+    Forces and the torque are polynomials through the points. Moments are cubics between
+    neighbouring points, with the shear forces as slopes: exact up to loads that are uniform along a
+    beam, and near it where its axial force bends it further (1e-3 of the largest in frames that
+    turn by a right angle).
+    """
+    points, places = lobatto(values.shape[1])[0], np.linspace(0.0, 1.0, PLACES)
+    found = BarycentricInterpolator(points, values, axis=1)(places)
+    for moment, shear, sign in ((4, 2, 1.0), (5, 1, -1.0)):  # My' = Vz, Mz' = -Vy
+        slopes = sign * values[:, :, shear] * length[:, None]
+        found[:, :, moment] = CubicHermiteSpline(points, values[:, :, moment], slopes, axis=1)(
+            places
+        )
+    return found
+
+
+@jax.jit
+def _bent(thawed, arrays, motion):
+    """Slopes, axes and chords of the beams of every group at some motions of all rows, or None."""
+    nodes, groups, carry = filled(thawed, arrays)
+
+    def one(group, properties, state, ends, motion):
+        found = element(group, properties).deflected(state, ends, motion)
+        if found is None:
+            return None
+        chord = ends[1] + motion[1, :3] - ends[0] - motion[0, :3]
+        return *found, (chord * chord).sum() ** 0.5
+
+    def along(group, state):
+        def of(motion):
+            at = group.properties(), state, nodes[group.links], motion[group.links]
+            return jax.vmap(lambda *x: one(group, *x))(*at)
+
+        return jax.vmap(of)(motion.astype(nodes.dtype))
+
+    pairs = zip(groups, carry.states, strict=True)
+    return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]
+>>>>>>> fd107bdcf3940eb6b6e38b6723c9d39843c0a6ff
 
 
 def sagging_of(

@@ -10,7 +10,8 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
-from ..analysis.solution import Solution
+from ..analysis.solution import Path as Increments
+from ..analysis.solution import Solution, State
 from ..common import status
 from ..model.parts import groups_by_name, pieces
 from ..model.structure import Structure
@@ -41,11 +42,12 @@ def view(
 
     With `structure` beams are bent (cubics through the rotations of their ends, in all increments)
     and have their axes and diagrams of section forces; catenaries hang, exactly at the ends of
-    phases and interpolated between these. Loads are known, and drawn, at the end only; reactions
-    and moments of beams at the ends of phases.
+    phases and interpolated between these. Loads, reactions, moments and diagrams of beams are known
+    at the ends of phases, and drawn there.
 
     Args:
-        solution: `Solution` of one case; of a failed analysis the converged increments are shown.
+        solution: `Solution` of one case. Of a failed analysis the slider goes through what has
+            converged, up to ``solution.last``, and the page says so.
         path: where to write the page, with the suffix ".html", or None.
 
     Options:
@@ -61,8 +63,8 @@ def view(
         A `Page` with `path` and `html`, which notebooks show.
 
     Raises:
-        ValueError: another suffix, no converged increment, a batch, another structure than that of
-            the solution, or an unknown option.
+        ValueError: another suffix, no converged increment, a batch, a `State` or a path (which
+            `path` draws), another structure than that of the solution, or an unknown option.
 
     >>> import pathlib, tempfile
     >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -78,6 +80,7 @@ def view(
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".html"')
     if isinstance(frames, bool) or not isinstance(frames, int) or frames < 1:
         raise ValueError(f"frames = {frames!r}: must be a positive integer")
+    _require_solution(solution)
     colour = shown(solution, structure, colour)
     moments = Moments(solution, structure, frames)
     arrays = Arrays()
@@ -87,6 +90,21 @@ def view(
     _put_nodes(told, arrays, moments)
     told["colours"] = _colours()
     return write(title, told, arrays, path)
+
+
+def _require_solution(solution):
+    """Raise ValueError, saying what to pass, for what is no `Solution`."""
+    if isinstance(solution, Solution):
+        return
+    more = ""
+    if isinstance(solution, State):
+        more = "; pass the solution whose state it is, its slider ends at solution.last"
+    elif isinstance(solution, Increments):
+        more = (
+            "; of a traced path pass solve(structure, phases) up to a load factor on it, failed or"
+            " not, and draw the path itself by plots.path"
+        )
+    raise ValueError(f"solution: expected a Solution, got {type(solution).__name__}{more}")
 
 
 def _note(solution):
@@ -161,9 +179,12 @@ def _put_nodes(told, arrays, moments):
         for shot in ends
     ]
     arrays.put("supports", "b", [kind.T @ [1, 2, 3] for kind in kinds])
-    arrays.put("load", "f", last.load)
+    # nodes without a load, or without a support, have none in any phase: only others are written
+    load = np.stack([np.asarray(shot.end.load) for shot in ends])
+    loaded = np.flatnonzero((load != 0).any(axis=(0, 2)))
+    arrays.put("loaded", "u", loaded)
+    arrays.put("load", "f", load[:, loaded])
     reactions = np.stack([np.asarray(shot.end.reactions) for shot in ends])
-    # a node without a support has none: only the others are written
     held = np.flatnonzero((reactions != 0).any(axis=(0, 2)))
     arrays.put("held", "u", held)
     arrays.put("reactions", "f", reactions[:, held])

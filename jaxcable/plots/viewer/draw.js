@@ -51,6 +51,19 @@ void main() {
   pixel = tint;
 }`;
 
+// The same lines a pixel wide, of two vertices each: a quarter of the time in software renderers.
+const THIN = `#version 300 es
+layout(location=0) in vec3 at;
+layout(location=1) in vec4 colour;
+uniform mat4 matrix;
+uniform float lift;
+out vec4 tint;
+void main() {
+  gl_Position = matrix * vec4(at, 1.0);
+  gl_Position.z -= lift * gl_Position.w;
+  tint = colour;
+}`;
+
 const HEADS = `#version 300 es
 layout(location=0) in vec3 a;
 layout(location=1) in vec3 b;
@@ -58,6 +71,7 @@ layout(location=2) in vec4 colour;
 uniform mat4 matrix;
 uniform vec2 size;
 uniform float ratio;
+uniform float lift;
 out vec4 tint;
 void main() {
   int number = gl_VertexID % 3;      // both ends of the base, and the tip
@@ -69,10 +83,11 @@ void main() {
   vec2 off = head * (-(1.0 - corner.x) * d + 0.38 * corner.y * vec2(-d.y, d.x));
   gl_Position = q;
   gl_Position.xy += 2.0 * off / size * q.w;
+  gl_Position.z -= lift * q.w;
   tint = colour;
 }`;
 
-const HEADS_INSIDE = `#version 300 es
+const PLAIN_INSIDE = `#version 300 es
 precision highp float;
 in vec4 tint;
 out vec4 pixel;
@@ -131,13 +146,17 @@ class Drawing {
     this.canvas = canvas;
     // smooth edges cost a software renderer three times the time: it has them up to some lines only
     const software = isSoftware(), antialias = count < 3000 || !software;
-    this.most = software ? 30000 : 1000000;  // lines that are drawn while the picture turns
+    // with more lines it has them at rest: a picture of twice the size, which the browser reduces
+    this.fine = !antialias && count < 30000 ? 2 : 1;
+    this.most = software ? 40000 : 1000000;  // lines that are drawn while the picture turns
+    this.few = software ? 2000 : Infinity;   // up to so many lines of a layer keep their width then
     // preserved, so that a saved or copied picture of the page is not empty
     const gl = canvas.getContext("webgl2", { antialias, alpha: false, preserveDrawingBuffer: true });
     if (!gl) throw new Error("This browser has no WebGL 2, which draws the structure.");
     this.gl = gl;
     this.lines = this.program(LINES, LINES_INSIDE);
-    this.heads = this.program(HEADS, HEADS_INSIDE);
+    this.thin = this.program(THIN, PLAIN_INSIDE);
+    this.heads = this.program(HEADS, PLAIN_INSIDE);
     this.marks = this.program(MARKS, MARKS_INSIDE);
     this.corners = new Map();
     this.layers = new Map();
@@ -163,24 +182,21 @@ class Drawing {
     return { program, names };
   }
 
-  // Two triangles for every line.
-  indices(count) {
-    const gl = this.gl;
-    let own = this.corners.get(count);
-    if (!own) this.corners.set(count, own = { buffer: gl.createBuffer(), count: 0 });
-    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, own.buffer);
-    if (count === own.count) return;
-    const list = new Uint32Array(6 * count);
+  // Vertices of every line: those of two triangles, or its two ends.
+  indices(count, corners) {
+    const gl = this.gl, key = `${corners.length} ${count}`;
+    let buffer = this.corners.get(key);
+    if (buffer) { gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer); return; }
+    this.corners.set(key, buffer = gl.createBuffer());
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffer);
+    const each = 1 + Math.max(...corners), width = corners.length, list = new Uint32Array(width * count);
     // in an order of which every beginning is spread over all lines, for `draw` of some of them
     const step = 7919 % count || 1, order = new Uint32Array(count);
     for (let k = 0, line = 0; k < count; k++, line = (line + step) % count) order[k] = line;
     if (new Set(order).size < count) order.forEach((_, k) => { order[k] = k; });
-    for (let k = 0; k < count; k++) {
-      const at = 4 * order[k];
-      list.set([at, at + 1, at + 2, at + 2, at + 1, at + 3], 6 * k);
-    }
+    for (let k = 0; k < count; k++)
+      for (let j = 0; j < width; j++) list[width * k + j] = each * order[k] + corners[j];
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, list, gl.STATIC_DRAW);
-    own.count = count;
   }
 
   // Put lines (ends [n * 6], colours and styles [n * 4], bytes) or marks (places [n * 3], kinds
@@ -189,32 +205,39 @@ class Drawing {
     const gl = this.gl;
     let layer = this.layers.get(name);
     if (!layer) {
-      layer = { kind, buffers: arrays.map(() => gl.createBuffer()), vertices: gl.createVertexArray(), lift: 0, depth: true };
+      layer = { kind, lift: 0, depth: true };
       this.layers.set(name, layer);
-      gl.bindVertexArray(layer.vertices);
-      let location = 0;
-      const put = (buffer, width, type, stride, offset) => {
-        gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-        gl.enableVertexAttribArray(location);
-        gl.vertexAttribPointer(location++, width, type, type === gl.UNSIGNED_BYTE, stride, offset);
-      };
-      if (kind === "marks") {
-        put(layer.buffers[0], 3, gl.FLOAT, 0, 0);
-        put(layer.buffers[1], 1, gl.FLOAT, 0, 0);
-      } else {
-        put(layer.buffers[0], 3, gl.FLOAT, 24, 0);
-        put(layer.buffers[0], 3, gl.FLOAT, 24, 12);
-        layer.buffers.slice(1).forEach(buffer => put(buffer, 4, gl.UNSIGNED_BYTE, 0, 0));
-      }
-      gl.bindVertexArray(null);
+      const f = gl.FLOAT, bytes = arrays.slice(1).map((_, k) => [k + 1, 4, gl.UNSIGNED_BYTE, 0, 0]);
+      if (kind === "marks") layer.own = this.bound(2, [[0, 3, f, 0, 0], [1, 1, f, 0, 0]]);
+      else layer.own = this.bound(arrays.length, [[0, 3, f, 24, 0], [0, 3, f, 24, 12], ...bytes]);
+      if (kind === "lines") layer.ends = this.bound(2, [[0, 3, f, 0, 0], [1, 4, gl.UNSIGNED_BYTE, 0, 0]]);
     }
     const times = { lines: 4, heads: 3, marks: 1 }[kind];
-    arrays.forEach((values, k) => {
-      gl.bindBuffer(gl.ARRAY_BUFFER, layer.buffers[k]);
-      gl.bufferData(gl.ARRAY_BUFFER, repeated(values, k === 0 ? 6 : 4, times), gl.DYNAMIC_DRAW);
-    });
+    const put = (buffer, values) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+      gl.bufferData(gl.ARRAY_BUFFER, values, gl.DYNAMIC_DRAW);
+    };
+    arrays.forEach((values, k) => put(layer.own.buffers[k], repeated(values, k === 0 ? 6 : 4, times)));
     layer.count = arrays[0].length / (kind === "marks" ? 3 : 6);
+    layer.many = kind === "lines" && layer.count > this.few;
+    if (layer.many) {
+      put(layer.ends.buffers[0], arrays[0]);
+      put(layer.ends.buffers[1], repeated(arrays[1], 4, 2));
+    }
     Object.assign(layer, options);
+  }
+
+  // Buffers, and vertices with attributes [buffer, width, type, stride, offset] from them.
+  bound(count, attributes) {
+    const gl = this.gl, buffers = Array.from({ length: count }, () => gl.createBuffer()), vertices = gl.createVertexArray();
+    gl.bindVertexArray(vertices);
+    attributes.forEach(([buffer, width, type, stride, offset], location) => {
+      gl.bindBuffer(gl.ARRAY_BUFFER, buffers[buffer]);
+      gl.enableVertexAttribArray(location);
+      gl.vertexAttribPointer(location, width, type, type === gl.UNSIGNED_BYTE, stride, offset);
+    });
+    gl.bindVertexArray(null);
+    return { buffers, vertices };
   }
 
   hide(name) {
@@ -223,7 +246,7 @@ class Drawing {
   }
 
   // While it turns, large structures are drawn in part: a share of the lines, without smooth motion
-  // one would see nothing of them at all.
+  // one would see nothing of them at all; and without a graphics card by lines of one pixel.
   draw(matrix, look, turning = false) {
     const { gl, canvas } = this, ratio = look.ratio;
     let lines = 0;
@@ -234,7 +257,7 @@ class Drawing {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     for (const layer of this.layers.values()) {
       if (!layer.count) continue;
-      const { program, names } = this[layer.kind];
+      const thin = turning && layer.many, { program, names } = thin ? this.thin : this[layer.kind];
       gl.useProgram(program);
       gl.uniformMatrix4fv(names.matrix, false, matrix);
       gl.uniform2f(names.size ?? null, canvas.width, canvas.height);
@@ -246,12 +269,13 @@ class Drawing {
       gl.uniform4f(names.accent ?? null, ...look.accent, 1);
       gl.depthMask(!layer.behind);
       layer.depth ? gl.enable(gl.DEPTH_TEST) : gl.disable(gl.DEPTH_TEST);
-      gl.bindVertexArray(layer.vertices);
+      gl.bindVertexArray((thin ? layer.ends : layer.own).vertices);
       if (layer.kind === "marks") gl.drawArrays(gl.POINTS, 0, layer.count);
       else if (layer.kind === "heads") gl.drawArrays(gl.TRIANGLES, 0, 3 * layer.count);
       else {
-        this.indices(layer.count);
-        gl.drawElements(gl.TRIANGLES, 6 * Math.ceil(share * layer.count), gl.UNSIGNED_INT, 0);
+        const corners = thin ? [0, 1] : [0, 1, 2, 2, 1, 3];
+        this.indices(layer.count, corners);
+        gl.drawElements(thin ? gl.LINES : gl.TRIANGLES, corners.length * Math.ceil(share * layer.count), gl.UNSIGNED_INT, 0);
       }
     }
     gl.bindVertexArray(null);

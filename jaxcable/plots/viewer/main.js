@@ -160,20 +160,20 @@ function axesLayer(look, own, keys) {
   keys.push(["section's y", { stroke: look.y }], ["section's z", { stroke: look.z }]);
 }
 
-// Diagrams of section forces at the end: strips beside the beams. Moments are on the side in
+// Diagrams of section forces at the ends of phases: strips beside the beams. Moments are on the side in
 // tension: My is positive where that is +z, Mz where it is -y.
 const DIAGRAMS = { N: [1, 1], Vy: [0, 1], Vz: [1, 1], T: [1, 1], My: [1, 1], Mz: [0, -1] };
 
 function diagramLayer(look, own, keys) {
   const name = byId("diagram").value, at = Object.keys(DIAGRAMS).indexOf(name);
-  const places = model.get("diagrams") ? model.shape("diagrams")[1] : 0;
-  if (at < 0 || !places || shown.shot !== lastShot) {
+  const places = model.get("diagrams") ? model.shape("diagrams")[2] : 0, end = model.shots[shown.shot].endNumber;
+  if (at < 0 || !places || end < 0) {
     drawing.hide("diagram");
-    if (at >= 0) keys.push([`${name}: known at the end only`, {}]);
+    if (at >= 0) keys.push([`${name}: known at the ends of phases only`, {}]);
     return;
   }
   const [axis, sign] = DIAGRAMS[name], beams = model.get("beam"), bend = bent(own), axes = model.row("axes", shown.shot);
-  const all = model.get("diagrams"), value = (k, j) => all[6 * (k * places + j) + at];
+  const all = model.row("diagrams", end), value = (k, j) => all[6 * (k * places + j) + at];
   let largest = 0;
   for (let k = 0; k < beams.length; k++) for (let j = 0; j < places; j++)
     if (present(beams[k])) largest = Math.max(largest, Math.abs(value(k, j)));
@@ -199,10 +199,12 @@ function diagramLayer(look, own, keys) {
 // Arrows of loads end at their nodes, those of reactions begin there; the longest ones are a tenth
 // of the structure, and shorter where there are many.
 function arrowLayers(look, keys) {
-  const end = model.shots[shown.shot].endNumber, held = model.get("held");
-  const all = Array.from({ length: model.nNode }, (_, k) => k);
-  arrows("loads", byId("loads").checked && shown.shot === lastShot ? model.get("load") : null, all, true, look.load, keys);
-  arrows("reactions", byId("reactions").checked && end >= 0 ? model.row("reactions", end) : null, held, false, look.reaction, keys);
+  const end = model.shots[shown.shot].endNumber;
+  const known = (id, name) => (byId(id).checked && end >= 0 ? model.row(name, end) : null);
+  arrows("loads", known("loads", "load"), model.get("loaded"), true, look.load, keys);
+  arrows("reactions", known("reactions", "reactions"), model.get("held"), false, look.reaction, keys);
+  const wanted = ["loads", "reactions"].filter(id => byId(id).checked);
+  if (end < 0 && wanted.length) keys.push([`${wanted.join(", ")}: known at the ends of phases only`, {}]);
 }
 
 function arrows(name, forces, nodes, push, colour, keys) {
@@ -218,8 +220,8 @@ function arrows(name, forces, nodes, push, colour, keys) {
     ends.push(...tail, ...tip);
   }
   const count = ends.length / 6, both = new Float32Array(ends), tint = fill(count, [...rgb(colour), 255]);
-  drawing.set(name, "lines", [both, tint, fill(count, [10 * Math.min(1.8, Math.max(0.8, 1.8 * Math.sqrt(60 / count))), 0, 0, 0])], { lift: 1e-4 });
-  drawing.set(`${name} heads`, "heads", [both, tint]);
+  drawing.set(name, "lines", [both, tint, fill(count, [10 * Math.min(1.8, Math.max(0.8, 1.8 * Math.sqrt(60 / count))), 0, 0, 0])], { lift: 2e-3 });
+  drawing.set(`${name} heads`, "heads", [both, tint], { lift: 2e-3 });
   keys.push([`${name}, largest ${withUnit(largest, "N", 3)}`, { arrow: colour }]);
 }
 
@@ -229,8 +231,11 @@ function markLayers(keys) {
   const kinds = model.row("supports", ends.findIndex(s => s.phase === phase));
   const some = byId("supports").checked && kinds.some(k => k > 0);
   if (some) {
-    const points = Math.min(13, Math.max(5, 13 * Math.sqrt(60 / kinds.filter(k => k > 0).length)));
-    drawing.set("supports", "marks", [shown.nodes, Float32Array.from(kinds)], { points, lift: 2e-4 });
+    // of held nodes only: a mark costs its pixels even where it draws none
+    const held = [...kinds.keys()].filter(k => kinds[k] > 0), points = Math.min(13, Math.max(5, 13 * Math.sqrt(60 / held.length)));
+    const at = new Float32Array(3 * held.length);
+    held.forEach((k, i) => at.set(shown.nodes.subarray(3 * k, 3 * k + 3), 3 * i));
+    drawing.set("supports", "marks", [at, Float32Array.from(held, k => kinds[k])], { points, lift: 2e-4 });
     ["clamped", "pinned", "held in part"].forEach((name, k) => { if (kinds.includes(k + 1)) keys.push([name, { mark: k + 1 }]); });
   } else drawing.hide("supports");
   if (byId("nodes").checked) drawing.set("nodes", "marks", [shown.nodes, new Float32Array(model.nNode).fill(4)], { points: 2.5 * lineWidth(), lift: 1e-4 });
@@ -304,10 +309,10 @@ function aspect() { return canvas.clientWidth / Math.max(canvas.clientHeight, 1)
 
 function paint() {
   dirty = false;
-  const ratio = Math.min(window.devicePixelRatio || 1, 2);
+  const turning = settled !== 0, ratio = Math.min(window.devicePixelRatio || 1, 2) * (turning ? 1 : drawing.fine);
   const [w, h] = [canvas.clientWidth, canvas.clientHeight].map(x => Math.max(1, Math.round(x * ratio)));
   if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-  drawing.draw(camera.matrix(aspect()), { ...scene, ratio }, settled !== 0);
+  drawing.draw(camera.matrix(aspect()), { ...scene, ratio }, turning);
   showTriad(camera.directions());
 }
 

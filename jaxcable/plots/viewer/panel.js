@@ -126,8 +126,9 @@ function elementRows(model, number, shot) {
     if (Number.isFinite(length)) rows.push(["unstressed length", withUnit(length, "m", 7)]);
   }
   const beam = model.beamOf[number];
-  if (beam >= 0 && shot === model.shots.length - 1 && model.shape("diagrams")[1] > 0) {
-    const values = model.row("diagrams", beam), last = values.length - 6;
+  if (beam >= 0 && end >= 0 && model.shape("diagrams")[2] > 0) {
+    const width = 6 * model.shape("diagrams")[2], last = width - 6;
+    const values = model.row("diagrams", end).subarray(beam * width, (beam + 1) * width);
     ["N", "Vy", "Vz", "T", "My", "Mz"].forEach((name, k) => {
       const unit = k < 3 ? "N" : "N m";
       rows.push([`${name} at both ends`, `${withUnit(values[k], unit)}\n${withUnit(values[last + k], unit)}`]);
@@ -146,8 +147,11 @@ function nodeRows(model, number, shot) {
     rows.push(["displacement in this phase", vector([0, 1, 2].map(k => moved[i + k] - then[i + k]), "m")]);
   }
   const end = model.shots[shot].endNumber;
-  if (shot === model.shots.length - 1) rows.push(["load", vector(model.get("load").subarray(i, i + 3), "N")]);
-  const place = end >= 0 ? model.get("held").indexOf(number) : -1;
+  const loaded = model.get("loaded").indexOf(number), place = end >= 0 ? model.get("held").indexOf(number) : -1;
+  if (end >= 0) {
+    const load = loaded >= 0 ? model.row("load", end).subarray(3 * loaded, 3 * loaded + 3) : [0, 0, 0];
+    rows.push(["load", vector(load, "N")]);
+  }
   if (place >= 0) {
     rows.push(["reaction", vector(model.row("reactions", end).subarray(3 * place, 3 * place + 3), "N")]);
     if (model.get("reaction_moments"))
