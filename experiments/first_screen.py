@@ -4,8 +4,8 @@ Question   Seconds from a fresh checkout to the picture of the demo, with and wi
            installed first; from a command to a page that turns; of all tests if they are asked for.
 Reference  None: times of whole commands, as a newcomer has them.
 Error      None.
-Command    python experiments/first_screen.py [tests]   (writes experiments/results/first_screen.txt,
-           and first_screen_tests.txt with `tests`)
+Command    python experiments/first_screen.py [tests]   (writes results/first_screen.txt,
+           or first_screen_tests.txt with `tests`)
 
 The last commit is cloned into an empty folder. Nothing that was downloaded or compiled before is
 used: pip's cache is off, and the folder of kept programs is empty. Downloads are part of the time.

@@ -7,20 +7,10 @@ from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 
 from ..common.types import Float, Int
 from ..elements.abilities import Bending, Sagging
-<<<<<<< HEAD
-from ..model.parts import per_group
-from ..results import section_forces
+from ..elements.bending import lobatto
+from ..model.parts import first_and_last, per_group
 from .moments import Moments
 from .shapes import bends, numbered, sags, state_at
-=======
-from ..elements.bending import lobatto
-from ..elements.prestress import element
-from ..forms import catenary_curves
-from ..model.parts import first_and_last, per_group
-from ..model.structure import Structure
-from ..stiffness.tangent import filled, prepared
-from .moments import Moment, Moments
->>>>>>> fd107bdcf3940eb6b6e38b6723c9d39843c0a6ff
 
 PLACES = 13
 """Places along a beam at which its diagrams are known, ends included."""
@@ -57,17 +47,8 @@ def beams_of(moments: Moments) -> Beams | None:
     found = bends(structure, last, motion)
     if found is None:
         return None
-<<<<<<< HEAD
     number, bend, axes = found
-    forces = per_group(structure, section_forces(structure, last, PLACES))
-    kept = [x for x in forces if x is not None]
-    known = sum(map(len, kept)) == len(number)
-    diagrams = np.concatenate(kept) if known else np.zeros((len(number), 0, 6))
-    return Beams(number, bend, axes[:, :, 1:], diagrams)
-=======
-    joined = np.concatenate(bend, axis=1), np.concatenate(axes, axis=1)
-    number = np.concatenate(numbers)
-    return Beams(number, *joined, _diagrams(moments, structure, number))
+    return Beams(number, bend, axes[:, :, 1:], _diagrams(moments, structure, number))
 
 
 def _diagrams(moments, structure, number):
@@ -105,30 +86,6 @@ def _along(
             places
         )
     return found
-
-
-@jax.jit
-def _bent(thawed, arrays, motion):
-    """Slopes, axes and chords of the beams of every group at some motions of all rows, or None."""
-    nodes, groups, carry = filled(thawed, arrays)
-
-    def one(group, properties, state, ends, motion):
-        found = element(group, properties).deflected(state, ends, motion)
-        if found is None:
-            return None
-        chord = ends[1] + motion[1, :3] - ends[0] - motion[0, :3]
-        return *found, (chord * chord).sum() ** 0.5
-
-    def along(group, state):
-        def of(motion):
-            at = group.properties(), state, nodes[group.links], motion[group.links]
-            return jax.vmap(lambda *x: one(group, *x))(*at)
-
-        return jax.vmap(of)(motion.astype(nodes.dtype))
-
-    pairs = zip(groups, carry.states, strict=True)
-    return [along(*pair) if isinstance(pair[0], Bending) else None for pair in pairs]
->>>>>>> fd107bdcf3940eb6b6e38b6723c9d39843c0a6ff
 
 
 def sagging_of(
