@@ -21,7 +21,7 @@ from ..numerics import implicit
 from ..numerics.rooted import told
 from ..spaces import space_of
 from ..spaces.translations import coarse, is_fine, refined
-from .solution import LOG, Path
+from .phase_results import LOG, Path
 from .told import named
 
 

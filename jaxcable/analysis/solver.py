@@ -26,9 +26,10 @@ from ..model.structure import Structure
 from ..numerics import implicit, scaled
 from ..numerics.one_function import as_one
 from .one_phase import run_phase
+from .phase_results import PhaseResult, PhaseResults
 from .phases import Phase
 from .preparation import exact, prepare, ready, verdicts
-from .solution import PER_PHASE, PhaseResult, PhaseResults, Solution, State
+from .solution import PER_PHASE, Solution, State
 from .states import Reached, arranged, per_element, state_of, system_of
 
 

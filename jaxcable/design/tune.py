@@ -12,8 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..analysis.phase_results import PhaseResult
 from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
-from ..analysis.solution import PhaseResult, Solution, State
+from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, status
 from ..common.tree import copy, pytree, replace

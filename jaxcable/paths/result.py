@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from ..analysis.solution import Path
+from ..analysis.phase_results import Path
 from ..common.tree import pytree
 from ..common.types import Array, Float, Int
 from .events import FAILURES, Events

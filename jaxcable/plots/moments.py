@@ -8,7 +8,8 @@ import jax
 import numpy as np
 
 from .. import design
-from ..analysis.solution import PhaseResult, Solution, State
+from ..analysis.phase_results import PhaseResult
+from ..analysis.solution import Solution, State
 from ..common.types import Bool, Float
 from ..elements.element import PRESENT
 from ..model.parts import columns, slack_cables

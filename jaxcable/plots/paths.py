@@ -7,7 +7,7 @@ import os
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..analysis.solution import Path
+from ..analysis.phase_results import Path
 from ..paths.events import BIFURCATION, LIMIT_POINT, MATERIAL_FAILURE, NAMES, SLACKENING, TIGHTENING
 from ..paths.result import TracedPath
 from .style import GRID, SERIES, below, finish, start

@@ -9,7 +9,8 @@ from typing import Any, TypeAlias
 import jax
 import numpy as np
 
-from ..analysis.solution import PhaseResult, Solution, State
+from ..analysis.phase_results import PhaseResult
+from ..analysis.solution import Solution, State
 from ..common.tree import copy
 from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..analysis.solution import Path, PhaseResult, Solution, State
+from ..analysis.phase_results import Path, PhaseResult
+from ..analysis.solution import Solution, State
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
 from ..model.structure import Structure

@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 from matplotlib.colors import to_hex
 
-from ..analysis.solution import Path as Increments
+from ..analysis.phase_results import Path as Increments
 from ..analysis.solution import Solution, State
 from ..common import status
 from ..model.parts import groups_by_name, pieces

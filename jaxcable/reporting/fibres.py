@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..analysis.solution import Path, Solution
+from ..analysis.phase_results import Path
+from ..analysis.solution import Solution
 from ..common import status
 from ..common.types import Bool, Float, Int
 from ..elements import Beams

@@ -1,6 +1,7 @@
 """Results of analyses, and quantities derived from them: section forces, stresses, energies."""
 
-from ..analysis.solution import Path, PhaseResult, PhaseResults, Solution, State
+from ..analysis.phase_results import Path, PhaseResult, PhaseResults
+from ..analysis.solution import Solution, State
 from ..analysis.streamed import Study
 from .energy import EnergyBalance, energy_balance
 from .internal_forces import section_forces

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax
 
-from ..analysis.solution import PhaseResult
+from ..analysis.phase_results import PhaseResult
 from ..common.tree import fill, thaw
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import element

@@ -1,0 +1,243 @@
+"""What an analysis returns of its phases: their ends, and the increments on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import overload
+
+import jax
+import numpy as np
+
+from ..common.tree import computed, copy, pytree
+from ..common.types import Array, Bool, Float, Int, PyTree
+from .told import Told
+
+
+@pytree
+class Path(Told):
+    """The increments of a phase, one entry each.
+
+    Attributes:
+        load_factor: load factors, [n_inc].
+        displacement: from the geometry in which the phase began, [n_inc, n_node, 3], m; NaN from a
+            failure on.
+        tension: axial forces in the shape of `elements`, each [n_inc, n_elem], N; NaN from a
+            failure on.
+        peak_tension: likewise, as in `State`.
+        status: codes, [n_inc]; from a failure on the code of this failure.
+        iterations: linear solves, [n_inc].
+        factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
+            factor often serves several solves.
+        residual: largest unbalanced force at a free freedom, [n_inc], N.
+        relative_residual: `residual` over the force that it is judged by (see `Newton.tol`),
+            [n_inc].
+        rounding: largest residual that the rounding of displacements leaves, [n_inc], N (0 where no
+            element states any): of those at the end or, if more, at the start; see `Newton.tol`.
+        n_slack: number of slack elements, [n_inc]; -1 from a failure on.
+        n_loose: number of nodes that touch only slack elements, [n_inc]; -1 from a failure on.
+        equilibrated: whether `Incremental` solved this increment to equilibrium, [n_inc].
+        strain: strains of the fibres in the shape of `elements`, NaN from a failure on: of bars and
+            cables with a law or section [n_inc, n_elem]; of beams ``e0, ky, kz`` at the integration
+            points, [n_inc, n_elem, n_point, 3], including the bending by loads along them. None for
+            a group that has a stiffness only, and None altogether if all groups are such.
+            `fibre_stress` makes stresses of them.
+        stable: whether each increment is stable, as in `PhaseResult`, [n_inc] bool; None unless
+            `Newton(watch=True)` asks for it.
+        motion: of structures with beams, the motion of every row (nodes, hinged ends, inner numbers
+            of elements) from the initial geometry, displacement and unit quaternion,
+            [n_inc, n_row, 7]; NaN from a failure on. None without beams, where displacements are
+            the whole motion. `energy_balance` reads it; files of results do not have it.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> solution = jc.solve(structure, phases)
+        >>> int(solution.status)
+        0
+        >>> path = solution.phases[1].path
+        >>> for k in (0, 4, 9):
+        ...     print(f"{path.load_factor[k]:.1f} {1e3 * path.displacement[k, 3, 2]:.3f} mm")
+        0.1 -1.497 mm
+        0.5 -7.130 mm
+        1.0 -12.838 mm
+        >>> int(path.n_slack.max()), bool(path.relative_residual.max() < 1e-10)
+        (0, True)
+    """
+
+    load_factor: Float[Array, " n_inc"]
+    displacement: Float[Array, "n_inc n_node 3"]
+    tension: PyTree[Float[Array, "n_inc n_elem"]]
+    status: Int[Array, " n_inc"]
+    iterations: Int[Array, " n_inc"]
+    factorizations: Int[Array, " n_inc"]
+    residual: Float[Array, " n_inc"]
+    relative_residual: Float[Array, " n_inc"]
+    rounding: Float[Array, " n_inc"]
+    n_slack: Int[Array, " n_inc"]
+    n_loose: Int[Array, " n_inc"]
+    equilibrated: Bool[Array, " n_inc"]
+    strain: PyTree[Float[Array, "n_inc n_elem ..."]] | None = None
+    peak_tension: PyTree[Float[Array, "n_inc n_elem"]] = None
+    stable: Bool[Array, " n_inc"] | None = None
+    motion: Float[Array, "n_inc n_row 7"] | None = None
+    results: dict[str, PyTree[Float[Array, "n_inc n_elem ..."]]] | None = None
+
+
+@pytree
+class PhaseResult(Told):
+    """The end of a phase and its path; NaN if this phase or an earlier one has failed.
+
+    Attributes:
+        status: code at the end of the phase.
+        stable: whether the tangent stiffness at the end of the phase has no negative eigenvalue (to
+            rounding): a structure that is pushed aside a little comes back. In cable nets under
+            dead load it is True without a check, because their energy is convex. False where the
+            phase has not been reached. Where nodal moments or following loads make the tangent
+            unsymmetric, its symmetric part is judged, which is on the safe side (Hill 1958).
+        displacement: from the geometry in which the phase began, [n_node, 3], m.
+        positions, tension, peak_tension, rest_length, reactions: as in `State`.
+        load: all loads that act at the end of the phase, those of earlier phases included,
+            [n_node, 3], N.
+        rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
+        path: `Path`.
+        began: memory of the laws when the phase began (such as plastic strains), in the shape of
+            `elements`, or None.
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> prestress, loading = jc.solve(structure, phases).phases
+        >>> int(prestress.status), int(loading.status)
+        (0, 0)
+        >>> print(f"{prestress.tension[0]:.3f} N, {loading.tension[0]:.3f} N")
+        200.000 N, 233.760 N
+        >>> print(f"{1e3 * loading.displacement[3, 2]:.3f} mm")
+        -12.838 mm
+        >>> print(prestress.load[:, 2].sum(), loading.load[:, 2].sum())  # N
+        0.0 -60.0
+    """
+
+    status: Int[Array, ""]
+    displacement: Float[Array, "n_node 3"]
+    positions: Float[Array, "n_node 3"]
+    tension: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    reactions: Float[Array, "n_node 3"]
+    load: Float[Array, "n_node 3"]
+    path: Path
+    rotation: Float[Array, "n_node 4"] | None = None
+    reaction_moments: Float[Array, "n_node 3"] | None = None
+    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
+    began: PyTree[Array] | None = None
+    peak_tension: PyTree[Float[Array, " n_elem"]] = None
+    stable: Bool[Array, ""] = None  # type: ignore[assignment]  # an analysis puts it in
+    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
+
+
+LOG = (
+    "status",
+    "iterations",
+    "factorizations",
+    "residual",
+    "scale",
+    "rounding",
+    "equilibrated",
+    "stable",
+    "n_slack",
+    "n_loose",
+)
+"""Columns of the log of increments: one array, because many small ones take long to compile."""
+
+_KINDS = dict.fromkeys(("residual", "scale", "rounding")) | {"equilibrated": bool, "stable": bool}
+"""Types of the columns that are not int32; None: float, as in the log."""
+
+
+@pytree(static=("increments", "watched"))
+class PhaseResults(Sequence[PhaseResult]):
+    """The results of all phases: a sequence of `PhaseResult`, stored as stacked arrays.
+
+    Attributes:
+        ends: one `PhaseResult` without path, whose arrays have an axis [n_phase] after those of
+            batches.
+        paths: one `Path` of all that is not in the log, likewise with axes [n_phase, n_inc]; phases
+            with fewer increments are padded.
+        log: the numbers `LOG` of every increment, [n_phase, n_inc, 10].
+        increments: number of increments of every phase, a tuple.
+        watched: whether the stability of every increment was judged (`Newton.watch`).
+
+    Example:
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> results = jc.solve(structure, phases).phases
+        >>> len(results), [phase.path.load_factor.shape for phase in results]
+        (2, [(1,), (10,)])
+    """
+
+    ends: PhaseResult
+    paths: Path
+    log: Float[Array, "n_phase n_inc 10"]
+    increments: tuple[int, ...]
+    watched: bool
+
+    def __len__(self) -> int:
+        return len(self.increments)
+
+    @overload
+    def __getitem__(self, number: int) -> PhaseResult: ...
+    @overload
+    def __getitem__(self, number: slice) -> tuple[PhaseResult, ...]: ...
+    def __getitem__(self, number):
+        if isinstance(number, slice):
+            return tuple(self[k] for k in range(*number.indices(len(self))))
+        k = range(len(self))[number]
+        batch, count = (slice(None),) * (self.log.ndim - 3), self.increments[k]
+        increments = (*batch, k, slice(count))
+        end, path = _taken(self.ends, (*batch, k)), _taken(self.paths, increments)
+        noted = {name: self._noted(name, increments) for name in LOG if name != "scale"}
+        noted["stable"] = noted["stable"] if self.watched else None
+        path = copy(
+            path,
+            load_factor=computed(lambda np, log: _factors(np, log[increments]), self.log),
+            relative_residual=computed(lambda np, log: _relative(np, log[increments]), self.log),
+            **noted,
+        )
+        last = (*batch, k, count - 1)
+        status, stable = self._noted("status", last), self._noted("stable", last)
+        return copy(end, status=status, stable=stable, path=path)
+
+    def _noted(self, name, at):
+        """One column of the log, at an index of its leading axes, in its type."""
+        kind, column = _KINDS.get(name, "int32"), LOG.index(name)
+
+        def read(np, log):
+            values = log[at][..., column]
+            return values if kind is None else values.astype(kind)
+
+        return computed(read, self.log)
+
+    @property
+    def verdicts(self) -> tuple[Int[Array, " n_phase"], Bool[Array, " n_phase"]]:
+        """Status and stability of every phase, two arrays [n_phase], of one analysis."""
+        last = np.arange(len(self)), np.array(self.increments) - 1
+        return self._noted("status", last), self._noted("stable", last)
+
+
+def _taken(tree, at):
+    """The part `at` of every array in a tree; an array that occurs twice is indexed once."""
+    found = {}
+
+    def take(x):
+        if id(x) not in found:
+            found[id(x)] = computed(lambda np, x: x[at], x)
+        return found[id(x)]
+
+    return jax.tree.map(take, tree)
+
+
+def _factors(np, log):
+    """Load factors of increments, from their log [..., n_inc, 10]."""
+    count = log.shape[-2]
+    return np.broadcast_to(np.arange(1, count + 1, dtype=log.dtype) / count, log.shape[:-1])
+
+
+def _relative(np, log):
+    """Residuals over the forces that they are judged by, from the log of increments."""
+    scale = log[..., LOG.index("scale")]
+    return log[..., LOG.index("residual")] / np.where(scale > 0, scale, 1.0)
