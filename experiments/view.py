@@ -68,7 +68,9 @@ def measured(record, own, folder, n, increments):
 def study():
     record = Record("view")
     record("Saddle nets in two phases, window of 1000 x 640 px, Chromium without a graphics card\n")
-    record(" members   write, s       MB   paint, ms   drawn, ms   pictures a second, two")
+    record(
+        " members   write, s       MB   paint, ms   drawn, ms   pictures a second, with the other"
+    )
     with tempfile.TemporaryDirectory() as folder, browser.started() as own:
         own.new_page().close()  # the browser itself has started
         for n, increments in ((22, (1, 10)), (70, (1, 10)), (223, (1, 4))):

@@ -11,17 +11,8 @@ from .phase_results import PhaseResults
 from .told import Told
 
 PER_PHASE = (
-    "displacement",
-    "positions",
-    "tension",
-    "peak_tension",
-    "rest_length",
-    "reactions",
-    "load",
-    "rotation",
-    "reaction_moments",
-    "section_forces",
-    "results",
+    *("displacement", "positions", "tension", "peak_tension", "rest_length", "reactions", "load"),
+    *("rotation", "reaction_moments", "section_forces", "results"),
 )
 """Names of the results that a `State`, a `PhaseResult` and a `Solution` have in common."""
 
