@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator, CubicHermiteSpline
 
 from ..common.types import Float, Int
 from ..elements.abilities import Bending, Sagging
-from ..elements.bending import lobatto
-from ..model.parts import first_and_last, per_group
+from ..results.between import stored_forces
 from .moments import Moments
 from .shapes import bends, numbered, sags, state_at
 
@@ -53,39 +51,13 @@ def beams_of(moments: Moments) -> Beams | None:
 
 def _diagrams(moments, structure, number):
     """Section forces along beams at the ends of phases, see `Beams`."""
-    found = []
+    found, places = [], np.linspace(0.0, 1.0, PLACES)
     for shot in moments.shots:
-        if shot.end is None:
-            continue
-        place, parts = moments.start + shot.moved, []
-        forces = per_group(structure, shot.end.section_forces)
-        for values, group in zip(forces, structure.groups, strict=True):
-            if values is not None:
-                chord = np.diff(place[first_and_last(group)], axis=1)[:, 0]
-                parts.append(_along(values, np.linalg.norm(chord, axis=1)))
-        known = sum(map(len, parts)) == len(number)
-        found.append(np.concatenate(parts) if known else np.zeros((len(number), 0, 6)))
+        if shot.end is not None:
+            kept = [x for x in stored_forces(structure, shot.end, places) if x is not None]
+            known = sum(map(len, kept)) == len(number)
+            found.append(np.concatenate(kept) if known else np.zeros((len(number), 0, 6)))
     return np.stack(found)
-
-
-def _along(
-    values: Float[np.ndarray, "n_beam n_point 6"], length: Float[np.ndarray, " n_beam"]
-) -> Float[np.ndarray, "n_beam n_place 6"]:
-    """Section forces at `PLACES` places from those at the points at which beams tell them.
-
-    Forces and the torque are polynomials through the points. Moments are cubics between
-    neighbouring points, with the shear forces as slopes: exact up to loads that are uniform along a
-    beam, and near it where its axial force bends it further (1e-3 of the largest in frames that
-    turn by a right angle).
-    """
-    points, places = lobatto(values.shape[1])[0], np.linspace(0.0, 1.0, PLACES)
-    found = BarycentricInterpolator(points, values, axis=1)(places)
-    for moment, shear, sign in ((4, 2, 1.0), (5, 1, -1.0)):  # My' = Vz, Mz' = -Vy
-        slopes = sign * values[:, :, shear] * length[:, None]
-        found[:, :, moment] = CubicHermiteSpline(points, values[:, :, moment], slopes, axis=1)(
-            places
-        )
-    return found
 
 
 def sagging_of(

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import numpy as np
-from numpy.polynomial.legendre import legder, legvander
 
 from ..common.types import Float
 from ..elements.bending import lobatto
+from ..results.between import weights
 
-_MOST = 6  # points through which there is one polynomial
 _FINE = 17  # places at which it is taken; between them are cubics, with errors of 1e-7
 _NEAR = 1e-9  # of the largest value: what exceeds an end by less is rounding
 
@@ -28,7 +26,6 @@ class Extremes(NamedTuple):
     high_at: Float[np.ndarray, " *shape"]
 
 
-@functools.cache
 def interpolation(
     count: int, sloped: bool
 ) -> tuple[
@@ -38,31 +35,13 @@ def interpolation(
 ]:
     """The polynomial through values at `count` Gauss-Lobatto points, at many places.
 
-    Args:
-        count: number of points.
-        sloped: whether the slopes are given, too, after the values; else the values only.
-
     Returns:
-        places: from 0 to 1, [n_fine]; the points themselves if there are many of them, where a
-            polynomial through all would be of no use.
-        values, slopes: matrices [n_data, n_fine] that give both there, from the data.
+        places: from 0 to 1, [n_fine], the points among them.
+        values, slopes: matrices [n_data, n_fine] that give both there, from the data; see
+            `results.between.weights`.
     """
-    points = lobatto(count)[0]
-    degree = (2 if sloped else 1) * count - 1
-    if count > _MOST and not sloped:
-        return points, np.eye(count), np.asarray(np.gradient(np.eye(count), points, axis=1))
-    if count > _MOST:
-        return points, np.eye(2 * count, count), np.eye(2 * count, count, -count)
-    places = np.linspace(0.0, 1.0, _FINE)
-    change = 2 * legder(np.eye(degree + 1))  # slope of every polynomial, on 0 to 1
-
-    def at(places):
-        x = 2 * places - 1
-        return legvander(x, degree).T, change.T @ legvander(x, degree - 1).T
-
-    data = np.hstack(at(points)) if sloped else at(points)[0]
-    value, slope = (np.linalg.solve(data, wanted) for wanted in at(places))
-    return places, value, slope
+    places = np.unique(np.concatenate([np.linspace(0.0, 1.0, _FINE), lobatto(count)[0]]))
+    return places, *weights(count, sloped, tuple(places.tolist()))
 
 
 def cubics(

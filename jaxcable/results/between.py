@@ -1,0 +1,104 @@
+"""Section forces of beams between the places at which results of phases have them."""
+
+from __future__ import annotations
+
+import functools
+
+import jax.numpy as jnp
+import numpy as np
+from numpy.polynomial.legendre import legder, legvander
+from scipy.interpolate import CubicHermiteSpline
+
+from ..analysis.phase_results import PhaseResult
+from ..analysis.solution import State
+from ..common.types import Array, Float
+from ..elements.bending import lobatto
+from ..model.parts import per_group
+from ..model.structure import Structure
+
+_MOST = 6  # points through which there is one polynomial; one through more would be of no use
+
+
+@functools.cache
+def weights(
+    count: int, sloped: bool, places: tuple[float, ...]
+) -> tuple[Float[np.ndarray, "n_data n_place"], Float[np.ndarray, "n_data n_place"]]:
+    """The polynomial through values at `count` Gauss-Lobatto points, at places from 0 to 1.
+
+    Of more than six points there are cubics from point to point instead.
+
+    Args:
+        count: number of points.
+        sloped: whether the slopes are given, too, after the values; else the values only.
+        places: from 0 to 1.
+
+    Returns:
+        Matrices that give values and slopes at the places from the data.
+    """
+    points = lobatto(count)[0]
+    if count > _MOST:
+        values = np.eye(count, (2 if sloped else 1) * count)
+        slopes = np.eye(count, 2 * count, count) if sloped else np.gradient(values, points, axis=0)
+        spline = CubicHermiteSpline(points, values, slopes)
+        return spline(places).T, spline(places, 1).T
+    degree = (2 if sloped else 1) * count - 1
+    change = 2 * legder(np.eye(degree + 1))  # slope of every polynomial, on 0 to 1
+
+    def at(places):
+        x = 2 * np.asarray(places) - 1
+        return legvander(x, degree).T, change.T @ legvander(x, degree - 1).T
+
+    data = np.hstack(at(points)) if sloped else at(points)[0]
+    value, slope = (np.linalg.solve(data, wanted) for wanted in at(places))
+    return value, slope
+
+
+def forces_between(
+    forces: Float[Array, "n_elem n_point 6"],
+    length: Float[Array, " n_elem"],
+    places: Float[np.ndarray, " n_place"],
+) -> Float[Array, "n_elem n_place 6"]:
+    """Section forces at any place from those at the Gauss-Lobatto points of beams.
+
+    Moments are the polynomial whose slopes at the points are the shear forces, ``My' = Vz`` and
+    ``Mz' = -Vy``, of degree 5 for three points, and shear forces are its slopes. This is exact
+    under uniform loads, and has what an axial force adds on a deflection up to degree 4.
+
+    Args:
+        forces: ``N, Vy, Vz, T, My, Mz`` at the points, [n_elem, n_point, 6], N and N m.
+        length: distance of the ends of each element, [n_elem], m.
+        places: from 0 to 1, [n_place].
+    """
+    count, at = forces.shape[1], tuple(map(float, places))
+    plain, (value, slope) = weights(count, False, at)[0], weights(count, True, at)
+    parts = jnp.moveaxis(forces, 2, 0)
+    axial, torque = parts[0] @ plain, parts[3] @ plain
+    span = length[:, None]
+    about_y = jnp.hstack([parts[4], span * parts[2]])
+    about_z = jnp.hstack([parts[5], -span * parts[1]])
+    shear_y, shear_z = -(about_z @ slope) / span, about_y @ slope / span
+    return jnp.stack([axial, shear_y, shear_z, torque, about_y @ value, about_z @ value], axis=2)
+
+
+def stored_forces(
+    structure: Structure, part: PhaseResult | State, places: Float[np.ndarray, " n_place"]
+) -> list[Float[Array, "n_elem n_place 6"] | None]:
+    """`forces_between` of every group from the section forces that a result has; None without.
+
+    Raises:
+        ValueError: the result has another number of elements than the structure.
+    """
+    found = []
+    parts = per_group(structure, part.section_forces)
+    for number, (forces, group) in enumerate(zip(parts, structure.groups, strict=True)):
+        if forces is not None:
+            if len(forces) != len(group.links):
+                raise ValueError(
+                    f"state: has {len(forces)} elements in group {number}, the structure "
+                    f"{len(group.links)}"
+                )
+            ends = part.positions[group.links.array[:, :2]]
+            length = jnp.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
+            forces = forces_between(forces, length, places)
+        found.append(forces)
+    return found
