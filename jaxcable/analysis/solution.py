@@ -110,16 +110,13 @@ class Solution(Told):
     ``jnp.where(s.status == 0, f(s.last), 0.0)``. (Selecting between values of the solution itself
     works only if ``f`` is linear: the derivative of another ``f`` at NaN is NaN, also times zero.)
 
-    Its arrays, and those of `last` and `phases`, are JAX arrays inside and outside of jit, so that
-    what is computed from them can be differentiated. They take numbers, slices, NumPy arrays and
-    masks as an index, but no list, and cannot be written to: ``reactions[np.array([0, 10])]``. A
-    number out of range is not refused, but means the nearest one. ``np.asarray(reactions)`` follows
-    NumPy's rules, with lists; ``np.array(reactions)`` is a copy to write to.
+    Its arrays are JAX arrays, also outside of jit: read-only, indexed by numbers (out of range they
+    mean the nearest one), slices, masks, ``reactions[np.array([0, 10])]``, but by no list. NumPy's
+    rules are those of ``np.asarray(reactions)``; ``np.array(reactions)`` is a copy to write to.
 
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.
-        stable: whether the end is stable, as in `PhaseResult`. The status of an unstable
-            equilibrium is OK, too.
+        stable: whether the end is stable, as in `PhaseResult`; if not, the status may be OK, too.
         displacement: from the initial nodes, over all phases, [n_node, 3], m.
         positions: [n_node, 3], m.
         tension: axial force per element in the shape of `elements`, each [n_elem], N.
@@ -129,10 +126,7 @@ class Solution(Told):
         reactions: forces of the supports on the structure, [n_node, 3], N.
         load: all loads that act at the end, [n_node, 3], N.
         last: `State` at the end of the last converged increment. If the analysis has converged, the
-            end of the last phase. If it has failed, the state before the increment that failed: in
-            the same phase, or at the end of the phase before, or the state that the analysis began
-            with if no increment has converged; with the loads, unstressed lengths, anchored jacks
-            and memory of laws at that load factor. `State` says all of it.
+            end of the last phase; if it has failed, the state before that, as `State` says.
         phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).
         links: node numbers of the elements, one [n_elem, n_end] per group.
         rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
@@ -148,8 +142,6 @@ class Solution(Told):
         0.399185 m
         >>> print(f"{solution.reactions[:, 2].sum():.6f} N")  # four loads of 15 N
         60.000000 N
-        >>> solution.reactions[np.array([4, 7])].shape, np.asarray(solution.reactions)[[4, 7]].shape
-        ((2, 3), (2, 3))
     """
 
     status: Int[Array, ""]
