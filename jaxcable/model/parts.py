@@ -28,11 +28,21 @@ def per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:
     """Values in the shape of the elements as a list with a NumPy array or None for every group."""
+    return [None if value is None else np.asarray(value) for value in listed(structure, values)]
+
+
+def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
+    """Values in the shape of the elements as a list with an item for every group, as they are.
+
+    All items are None if there are no values.
+    """
+    found: list[Any] = [None] * len(structure.groups)
+    if values is None:
+        return found
     numbers = structure.arrange(list(range(len(structure.groups))))
-    found: list[np.ndarray | None] = [None] * len(structure.groups)
 
     def put(number, value):
-        found[number] = None if value is None else np.asarray(value)
+        found[number] = value
 
     jax.tree.map(put, numbers, values, is_leaf=lambda x: x is None)
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +14,7 @@ from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import State
 from ..common.types import Array, Float
 from ..elements.bending import lobatto
-from ..model.parts import per_group
+from ..model.parts import listed
 from ..model.structure import Structure
 
 _MOST = 6  # points through which there is one polynomial; one through more would be of no use
@@ -88,8 +89,8 @@ def stored_forces(
     Raises:
         ValueError: the result has another number of elements than the structure.
     """
-    found = []
-    parts = per_group(structure, part.section_forces)
+    found: list[Any] = []
+    parts = listed(structure, part.section_forces)
     for number, (forces, group) in enumerate(zip(parts, structure.groups, strict=True)):
         if forces is not None:
             if len(forces) != len(group.links):

@@ -8,6 +8,7 @@ from ..analysis.phase_results import PhaseResult
 from ..common.tree import fill, thaw
 from ..common.types import Array, Float, PyTree
 from ..elements.prestress import element
+from ..model.parts import listed
 from ..model.structure import Structure
 
 
@@ -48,22 +49,8 @@ def fibre_stress(
     if not hasattr(phase, "path"):
         raise ValueError(f"phase: expected one of solution.phases, got {type(phase).__name__}")
     path = phase.path
-    records = [_leaves(structure, tree) for tree in (path.strain, path.tension, phase.began)]
+    records = [listed(structure, tree) for tree in (path.strain, path.tension, phase.began)]
     return structure.arrange(_stresses(*thaw((structure.groups, *records))))
-
-
-def _leaves(structure, tree):
-    """A pytree like `elements` as a list with an item for each group."""
-    if tree is None:
-        return [None] * len(structure.groups)
-    numbers = structure.arrange(list(range(len(structure.groups))))
-    items = [None] * len(structure.groups)
-
-    def put(number, item):
-        items[number] = item
-
-    jax.tree.map(put, numbers, tree)
-    return items
 
 
 @jax.jit
