@@ -6,6 +6,7 @@ import numpy as np
 
 from ..common.types import Float, Int
 from ..elements.abilities import Bending, Sagging
+from ..model.parts import listed
 from ..results.between import stored_forces
 from .moments import Moments
 from .shapes import bends, numbered, sags, state_at
@@ -54,7 +55,9 @@ def _diagrams(moments, structure, number):
     found, places = [], np.linspace(0.0, 1.0, PLACES)
     for shot in moments.shots:
         if shot.end is not None:
-            kept = [x for x in stored_forces(structure, shot.end, places) if x is not None]
+            forces, at = listed(structure, shot.end.section_forces), shot.end.positions
+            along = stored_forces(structure.groups, forces, at, places)
+            kept = [x for x in along if x is not None]
             known = sum(map(len, kept)) == len(number)
             found.append(np.concatenate(kept) if known else np.zeros((len(number), 0, 6)))
     return np.stack(found)

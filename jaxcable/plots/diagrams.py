@@ -14,16 +14,17 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import Normal, Stroke
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
+from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import Solution, State
 from ..common.types import Float, Int
 from ..elements.element import SECTION_FORCES
-from ..model.parts import first_and_last, per_group
+from ..model.parts import first_and_last
 from ..model.structure import Structure
-from ..results import section_forces
+from ..results.between import stored_forces
 from .glyphs import draw_supports, support_keys
 from .layout import arrange, settle
 from .shapes import chosen, lines, projected
-from .stages import drawn, stages_of
+from .stages import Links, Stage, drawn, stages_of
 from .style import GHOST, INK, SERIES, SIZE, finish, force_unit
 from .views import View, choose
 
@@ -33,6 +34,7 @@ _LABELS = 9  # values that are written
 _APART = 0.12  # distance of written values over the extent
 _NOTHING = 1e-9  # value over the largest force, or moment, up to which it is rounding
 _LEAST = 0.05  # of the largest value: less is not written
+_MOMENTS = "T", "My", "Mz"
 _COLOURS = {"positive": SERIES[0], "negative": SERIES[1]}
 
 
@@ -43,6 +45,7 @@ def diagram(
     *,
     structure: Structure | None = None,
     state: State | None = None,
+    phase: int | None = None,
     view: str | None = None,
     names: Sequence[str] | None = None,
     high: float = _HIGH,
@@ -52,8 +55,9 @@ def diagram(
 
     Positive values are drawn to the side of the section's axis z (of "Vy" and "Mz" to that of y; of
     -y for "Mz"), so that moments lie on the side that is in tension (`section_forces` has the
-    signs). In a plane picture the side is that of the axis, drawn at right angles to the beam. With
-    a `structure` beams are bent and catenaries hang, as in `net`.
+    signs, and says how exact the values at the end of a phase are, which are drawn). In a plane
+    picture the side is that of the axis, drawn at right angles to the beam. With a `structure`
+    beams are bent and catenaries hang, as in `net`.
 
     Args:
         solution: `Solution` of a structure with beams.
@@ -61,10 +65,10 @@ def diagram(
         path: where to save the picture, in the format of the suffix, or None.
 
     Options:
-        structure: the `Structure` that was analysed. Without it, values are those of
-            `Solution.section_forces` at its few places, axes are those of beams without a stated
-            `up`, beams and catenaries are chords, and it is not known which nodes rotate.
+        structure: the `Structure` that was analysed. Without it, axes are those of beams without a
+            stated `up`, beams and catenaries are chords, and it is not known which nodes rotate.
         state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.
+        phase: number of a phase, from 0, whose end is drawn instead; `sequence` draws all of them.
         view: "plan", "elevation" or "space"; default that of `net`.
         names: names of the phases for the title, as of `net`.
         high: length of the largest value over the extent of the structure.
@@ -88,81 +92,160 @@ def diagram(
     >>> figure.axes[0].get_title(), figure.axes[0].texts[0].get_text()
     ('My (N m), at the end', '2000')
     """
-    components = SECTION_FORCES.components
-    if of not in components:
-        raise ValueError(f"of = {of!r}: expected one of {', '.join(components)}")
-    if not high > 0:
-        raise ValueError(f"high = {high!r}: must be positive")
-    links, stages, shown = stages_of(solution, structure, state, names=names)
+    check(of, high)
+    links, stages, shown = stages_of(solution, structure, state, names=names, phase=phase)
     stage = stages[-1]
-    there, positions, curves = stage.forces.present, stage.positions, stage.curves
-    forces, ends, number = _forces(solution, shown, structure)
-    kept = there[number]
-    forces, ends, number = forces[kept], ends[kept], number[kept]
-    alike = slice(3, 6) if of in ("T", "My", "Mz") else slice(0, 3)
-    least = _NOTHING * float(np.abs(forces[..., alike]).max(initial=0.0))
-    values = forces[..., components.index(of)]
-    values = np.where(np.abs(values) > least, values, 0.0)
+    found = Along(solution, stage, shown, of)
     points = np.concatenate(drawn(*stage.now()))
-    extent = float(np.ptp(points, axis=0).max())
-    largest = float(np.abs(values).max(initial=0.0))
-    axis = positions[ends]
-    if curves is None or not np.isin(number, curves.number[: len(curves.axes)]).all():
-        parts = np.linspace(0, 1, values.shape[1])[:, None]
-        base = axis[:, :1] + parts * (axis[:, 1:] - axis[:, :1])
-        sides = _sides(_supposed_axes(axis), axis, of)
-    else:
-        rows = curves.rows(number)
-        base = curves.points(positions, values.shape[1])[rows]
-        sides = _sides(curves.axes[rows], axis, of)
     seen = choose(points, view)
     if view is None and not seen.plane:
         seen = View("space")
-    sides = _in_picture(sides, axis[:, 1] - axis[:, 0], seen)
-    scale = high * extent / max(largest, 1e-300)
-    tips = base + scale * values[..., None] * sides[:, None]
-    factor, unit = force_unit(largest)
-    unit = unit + (" m" if of in ("T", "My", "Mz") else "")
+    tips = found.tips(seen, high * found.extent / max(found.largest, 1e-300))
+    factor, unit = force_unit(found.largest)
     everything = np.concatenate([points, tips.reshape(-1, 3)])
     figure, slots = arrange([seen.ratio(everything)], [seen.flat])
     name = stage.title if names is not None else stage.title[0].lower() + stage.title[1:]
-    title = f"{of} ({unit}), {name}" + ("" if largest > 0.0 else ": zero")
+    title = f"{of} ({unit_of(of, unit)}), {name}" + ("" if found.largest > 0.0 else ": zero")
     axes = seen.add_axes(figure, everything, title)
-    _draw(axes, seen, stage, links, base, tips, values, least)
-    occur = values.max(initial=0.0) > least, values.min(initial=0.0) < -least
-    handles: list[Any] = [
-        Patch(color=_COLOURS[sign], alpha=0.6, label=f"{of} {sign}")
-        for sign, occurs in zip(_COLOURS, occur, strict=True)
-        if occurs
-    ]
+    found.draw(axes, seen, links, tips)
+    handles = sign_keys(of, [found])
     if supports:
         held = stage.held(structure, seen)
-        draw_supports(axes, seen, positions, held)
+        draw_supports(axes, seen, stage.positions, held)
         handles += support_keys(held)
-    halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
-    for place, value in _written(tips, values, extent):
-        look = {"ha": "center", "va": "center", "color": INK, "zorder": 9, "path_effects": halo}
-        axes.text(*seen.project(place), f"{factor * value:.4g}", **look)
+    found.write(axes, seen, tips, factor)
     settle(figure, slots, None, "", handles)
     for text in axes.texts:
         text.set_fontsize(0.85 * SIZE)
     return finish(figure, path)
 
 
-def _forces(solution, state, structure):
+def check(of: str, high: float = _HIGH) -> None:
+    """Raise ValueError for an unknown section force, or a size that is not positive."""
+    if of not in SECTION_FORCES.components:
+        raise ValueError(f"of = {of!r}: expected one of {', '.join(SECTION_FORCES.components)}")
+    if not high > 0:
+        raise ValueError(f"high = {high!r}: must be positive")
+
+
+def unit_of(of: str, force: str) -> str:
+    """The unit of a section force, from that of a force."""
+    return f"{force} m" if of in _MOMENTS else force
+
+
+class Along:
+    """A section force along all beams that are there, in one geometry.
+
+    Args:
+        solution: `Solution`.
+        stage: `Stage`, the geometry.
+        part: `State` or `PhaseResult` with the section forces in it.
+        of: name of the force.
+
+    Attributes:
+        values: at places along the beams, [n_beam, n_place], zero where they are rounding.
+        largest: size of the largest of them.
+        extent: of the structure, m.
+
+    Raises:
+        ValueError: the structure has no beams.
+    """
+
+    def __init__(self, solution: Solution, stage: Stage, part: State | PhaseResult, of: str):
+        self.stage, positions, curves = stage, stage.positions, stage.curves
+        forces, ends, number = _forces(solution, part)
+        kept = stage.forces.present[number]
+        forces, ends, number = forces[kept], ends[kept], number[kept]
+        alike = slice(3, 6) if of in _MOMENTS else slice(0, 3)
+        self.least = _NOTHING * float(np.abs(forces[..., alike]).max(initial=0.0))
+        values = forces[..., SECTION_FORCES.components.index(of)]
+        self.values = np.where(np.abs(values) > self.least, values, 0.0)
+        self.largest = float(np.abs(self.values).max(initial=0.0))
+        self.extent = float(np.ptp(np.concatenate(drawn(*stage.now())), axis=0).max())
+        self._chord = positions[ends]
+        axis = self._chord
+        if curves is None or not np.isin(number, curves.number[: len(curves.axes)]).all():
+            parts = np.linspace(0, 1, PLACES)[:, None]
+            self._base = axis[:, :1] + parts * (axis[:, 1:] - axis[:, :1])
+            self._sides = _sides(_supposed_axes(axis), axis, of)
+        else:
+            rows = curves.rows(number)
+            self._base = curves.points(positions, PLACES)[rows]
+            self._sides = _sides(curves.axes[rows], axis, of)
+
+    def tips(self, view: View, scale: float) -> Float[np.ndarray, "n_beam n_place 3"]:
+        """Where the values end in a picture, at `scale` metres a unit."""
+        sides = _in_picture(self._sides, self._chord[:, 1] - self._chord[:, 0], view)
+        return self._base + scale * self.values[..., None] * sides[:, None]
+
+    def draw(
+        self, axes: Any, view: View, links: Links, tips: Float[np.ndarray, "n_beam n_place 3"]
+    ) -> None:
+        """Draw the lines of all elements, and the areas between beams and their values."""
+        kinds: Any = (LineCollection, PolyCollection) if view.flat else (
+            Line3DCollection,
+            Poly3DCollection,
+        )  # fmt: skip
+        line, area = kinds
+        stage = self.stage
+        plain = chosen(
+            projected(view, lines(stage.positions, links, stage.curves)),
+            stage.forces.present[links[1]],
+        )
+        axes.add_collection(line(plain, colors=GHOST, linewidths=1.0, zorder=1), autolim=False)
+        base, top = view.project(self._base), view.project(tips)
+        axes.add_collection(line(base, colors=INK, linewidths=1.4, zorder=4), autolim=False)
+        axes.add_collection(line(top, colors=INK, linewidths=0.7, zorder=3), autolim=False)
+        quads = np.stack([base[:, :-1], base[:, 1:], top[:, 1:], top[:, :-1]], axis=2)
+        mean = 0.5 * (self.values[:, :-1] + self.values[:, 1:])
+        for sign, alike in (("positive", mean > self.least), ("negative", mean < -self.least)):
+            if alike.any():
+                look: Any = {"facecolors": _COLOURS[sign], "edgecolors": "none", "alpha": 0.6}
+                axes.add_collection(area(quads[alike], zorder=2, **look), autolim=False)
+
+    def write(
+        self,
+        axes: Any,
+        view: View,
+        tips: Float[np.ndarray, "n_beam n_place 3"],
+        factor: float,
+        most: int = _LABELS,
+        apart: float = _APART,
+        least: float = 0.0,
+    ) -> None:
+        """Write values at ends and extremes, times a factor: the largest above `least`."""
+        halo = [Stroke(linewidth=2.5, foreground="white"), Normal()]
+        for place, value in _written(tips, self.values, apart * self.extent, most, least):
+            look = {"ha": "center", "va": "center", "color": INK, "zorder": 9}
+            axes.text(*view.project(place), f"{factor * value:.4g}", path_effects=halo, **look)
+
+
+def sign_keys(of: str, found: Sequence[Along]) -> list[Any]:
+    """Legend entries of the signs that occur."""
+    occur = (
+        any((each.values > each.least).any() for each in found),
+        any((each.values < -each.least).any() for each in found),
+    )
+    return [
+        Patch(color=_COLOURS[sign], alpha=0.6, label=f"{of} {sign}")
+        for sign, occurs in zip(_COLOURS, occur, strict=True)
+        if occurs
+    ]
+
+
+def _forces(solution, part):
     """Forces of all beams [n_beam, n_place, 6], their ends [n_beam, 2] and numbers [n_beam]."""
     found, ends, numbers, count = [], [], [], 0
     parts = solution.last.topology.parts
-    if structure is None:
-        forces = _leaves(state.section_forces, len(parts))
-    else:
-        forces = per_group(structure, section_forces(structure, state, PLACES))
-    for part, values in zip(parts, forces, strict=True):
+    places = np.linspace(0.0, 1.0, PLACES)
+    at = np.asarray(part.positions)
+    forces = stored_forces(parts, _leaves(part.section_forces, len(parts)), at, places)
+    for group, values in zip(parts, forces, strict=True):
         if values is not None:
             found.append(np.asarray(values))
-            ends.append(first_and_last(part))
-            numbers.append(count + np.arange(len(part.links.array)))
-        count += len(part.links.array)
+            ends.append(first_and_last(group))
+            numbers.append(count + np.arange(len(group.links.array)))
+        count += len(group.links.array)
     if not found:
         raise ValueError("solution: has no beams, and so no section forces")
     return np.concatenate(found), np.concatenate(ends), np.concatenate(numbers)
@@ -202,32 +285,12 @@ def _in_picture(sides, chord, view):
     return np.where(along < -1e-9, -across, across) @ basis
 
 
-def _draw(axes, view, stage, links, base, tips, values, least):
-    """Lines of all elements, and the areas between beams and their values."""
-    collection, areas = (LineCollection, PolyCollection) if view.flat else (
-        Line3DCollection,
-        Poly3DCollection,
-    )  # fmt: skip
-    plain = chosen(
-        projected(view, lines(stage.positions, links, stage.curves)),
-        stage.forces.present[links[1]],
-    )
-    axes.add_collection(collection(plain, colors=GHOST, linewidths=1.0, zorder=1), autolim=False)
-    base, top = view.project(base), view.project(tips)
-    axes.add_collection(collection(base, colors=INK, linewidths=1.4, zorder=4), autolim=False)
-    axes.add_collection(collection(top, colors=INK, linewidths=0.7, zorder=3), autolim=False)
-    quads = np.stack([base[:, :-1], base[:, 1:], top[:, 1:], top[:, :-1]], axis=2)
-    mean = 0.5 * (values[:, :-1] + values[:, 1:])
-    for sign, alike in (("positive", mean > least), ("negative", mean < -least)):
-        if alike.any():
-            look = {"facecolors": _COLOURS[sign], "edgecolors": "none", "alpha": 0.6, "zorder": 2}
-            axes.add_collection(areas(quads[alike], **look), autolim=False)
-
-
 def _written(
     tips: Float[np.ndarray, "n_beam n_place 3"],
     values: Float[np.ndarray, "n_beam n_place"],
-    extent: float,
+    apart: float,
+    most: int,
+    least: float,
 ) -> list[tuple[Float[np.ndarray, " 3"], float]]:
     """Places and values that are written: of ends and extremes the largest, apart from others."""
     beam: Int[np.ndarray, " n_beam"] = np.arange(len(values))
@@ -237,8 +300,8 @@ def _written(
     places, found = tips[beam, at].reshape(-1, 3), values[beam, at].ravel()
     kept: list[int] = []
     for k in np.argsort(-np.abs(found)):
-        if len(kept) == _LABELS or np.abs(found[k]) <= _LEAST * np.abs(found).max():
+        if len(kept) == most or np.abs(found[k]) <= max(least, _LEAST * np.abs(found).max()):
             break
-        if all(np.linalg.norm(places[k] - places[j]) > _APART * extent for j in kept):
+        if all(np.linalg.norm(places[k] - places[j]) > apart for j in kept):
             kept.append(int(k))
     return [(places[k], float(found[k])) for k in kept]

@@ -79,13 +79,13 @@ def settle(
     width, height = figure.get_size_inches()
     views = list(figure.axes)
     room = _legend(figure, handles, width)
-    if mappable is None:
-        height -= _BAR
+    bar = 0.0 if mappable is None else _BAR
+    height += bar - _BAR
     total = height + room
     figure.set_size_inches(width, total)
     if mappable is not None:
-        bar = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
-        figure.colorbar(mappable, cax=bar, orientation="horizontal", label=label)
+        below = figure.add_axes((0.2, (room + 0.42) / total, 0.6, 0.12 / total))
+        figure.colorbar(mappable, cax=below, orientation="horizontal", label=label)
     resize(figure)
     for axes, (left, top, wide, high) in zip(views, slots, strict=True):
         axes.set_position((left / width, 1 - (top + high) / total, wide / width, high / total))
@@ -95,7 +95,7 @@ def settle(
             _fit(axes, (left + _GAP, total - top - high, wide - 2 * _GAP, high - _GAP))
     if columns is not None:
         for _ in range(_ROUNDS):
-            _tile(views, columns, (_GAP, room + _BAR, width - 2 * _GAP, height - _BAR))
+            _tile(views, columns, (_GAP, room + bar, width - 2 * _GAP, height - bar))
             figure.draw_without_rendering()
     figure.draw_without_rendering()
     for axes in views:

@@ -26,6 +26,7 @@ def net(
     colour: str = "tension",
     structure: Structure | None = None,
     state: State | None = None,
+    phase: int | None = None,
     view: str | None = None,
     names: Sequence[str] | None = None,
     supports: bool = True,
@@ -35,7 +36,7 @@ def net(
 ) -> Figure:
     """Draw a structure in plan before and in space after loading, coloured by tension.
 
-    A structure that lies in a vertical plane, or is higher than it is wide, is drawn in elevation
+    A structure that lies in a vertical plane, or is higher than half its width, is drawn in elevation
     instead of plan; a plane structure also after loading. Slack cables are dashed, elements in
     compression have a black casing. With a `structure`, catenaries hang and beams are bent: each is
     the cubic with the positions and rotations of its ends. Without it, both are chords.
@@ -62,6 +63,7 @@ def net(
             nodes rotate, and where elements are curved: without it every element with zero tension
             is drawn as slack, and no support as clamped.
         state: `State` to draw instead of the end, such as ``solution.last`` of a failed analysis.
+        phase: number of a phase, from 0, whose end is drawn instead.
         view: "plan", "elevation" or "space" for the first picture; default: as described above.
         names: titles, one for each phase, such as the names of load cases.
         supports: whether to mark supports.
@@ -93,7 +95,7 @@ def net(
     """
     if axes and structure is None:
         raise ValueError("structure: needed for axes; the beams are in it")
-    links, stages, shown = stages_of(solution, structure, state, magnify, colour, names)
+    links, stages, shown = stages_of(solution, structure, state, magnify, colour, names, phase)
     views = _views(stages, view)
     if views[0] is views[1] and stages[0].title == stages[1].title:
         views, stages = views[1:], stages[1:]  # the first picture would be the same

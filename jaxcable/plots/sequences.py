@@ -12,14 +12,20 @@ from matplotlib.lines import Line2D
 from ..analysis.solution import Solution
 from ..model.parts import pieces
 from ..model.structure import Structure
+from .diagrams import Along, sign_keys, unit_of
+from .diagrams import check as check_force
 from .glyphs import draw_supports, support_keys
 from .layout import grid, settle
 from .members import Members, Scale, ghost, keys
 from .shapes import Shapes
 from .stages import Stage, forces_of, named, shown, start_of
-from .style import finish
+from .style import SIZE, finish, force_unit
 from .views import choose
 
+_HIGH = 0.15  # length of the largest value of a diagram over the extent of the structure
+_LABELS = 3  # values that are written in a picture
+_APART = 0.4  # their distance over the extent of the structure
+_LEAST = 0.1  # of the largest value of all: less is not written
 _WIDE = 0.7  # height over width up to which pictures stand in two columns; in three if higher
 
 
@@ -29,6 +35,7 @@ def sequence(
     magnify: float = 1.0,
     *,
     colour: str = "tension",
+    diagram: str | None = None,
     structure: Structure | None = None,
     view: str | None = None,
     names: Sequence[str] | None = None,
@@ -51,8 +58,10 @@ def sequence(
 
     Options:
         colour, structure: as of `net`.
+        diagram: "N", "Vy", "Vz", "T", "My" or "Mz": draw this section force on the beams instead of
+            colours, as `diagram` does, in one scale for all phases.
         view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
-            vertical plane or is higher than it is wide, else plan.
+            vertical plane or is higher than half its width, else plan.
         names: titles, one for each phase; default "phase 1", "phase 2" and so on.
         columns: number of pictures in a row; default two, or three of high structures.
         supports: whether to mark supports.
@@ -75,6 +84,12 @@ def sequence(
     stages = _stages(solution, structure, colour, magnify, names)
     everything = np.concatenate([place for stage in stages for place in stage.places()])
     seen = choose(everything, view)
+    links = pieces(solution.last.topology.parts)[:2]
+    if diagram is None:
+        content: _Members | _Diagrams = _Members(stages, links)
+    else:
+        content = _Diagrams(solution, stages, links, diagram, seen)
+        everything = np.concatenate([everything, content.points()])
     ratio = seen.ratio(everything)
     if columns is None:
         columns = 2 if ratio < _WIDE else 3
@@ -82,27 +97,93 @@ def sequence(
         raise ValueError(f"columns = {columns!r}: must be a positive integer")
     columns = min(columns, len(stages))
     figure, slots = grid(ratio, len(stages), columns)
-    links = pieces(solution.last.topology.parts)[:2]
-    scale = Scale([stage.forces for stage in stages])
     for number, stage in enumerate(stages):
         axes = seen.add_axes(figure, everything, stage.title)
         if seen.flat and number % columns:  # numbers at the left and below only
             axes.set(ylabel="", yticklabels=[])
         if seen.flat and number + columns < len(stages):
             axes.set(xlabel="", xticklabels=[])
-        present = stage.before & stage.forces.present
-        ghost(axes, seen, stage.ghost, links, present, stage.ghost_curves)
-        lines = Members(axes, seen, links, scale)
-        lines.show(stage.positions, stage.forces, stage.curves)
+        content.draw(axes, seen, number)
         if supports:
             draw_supports(axes, seen, stage.positions, stage.held(structure, seen))
-    handles = keys([stage.forces for stage in stages], any(s.moved() for s in stages), False)
+    handles = content.keys()
     if supports:
         handles += support_keys(np.any([s.held(structure, seen) for s in stages], axis=0))
     if magnify != 1.0:
         handles.append(Line2D([], [], linestyle="", label=f"deflection x {magnify:g}"))
-    settle(figure, slots, lines.taut, scale.label, handles, columns if seen.flat else None)
+    bar, label = content.bar()
+    settle(figure, slots, bar, label, handles, columns if seen.flat else None)
+    content.shrink(figure)
     return finish(figure, path)
+
+
+class _Members:
+    """The pictures of a sequence, with elements in colours."""
+
+    def __init__(self, stages, links):
+        self.stages, self.links = stages, links
+        self.scale = Scale([stage.forces for stage in stages])
+
+    def draw(self, axes, view, number):
+        """Draw one of the pictures."""
+        stage = self.stages[number]
+        present = stage.before & stage.forces.present
+        ghost(axes, view, stage.ghost, self.links, present, stage.ghost_curves)
+        self.lines = Members(axes, view, self.links, self.scale)
+        self.lines.show(stage.positions, stage.forces, stage.curves)
+
+    def keys(self):
+        """Legend entries."""
+        stages = self.stages
+        return keys([stage.forces for stage in stages], any(s.moved() for s in stages), False)
+
+    def bar(self):
+        """What the colour bar explains, and its label."""
+        return self.lines.taut, self.scale.label
+
+    def shrink(self, figure):
+        """Nothing is written."""
+
+
+class _Diagrams:
+    """The pictures of a sequence, with a section force on the beams."""
+
+    def __init__(self, solution, stages, links, of, view):
+        check_force(of)
+        phases = solution.phases
+        self.links, self.view, self.of = links, view, of
+        self.along = [Along(solution, s, phases[k], of) for k, s in enumerate(stages)]
+        self.largest = max(each.largest for each in self.along)
+        extent = max(each.extent for each in self.along)
+        scale = _HIGH * extent / max(self.largest, 1e-300)
+        self.tips = [each.tips(view, scale) for each in self.along]
+
+    def points(self):
+        """Where all diagrams end, [n, 3], m."""
+        return np.concatenate([tips.reshape(-1, 3) for tips in self.tips])
+
+    def draw(self, axes, view, number):
+        """Draw one of the pictures."""
+        along, tips = self.along[number], self.tips[number]
+        along.draw(axes, view, self.links, tips)
+        factor = force_unit(self.largest)[0]
+        along.write(axes, view, tips, factor, _LABELS, _APART, _LEAST * self.largest)
+
+    def keys(self):
+        """Legend entries, with the unit of the numbers."""
+        unit = unit_of(self.of, force_unit(self.largest)[1])
+        numbers = Line2D([], [], linestyle="", label=f"{self.of} ({unit})")
+        return [numbers, *sign_keys(self.of, self.along)]
+
+    def bar(self):
+        """No colour bar."""
+        return None, ""
+
+    def shrink(self, figure):
+        """Make the numbers smaller than labels."""
+        for axes in figure.axes:
+            for text in axes.texts:
+                text.set_fontsize(0.7 * SIZE)
 
 
 def _stages(solution, structure, colour, magnify, names):

@@ -108,7 +108,7 @@ class Shapes:
         """The curves at the end of a phase that has converged."""
         if not (self.bends or self.hangs):
             return None
-        state = self._after(phase)
+        state = self.state_after(phase)
         place = np.asarray(self.solution.phases[phase].positions)
         return self._curves(np.asarray(state.carry.motion)[None], [(state, place)])[0]
 
@@ -135,7 +135,7 @@ class Shapes:
         if self.hangs:
             for k in range(int(last.phase) + 1):
                 at = last if k == int(last.phase) else phases[k]
-                hanging.append((self._after(k), np.asarray(at.positions)))
+                hanging.append((self.state_after(k), np.asarray(at.positions)))
         bent, hung = self._parts(np.asarray(motion), hanging)
         found: list[Curves | None] = []
         for j, (k, n) in enumerate(places):
@@ -149,13 +149,13 @@ class Shapes:
             found.append(_joined(parts))
         return found
 
-    def _after(self, phase):
+    def state_after(self, phase: int) -> State:
         """The `State` at the end of a phase, as far as shapes depend on it."""
         last, end = self.solution.last, self.solution.phases[phase]
-        if phase == int(last.phase):
+        if phase == int(last.phase) or self.structure is None:
             return last
         path = end.path
-        motion = None if path.motion is None else path.motion[-1]
+        motion = None if path.motion is None else np.asarray(path.motion[-1])
         return state_at(last, self.structure, phase, end, motion)
 
     def _curves(self, motion, hanging):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
 from ..analysis.phase_results import Path, PhaseResult
-from ..analysis.solution import Solution, State
+from ..analysis.solution import PER_PHASE, Solution, State
+from ..common.tree import copy
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
 from ..model.structure import Structure
@@ -15,6 +17,9 @@ from .glyphs import axis_tips, supports
 from .members import Forces
 from .shapes import Curves, Shapes
 from .views import View
+
+Links: TypeAlias = "tuple[Int[np.ndarray, 'n_piece 2'], Int[np.ndarray, ' n_piece']]"
+"""Node numbers of all pieces of elements, and the element of each piece."""
 
 _ROUND = (5.0, 2.0, 1.0)  # round factors are powers of ten times these
 _SEEN = 2e-3  # least visible displacement over the extent
@@ -104,7 +109,8 @@ def stages_of(
     magnify: float | None = 1.0,
     colour: str = "tension",
     names: Sequence[str] | None = None,
-) -> tuple[tuple[Int[np.ndarray, "n_piece 2"], Int[np.ndarray, " n_piece"]], list[Stage], State]:
+    phase: int | None = None,
+) -> tuple[Links, list[Stage], State]:
     """What a picture of a solution shows.
 
     Returns:
@@ -113,7 +119,7 @@ def stages_of(
         state: the `State` after loading.
     """
     colour = shown(solution, structure, colour)
-    state = state_of(solution, state)
+    state = state_of(solution, state, phase, structure)
     end, begin, first = np.asarray(state.positions), start_of(solution, state), solution.phases[0]
     number = int(state.phase)
     forces = forces_of(state, solution, structure, colour)
@@ -149,8 +155,17 @@ def stages_of(
     return pieces(solution.last.topology.parts)[:2], stages, state
 
 
-def state_of(solution: Solution, state: State | None) -> State:
-    """The `State` that is drawn: the stated one, or the end of a solution that has not failed."""
+def state_of(
+    solution: Solution,
+    state: State | None,
+    phase: int | None = None,
+    structure: Structure | None = None,
+) -> State:
+    """The `State` that is drawn: the stated one, or the end of a phase, or of the solution."""
+    if phase is not None:
+        if state is not None:
+            raise ValueError("state, phase: give one of them")
+        return _after(solution, structure, phase)
     if state is None:
         if int(solution.status) != 0:
             raise ValueError(
@@ -159,8 +174,30 @@ def state_of(solution: Solution, state: State | None) -> State:
             )
         return solution.last
     if not hasattr(state, "load_factor") or not np.isfinite(np.asarray(state.positions)).all():
-        raise ValueError("state: expected a State with finite positions, such as solution.last")
+        hint = "; of one of its phases give the number, phase=..." if hasattr(state, "path") else ""
+        raise ValueError(
+            f"state: expected a State with finite positions, such as solution.last{hint}"
+        )
     return state
+
+
+def _after(solution, structure, phase):
+    """The `State` at the end of a phase, as far as pictures show it."""
+    count = len(solution.phases)
+    if isinstance(phase, bool) or not isinstance(phase, int | np.integer):
+        raise ValueError(f"phase = {phase!r}: expected a whole number")
+    if not -count <= phase < count:
+        raise ValueError(f"phase = {phase}: the solution has phases 0 to {count - 1}")
+    number = range(count)[phase]
+    end, last = solution.phases[number], solution.last
+    if int(end.status) != 0:
+        raise ValueError(f"phase = {phase}: has not converged; draw state=solution.last")
+    if number == int(last.phase):
+        return last
+    state = Shapes(solution, structure).state_after(number)
+    results = {name: getattr(end, name) for name in PER_PHASE}
+    results["displacement"] = np.asarray(end.positions) - start_of(solution, last)
+    return copy(state, phase=np.int32(number), load_factor=np.ones(()), **results)
 
 
 def title_of(

@@ -13,6 +13,7 @@ __all__ = ["VIEWS", "Axes3D", "View", "choose"]
 
 VIEWS = ("plan", "elevation", "space")
 _PLANE = 1e-6  # largest distance of a plane structure from its plane, over its extent
+_HIGH = 0.5  # height over the smaller extent in plan from which on a structure is seen from a side
 _LEAST = 0.15  # least extent of axes over the largest one, so that a flat net has some height
 _MARGIN = 0.05  # margin on each side over the extent
 
@@ -118,14 +119,15 @@ def choose(points: Float[np.ndarray, "n 3"], kind: str | None = None) -> View:
     Args:
         points: all positions that are drawn, [n, 3].
         kind: "plan", "elevation", "space", or None to choose one of the first two: elevation for a
-            structure that lies in a vertical plane or is higher than it is wide.
+            structure that lies in a vertical plane or is higher than half its width, the smaller
+            of its extents in plan.
     """
     if kind is not None and kind not in VIEWS:
         raise ValueError(f'view = {kind!r}: expected "plan", "elevation" or "space"')
     along, plane = _plane(points)
     size = np.ptp(points, axis=0)
     if kind is None:
-        kind = "elevation" if plane or size[2] > max(size[:2]) else "plan"
+        kind = "elevation" if plane or size[2] > _HIGH * min(size[:2]) else "plan"
     return View(kind, along, plane)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -10,12 +11,8 @@ import numpy as np
 from numpy.polynomial.legendre import legder, legvander
 from scipy.interpolate import CubicHermiteSpline
 
-from ..analysis.phase_results import PhaseResult
-from ..analysis.solution import State
 from ..common.types import Array, Float
 from ..elements.bending import lobatto
-from ..model.parts import listed
-from ..model.structure import Structure
 
 _MOST = 6  # points through which there is one polynomial; one through more would be of no use
 
@@ -82,24 +79,32 @@ def forces_between(
 
 
 def stored_forces(
-    structure: Structure, part: PhaseResult | State, places: Float[np.ndarray, " n_place"]
-) -> list[Float[Array, "n_elem n_place 6"] | None]:
+    parts: Sequence[Any],
+    forces: Sequence[Float[Array, "n_elem n_point 6"] | None],
+    positions: Float[Array, "n_node 3"],
+    places: Float[np.ndarray, " n_place"],
+) -> list[Any]:
     """`forces_between` of every group from the section forces that a result has; None without.
 
+    Args:
+        parts: groups, or what else has their `links`.
+        forces: of every group, as a `State` and a `PhaseResult` have them.
+        positions: of the nodes, m.
+        places: from 0 to 1, [n_place].
+
     Raises:
-        ValueError: the result has another number of elements than the structure.
+        ValueError: a group has another number of elements.
     """
     found: list[Any] = []
-    parts = listed(structure, part.section_forces)
-    for number, (forces, group) in enumerate(zip(parts, structure.groups, strict=True)):
-        if forces is not None:
-            if len(forces) != len(group.links):
+    for number, (values, part) in enumerate(zip(forces, parts, strict=True)):
+        if values is not None:
+            links = part.links.array
+            if len(values) != len(links):
                 raise ValueError(
-                    f"state: has {len(forces)} elements in group {number}, the structure "
-                    f"{len(group.links)}"
+                    f"state: has {len(values)} elements in group {number}, the structure "
+                    f"{len(links)}"
                 )
-            ends = part.positions[group.links.array[:, :2]]
-            length = jnp.sqrt(((ends[:, 1] - ends[:, 0]) ** 2).sum(axis=1))
-            forces = forces_between(forces, length, places)
-        found.append(forces)
+            chord = positions[links[:, 1]] - positions[links[:, 0]]
+            values = forces_between(values, jnp.sqrt((chord * chord).sum(axis=1)), places)
+        found.append(values)
     return found

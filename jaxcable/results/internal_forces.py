@@ -13,6 +13,7 @@ from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Bending
 from ..elements.prestress import element
 from ..mechanics.carry import make_system
+from ..model.parts import listed
 from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 from .between import stored_forces
@@ -86,7 +87,9 @@ def section_forces(
     if isinstance(state, PhaseResult):
         if isinstance(places, jax.core.Tracer):
             raise ValueError("places: of the end of a phase they cannot be traced; give numbers")
-        return structure.arrange(stored_forces(structure, state, np.asarray(places)))
+        forces = listed(structure, state.section_forces)
+        at = state.positions, np.asarray(places)
+        return structure.arrange(stored_forces(structure.groups, forces, *at))
     thawed, arrays, freedoms = prepared(structure, state)
     return structure.arrange(_forces(thawed, arrays, freedoms.of_supports, places))
 
