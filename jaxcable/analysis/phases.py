@@ -215,7 +215,7 @@ def _meant(stated, group):
 
 def _is_scalar(value):
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
-    return leaf and value is not None and np.ndim(value) == 0
+    return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
 
 def _passes_by(group, name, structure):

@@ -292,7 +292,8 @@ def _judge_bending(label, section):
         bending += [[z2, yz], [yz, y2]]
     nothing = STIFFLESS * stiffness.sum() * np.abs(places).max() ** 2
     least, most = np.linalg.eigvalsh(bending)
-    if not least > nothing:
+    layers = most > nothing and section.own is not None  # of a mesh, for bending in a plane
+    if not least > nothing and not layers:
         shape = "one axis: its fibres are points on one line"
         if not most > nothing:
             shape = "all axes: its fibres are one point"
