@@ -112,6 +112,10 @@ FIELDS: dict[tuple[str, str], str] = {
     ("LineLoads", "on"): _ON,
     ("CablePressure", "on"): f"{_ON}; only cables, bars and beams can be loaded",
     ("SelfWeight", "on"): f"{_ON} that have a `weight`",
+    ("FacePressure", "pressure"): (
+        "pressure, N/m2, scalar or [n_face]; positive along the normal about which the nodes of a "
+        "face are in anticlockwise order"
+    ),
     ("LineLoads", "elements"): f"{_LOADED}; left out or null: all",
     ("SelfWeight", "elements"): f"{_LOADED}; left out or null: all",
     ("SelfWeight", "direction"): (
