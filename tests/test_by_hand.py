@@ -307,6 +307,11 @@ def test_a_beam_that_does_not_resist_bending_is_named(fibres, words):
         beams = {"mast": jc.Beams([[0, 1]], section=section)}
         jc.Structure(nodes, beams, jc.clamped([0]))
     assert words in str(seen[-1].message)
+    if "one line" in words:  # which is enough where nothing leaves a plane
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            in_plane = jc.Supports([[False, True, False]] * 2)
+            jc.Structure(nodes, beams, jc.clamped([0]) + in_plane)
 
 
 def test_a_fibre_with_moments_is_not_and_nothing_traced_is():

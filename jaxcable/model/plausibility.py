@@ -133,7 +133,24 @@ def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) ->
                 "it in m?"
             )
         yield from _judge_axis(f"elements{where}.section", section)
-        yield from _judge_bending(f"elements{where}.section", section)
+
+
+@_warns
+def bending(
+    named: Sequence[tuple[str, Element]], fixed: Bool[np.ndarray, "n_node n_freedom"]
+) -> Iterator[str]:
+    """Warn of beams whose section does not resist bending.
+
+    No error: under tension a beam without bending stiffness can have an equilibrium, as a cable.
+
+    Args:
+        named: pairs of (key in the elements as text, group).
+        fixed: True where a freedom of a node is held, [n_node, 3 or 6].
+    """
+    plane = bool(fixed[:, :3].all(axis=0).any())  # no node leaves it
+    for where, group in named:
+        if group.rotates and group.section is not None:
+            yield from _judge_bending(f"elements{where}.section", group.section, plane)
 
 
 @_warns
@@ -275,11 +292,8 @@ def _judge_axis(label, section):
         )
 
 
-def _judge_bending(label, section):
-    """Yield a warning if a section of a beam does not resist bending about some axis.
-
-    No error: under tension a beam without bending stiffness can have an equilibrium, as a cable.
-    """
+def _judge_bending(label, section, plane):
+    """Yield a warning if a section does not resist bending; in a plane only if about no axis."""
     moduli = [_there(law.modulus) for law in section.laws]
     if any(part is None for part in (*moduli, *map(_there, jax.tree.leaves(section)))):
         return
@@ -292,8 +306,8 @@ def _judge_bending(label, section):
         bending += [[z2, yz], [yz, y2]]
     nothing = STIFFLESS * stiffness.sum() * np.abs(places).max() ** 2
     least, most = np.linalg.eigvalsh(bending)
-    layers = most > nothing and section.own is not None  # of a mesh, for bending in a plane
-    if not least > nothing and not layers:
+    layers = section.own is not None  # of a mesh that somebody has made for bending in a plane
+    if not (most if plane or layers else least) > nothing:
         shape = "one axis: its fibres are points on one line"
         if not most > nothing:
             shape = "all axes: its fibres are one point"
