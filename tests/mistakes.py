@@ -90,22 +90,25 @@ MISTAKES = {
     "modulus sign": (lambda r: jc.Elastic(_below(r)), "^E = "),
     "pretension sign": (
         lambda r: _phase(pretension=_with([1] * 3, r, _below(r))),
-        r"^pretension\[\d\] = ",
+        r"^phases\[0\].pretension\[\d\] = ",
     ),
-    "jacking sign": (lambda r: _phase(jacking=_with([1] * 3, r, _below(r))), r"^jacking\[\d\] = "),
+    "jacking sign": (
+        lambda r: _phase(jacking=_with([1] * 3, r, _below(r))),
+        r"^phases\[0\].jacking\[\d\] = ",
+    ),
     "prestrain": (
         lambda r: _phase(prestrain=_with([0] * 3, r, -1 - r.random())),
-        r"^prestrain\[\d\] = ",
+        r"^phases\[0\].prestrain\[\d\] = ",
     ),
     "unstressed length": (
         lambda r: _phase(rest_length=_with([1] * 3, r, _below(r))),
-        r"^rest_length\[\d\] = ",
+        r"^phases\[0\].rest_length\[\d\] = ",
     ),
     # shapes
     "nodes shape": (lambda r: _structure(_shape(r)), "^nodes: expected shape"),
     "links shape": (lambda r: _cables(links=_shape(r).astype(int)), "^links: expected shape"),
     "stiffness shape": (lambda r: _cables(axial_stiffness=_shape(r)), "^axial_stiffness: expected"),
-    "pretension shape": (lambda r: _phase(pretension=_shape(r)), "^pretension: expected"),
+    "pretension shape": (lambda r: _phase(pretension=_shape(r)), r"^phases\[0\].pretension: exp"),
     "forces shape": (lambda r: jc.NodalLoads([1], _shape(r)), "^forces: expected shape"),
     "movement shape": (lambda r: jc.SupportMovement([1], _shape(r)), "^displacements: expected"),
     "mask shape": (

@@ -110,7 +110,10 @@ CASES = {
         lambda: analyse(pretension=[1.0, 2.0, 3.0]),
         r"pretension: expected a scalar or shape \(2,\)",
     ),
-    "pretension tree": (lambda: analyse(pretension={"net": 1.0}), "pretension: expected a scalar"),
+    "pretension tree": (
+        lambda: analyse(pretension={"net": 1.0}),
+        "pretension: expected one number",
+    ),
     "rest length sign": (lambda: analyse(rest_length=-1.0), "rest_length.*must be positive"),
     "prestrain": (lambda: analyse(prestrain=-1.5), "prestrain.*must be above -1"),
     "moments": (

@@ -41,9 +41,9 @@ class Phase:
 
     A statement of prestress is a scalar (for all bars and cables; for beams only if there are no
     bars and cables, or for a temperature if they have an `expansion`), an array [n_elem],
-    ``only(elements, values)`` for some elements of a group, or a prefix pytree of these in the
-    structure's elements. Absolute statements refer to the initial nodes; an element has one at
-    most:
+    ``only(elements, values)`` for some elements of a group, or these by group, in the shape of the
+    structure's elements: ``{"guys": 10e3}``. Groups that a dict leaves out, or that have None, have
+    no statement. Absolute statements refer to the initial nodes; an element has one at most:
 
     - pretension: axial force in the initial geometry, N.
     - force_density: pretension over initial length, N/m.
@@ -67,8 +67,8 @@ class Phase:
             and nodal loads on it end (an anchored jack does not also pull). A freedom that becomes
             free begins with its reaction as a load, which is ramped out.
         increments: number of equal steps of the load factor.
-        adds: elements that are there from this phase on, and not before: keys of groups, or a
-            prefix pytree of `only(numbers)` or booleans [n_elem]. An element is unstressed where it
+        adds: elements that are there from this phase on, and not before: keys of groups, or
+            `only(numbers)` or booleans [n_elem] by group. An element is unstressed where it
             finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
             the structure's nodes. Its weight, and loads along it, are ramped in. What no phase of
             an analysis adds is there from its beginning: an analysis of the first stages alone has
@@ -139,7 +139,8 @@ class Phase:
         if self.increments < 1:
             raise ValueError(f"increments = {self.increments}: a phase has at least 1 increment")
         if self.supports is not None and not isinstance(self.supports, Supports):
-            raise ValueError("supports: expected pinned(nodes) or Supports(mask)")
+            kind = checks.kind(self.supports, "pinned(nodes)")
+            raise ValueError(f"supports: expected pinned(nodes) or Supports(mask), got {kind}")
         as_list(self.loads)
         for name in ABSOLUTE + INCREMENTS:
             for leaf in jax.tree.leaves(getattr(self, name)):
@@ -214,7 +215,7 @@ def _meant(stated, group):
 
 def _is_scalar(value):
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
-    return leaf and value is not None and np.ndim(value) == 0
+    return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
 
 def _passes_by(group, name, structure):
@@ -234,10 +235,17 @@ def _passes_by(group, name, structure):
 
 
 def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
-    """A prefix pytree of the elements as a list with one entry per group, None if not stated."""
+    """A prefix pytree of the elements as a list with one entry per group, None if not stated.
+
+    Groups that a dict leaves out have no entry.
+
+    Raises:
+        ValueError: keys that no group has, or another shape.
+    """
     if value is None or _is_scalar(value):
         return [value] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
+    value = _filled(value, numbers, name)
     if isinstance(numbers, int) and isinstance(value, list | tuple):
         return [value]  # the values of the only group
 
@@ -263,15 +271,42 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
             continue
         return values
     raise ValueError(
-        f"{name}: expected a scalar, an array [n_elem], or a prefix pytree of the structure's "
-        f"elements (None where a group has none), got {_shape(value)} for {_shape(numbers)}"
+        f"{name}: expected one number, numbers [n_elem] of the only group, or these by group: "
+        f"the structure has {_told(numbers)}, got {_told(value)}"
     )
 
 
-def _shape(tree):
-    """The shape of a pytree as text, without the name of its type."""
-    shape = jax.tree.structure(tree, is_leaf=lambda x: x is None)
-    return str(shape).removeprefix("PyTreeDef(").removesuffix(")")
+def _filled(value, numbers, name):
+    """`value` with nothing for the groups that its dicts leave out; ValueError for unknown keys.
+
+    Args:
+        value: prefix pytree of the elements; its lists and tuples have all of their items.
+        numbers: numbers of the groups, in the shape of the elements.
+        name: of what is stated, for messages.
+    """
+    if type(numbers) is dict and isinstance(value, dict):
+        for key in value:
+            if key not in numbers:
+                raise ValueError(
+                    f"{name}: no group {key!r} in the structure's elements"
+                    f"{checks.meant(key, numbers)}"
+                )
+        return {key: _filled(value.get(key), own, name) for key, own in numbers.items()}
+    if type(value) in (list, tuple) and type(value) is type(numbers) and len(value) == len(numbers):
+        return type(value)(_filled(*pair, name) for pair in zip(value, numbers, strict=True))
+    return value
+
+
+def _told(tree):
+    """What a tree is at its top, in words."""
+    if isinstance(tree, dict):
+        return f"groups by name: {', '.join(map(repr, tree))}" if tree else "no group"
+    if isinstance(tree, list | tuple):
+        return f"a list of {len(tree)}"
+    if isinstance(tree, int):
+        return "one group without a name"
+    shape = f" of shape {np.shape(tree)}" if isinstance(tree, np.ndarray | jax.Array) else ""
+    return f"{type(tree).__name__}{shape}"
 
 
 def _checked(value, group, name):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import itertools
 from collections.abc import Sequence
@@ -93,9 +94,15 @@ def prepare(
     rows, groups = structure.rows()
     bundles = _bundles(structure)
     sets = _support_sets(structure, phases, fixed)
-    loads = [_loads(structure, phase, held) for phase, held in zip(phases, sets[1:], strict=True)]
+    loads = [
+        _loads(structure, phase, held, f"phases[{earlier + k}]")
+        for k, (phase, held) in enumerate(zip(phases, sets[1:], strict=True))
+    ]
     nodal, movements, along = ([kinds[k] for kinds in loads] for k in range(3))
-    inputs = [phase.inputs(structure) for phase in phases]
+    inputs = []
+    for k, phase in enumerate(phases):
+        with _named(f"phases[{earlier + k}]."):
+            inputs.append(phase.inputs(structure))
     for k, phase in enumerate(phases):
         moving = along[k] or movements[k]
         alone = not (moving or any(inputs[k])) and phase.supports is None
@@ -164,15 +171,26 @@ def _bundles(structure):
     return Bundles.of(structure.rows()[1])
 
 
-def _loads(structure, phase, fixed):
+@contextlib.contextmanager
+def _named(where):
+    """Put `where` in front of the message of a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{where}{error}") from None
+
+
+def _loads(structure, phase, fixed, where):
     """Loads of a phase, checked: lists of nodal loads, movements of supports, element loads."""
-    loads = as_list(phase.loads)
-    for load in loads:
-        load.check(structure)
+    loads, along = as_list(phase.loads), []
+    for j, load in enumerate(loads):
+        with _named(f"{where}.loads[{j}]: "):
+            load.check(structure)
+            if isinstance(load, Moving):
+                load.check_supported(fixed)
+            if isinstance(load, Acting):
+                along.append(load.among(structure))
     movements = [load for load in loads if isinstance(load, Moving)]
-    for movement in movements:
-        movement.check_supported(fixed)
-    along = [load.among(structure) for load in loads if isinstance(load, Acting)]
     return [load for load in loads if isinstance(load, OnNodes)], movements, along
 
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..common import checks
 from ..common.selection import Named, Only, Selection
 from ..common.types import Array, ArrayLike, Bool
 from ..elements.element import Element, ElementState
@@ -228,9 +229,10 @@ def _named(value, structure, name):
         try:
             chosen = jax.tree.leaves(numbers[key])
         except (KeyError, IndexError, TypeError):
-            keys = ", ".join(map(repr, numbers)) if isinstance(numbers, dict) else "none"
+            keys = numbers if isinstance(numbers, dict) else ()
             raise ValueError(
-                f"{name} = {key!r}: no such key in the structure's elements; there are {keys}"
+                f"{name} = {key!r}: no such key in the structure's elements"
+                f"{checks.meant(key, keys)}"
             ) from None
         for k in chosen:
             found[k] = np.ones_like(found[k])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import Namespace
 
-import jax
 import numpy as np
 
 from ..analysis.phases import ABSOLUTE, INCREMENTS
@@ -47,7 +46,8 @@ def _scene(structure, phases):
         ends = nodes[group.links.array]
         lengths = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
         print(
-            f"{type(group).__name__} {label}".strip() + f": {len(lengths)} elements, "
+            f"{type(group).__name__} {label}".strip()
+            + f": {inputs.counted(len(lengths), 'element')}, "
             f"lengths {inputs.spread(lengths)} m, {inputs.short(lengths.sum())} m in total"
         )
         for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
@@ -59,7 +59,7 @@ def _scene(structure, phases):
                 print(f"  {field} {type(getattr(group, field)).__name__}")
     presence = presence_of(structure, phases, None)
     for number, phase in enumerate(phases, 1):
-        _phase(number, phase)
+        _phase(number, phase, structure)
         if presence is not None:
             _changes(number - 1, structure, presence)
 
@@ -80,18 +80,47 @@ def _changes(k, structure, presence):
     print(f"  {sum(int(p[k].sum()) for p in presence.present)} of {total} elements there")
 
 
-def _phase(number, phase):
+_UNITS = {
+    **dict.fromkeys(("pretension", "jacking"), " N"),
+    **dict.fromkeys(("rest_length", "sag", "shortening"), " m"),
+    **{"force_density": " N/m", "prestrain": "", "temperature": " K"},
+}
+
+
+def _phase(number, phase, structure):
     """Print the contents of a phase."""
     print(f"phase {number}: {inputs.counted(phase.increments, 'increment')}")
+    stated = phase.inputs(structure)
     for field in (*ABSOLUTE, *INCREMENTS):
-        value = getattr(phase, field)
-        if value is not None:
-            numbers = [getattr(leaf, "values", leaf) for leaf in jax.tree.leaves(value)]
-            print(f"  {field} {inputs.spread(numbers)}")
+        if getattr(phase, field) is not None:
+            print(f"  {field} {_stated(field, [of.get(field) for of in stated], structure)}")
     for load in as_list(phase.loads):
         print(f"  {load}")
     if phase.supports is not None:
         print("  other supports")
+
+
+def _stated(field, statements, structure):
+    """What a phase states, with the names of the groups, and of those that it passes by."""
+    parts: dict[str, list[str]] = {}
+    without, cold = [], []
+    for (label, group), stated in zip(groups_by_name(structure), statements, strict=True):
+        if stated is None:
+            lacks = field == "temperature" and group.expansion is None
+            (cold if lacks else without).append(label)
+            continue
+        values = np.broadcast_to(np.asarray(stated.values), len(group.links))
+        meant = np.ones(len(values), bool) if stated.chosen is None else stated.chosen
+        text = f"{inputs.spread(values[meant])}{_UNITS[field]}"
+        some = "" if meant.all() else f" ({int(meant.sum())} of {len(meant)} elements)"
+        parts.setdefault(text, []).append(f"{label}{some}".strip())
+    told = [f"{text} on {', '.join(names)}" for text, names in parts.items()]
+    if len(statements) == 1:
+        told = [part.removesuffix(" on ").replace(" on (", " (") for part in told]
+    if without:
+        told.append(f"none on {', '.join(without)}")
+    told += [f"{', '.join(cold)} has no expansion"] if cold else []
+    return "; ".join(told)
 
 
 def _net(net):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import sys
 import warnings
+from collections.abc import Iterable
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -80,8 +82,7 @@ def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ...
         except ValueError as error:
             raise ValueError(f"{name}: not a rectangular array of numbers") from error
     if not (np.issubdtype(array.dtype, np.number) or jnp.issubdtype(array.dtype, jnp.floating)):
-        kind = type(value).__name__ if array.dtype == object else array.dtype
-        raise ValueError(f"{name}: expected numbers, got {kind}")
+        raise ValueError(f"{name}: expected numbers, got {_contents(array, value)}")
     if jnp.issubdtype(array.dtype, jnp.complexfloating):
         raise ValueError(f"{name}: expected real numbers, got {array.dtype}")
     if array.dtype == np.longdouble and array.dtype != np.float64:
@@ -89,6 +90,13 @@ def floats(value: Float[ArrayLike, " ..."], name: str) -> Float[ArrayLike, " ...
     if not jnp.issubdtype(array.dtype, jnp.floating):
         array = array.astype(float)
     return array
+
+
+def _contents(array, value):
+    """What an array made of `value` holds, for messages."""
+    if array.dtype.kind in "US":
+        return "text"
+    return type(value).__name__ if array.dtype == object else array.dtype
 
 
 def scalar(value: Float[ArrayLike, ""], name: str) -> Float[ArrayLike, ""]:
@@ -143,7 +151,7 @@ def integers(
         array = array.astype(np.int32).reshape((0,) if width is None else (0, width))
     if not np.issubdtype(array.dtype, np.integer):
         hint = "; numpy.flatnonzero makes them of booleans" if array.dtype == bool else ""
-        raise ValueError(f"{name}: expected integers, got {array.dtype}{hint}")
+        raise ValueError(f"{name}: expected integers, got {_contents(array, value)}{hint}")
     if width is None:
         array = np.atleast_1d(array)
     if array.ndim != (1 if width is None else 2) or (width and array.shape[1] != width):
@@ -190,3 +198,11 @@ def kind(thing: object, example: str) -> str:
     if isinstance(thing, type):
         return f"the class {thing.__name__} itself; call it, as in {example}"
     return type(thing).__name__
+
+
+def meant(name: object, names: Iterable[object]) -> str:
+    """The end of a message on an unknown name: the known names, and the one most like it."""
+    known = list(names)
+    near = difflib.get_close_matches(str(name), [str(one) for one in known], n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"; there are {', '.join(map(repr, known)) or 'none'}{hint}"

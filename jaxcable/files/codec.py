@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import json
 from typing import Any, TypeVar
 
 import jax
@@ -25,6 +26,7 @@ from ..common.checks import holds_boolean
 from ..common.selection import Named, Only, Selection
 from ..common.tree import Indices
 from ..elements import Bars, Beams, Cables, Catenaries, SlidingCables
+from ..elements.element import Element
 from ..loads import (
     AreaLoads,
     CablePressure,
@@ -269,10 +271,34 @@ def _require_kind(value, kind, where):
     numbers = isinstance(value, np.ndarray | np.generic | list | tuple | str | int | float | None)
     if kind.startswith(("Float[", "Int[", "Bool[")) and not numbers:
         raise FileError(f"{where}: expected numbers, got {type(value).__name__}")
+    for base, (words, example) in _TYPED.items():
+        if kind.startswith(words):
+            _require_typed(value, base, example, where)
     if kind == "bool" and not isinstance(value, bool):
         raise FileError(f"{where}: expected true or false, got {value!r:.40}")
     if kind == "Key" and (isinstance(value, bool) or not isinstance(value, str | int | None)):
         raise FileError(f"{where}: expected the key of a group, got {value!r:.40}")
+
+
+_TYPED: dict[type, tuple[tuple[str, ...], str]] = {
+    Element: (("PyTree[Element]",), "a group of elements has one, such as Cables"),
+    Load: (("Load", "Sequence[Load]"), "a load has one, such as NodalLoads"),
+    Law: (("Law", "Sequence[Law]"), "a law has one, such as Elastic"),
+}
+"""Classes of objects that name theirs: annotations of fields, and words for a message."""
+
+
+def _require_typed(value, base, example, where):
+    """FileError for an object without a "type" where one of a class is expected."""
+    if isinstance(value, list | tuple):
+        for k, item in enumerate(value):
+            _require_typed(item, base, example, f"{where}[{k}]")
+    if isinstance(value, dict):
+        inner = value.values() if base is Element else ()
+        if not inner or not all(isinstance(v, Element | dict | list | tuple | None) for v in inner):
+            raise FileError(f'{where}: no "type"; {example}')
+        for key, item in value.items():
+            _require_typed(item, base, example, f"{where}[{key!r}]")
 
 
 def _required(field, values):
@@ -296,10 +322,25 @@ def _decode_numbers(data, where):
     except (ValueError, OverflowError):
         array = None
     if array is None or (array.size and array.dtype.kind not in "bif"):
-        raise FileError(f"{where}: expected numbers in lists of equal lengths")
+        place, why = _odd(data) or ("", "expected numbers in lists of equal lengths")
+        raise FileError(f"{where}{place}: {why}")
     if array.dtype != bool and holds_boolean(data):  # NumPy would count it as 0 or 1
         raise FileError(f"{where}: expected numbers, got true or false among them")
     if not np.isfinite(array).all():
         index = np.argwhere(~np.isfinite(array))[0].tolist()
         raise FileError(f"{where}{index or ''}: a number too large to be one")
     return array
+
+
+def _odd(data, place=""):
+    """The first place in nested lists that is no number or has another length, and what it is."""
+    if not isinstance(data, list):
+        number = isinstance(data, int | float)
+        return None if number else (place, f"expected a number, got {json.dumps(data):.40}")
+    lengths = [len(item) if isinstance(item, list) else 0 for item in data]
+    usual = max(lengths, key=lengths.count, default=0)
+    for k, length in enumerate(lengths):
+        if length != usual and not isinstance(data[k], str | None):
+            text = f"expected numbers in lists of equal lengths, got {length or 'no list'} "
+            return f"{place}[{k}]", f"{text}where others have {usual or 'no list'}"
+    return next(filter(None, (_odd(item, f"{place}[{k}]") for k, item in enumerate(data))), None)

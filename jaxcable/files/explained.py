@@ -9,7 +9,9 @@ from collections.abc import Mapping
 _SECTION = re.compile(r"^(Args|Attributes):$")
 _ENTRY = re.compile(r"^(?:    |- )(\w+(?:, \w+)*): ?(.*)$")
 _SAME = re.compile(r"^as (?:of|for) `(\w+)`[;.]? ?(.*)$")
-_NOTHING = re.compile(r"\bNone\b")  # JSON has another word for it
+_WORDS = {"None": "null", "True": "true", "False": "false"}
+_WORD = re.compile(r"\b(None|True|False)\b")  # JSON has other words for them
+_TUPLE = re.compile(r"(`*)\((-?\w+(?:, -?\w+){2})\)\1")  # JSON has lists only
 _LIKE = re.compile(r"Arguments and errors are those of\s+`(\w+)`")
 
 
@@ -35,8 +37,14 @@ def explained(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
         found |= explained(classes[like[1]], classes)
     for names, words in _entries(text):
         for name in names:
-            found[name] = _NOTHING.sub("null", _resolved(name, words, classes))
+            found[name] = _in_json(_resolved(name, words, classes))
     return found
+
+
+def _in_json(words):
+    """Words of a docstring with the constants and the lists of JSON."""
+    words = _WORD.sub(lambda found: _WORDS[found[0]], words)
+    return _TUPLE.sub(r"[\2]", words).replace("``", "`")
 
 
 def _entries(text):

@@ -4,6 +4,10 @@ An annotation such as ``Float[ArrayLike, "n 3"] | None`` says which axes an arra
 an axis of this length, ``2+`` one of at least this length, ``3or4`` one of either; ``...`` and
 ``*shape`` are axes that may be missing; other names are axes of any length, not zero if they begin
 with ``n_``.
+
+What a value may be is told by its JSON type first, and then by the depth and the width of lists:
+``if`` and ``then``, not ``anyOf``, whose errors name no place inside of the value. Definitions that
+several fields share have no description: editors would show it instead of the field's own.
 """
 
 from __future__ import annotations
@@ -22,23 +26,26 @@ _ITEMS: dict[str, tuple[str, Schema]] = {
     "Bool": ("boolean", {"type": "boolean"}),
 }
 _PLAIN: dict[str, Schema] = {
-    "None": {"type": "null"},
     "bool": {"type": "boolean"},
     "int": {"type": "integer", "minimum": 0},
     "float": {"type": "number"},
     "str": {"type": "string"},
     "Key": {"type": ["string", "integer", "null"]},
-    "Sequence[str]": {"type": "array", "items": {"type": "string"}, "minItems": 1},
 }
-_NAMED = {  # annotations of values that have a definition of their own
-    "Law": "law",
-    "Load": "load",
-    "Sequence[Law]": "laws",
-    "Sequence[Load]": "listOfLoads",
-    "tuple[int, ...]": "counts",
-    "PyTree[Element]": "elements",
+_NAMED: dict[str, tuple[list[str], str]] = {  # types and name of what has a definition of its own
+    "Law": (["object"], "law"),
+    "Load": (["object"], "load"),
+    "Sequence[Law]": (["array", "object"], "laws"),
+    "Sequence[Load]": (["array", "object"], "loads"),
+    "tuple[int, ...]": (["array", "object"], "counts"),
+    "PyTree[Element]": (["object", "array"], "elements"),
 }
-_WHOLE = "The reader takes whole numbers without a decimal point only."
+_MIXED = {  # alternatives that have one definition together
+    "Load | Sequence[Load]": "Sequence[Load]",
+    "str | Sequence[str] | PyTree[Bool": "PyTree[Bool",
+}
+_TAGS = ["list", "tuple"]
+"""Names under "type" that belong to containers, not to classes."""
 
 
 def ref(name: str) -> Schema:
@@ -46,19 +53,28 @@ def ref(name: str) -> Schema:
     return {"$ref": f"#/$defs/{name}"}
 
 
-def united(options: list[Schema]) -> Schema:
-    """The schema of values that any of several schemas takes."""
-    return options[0] if len(options) == 1 else {"anyOf": options}
+def if_type(kind: str, then: Schema) -> Schema:
+    """`then`, for values of a JSON type."""
+    return {"if": {"type": kind}, "then": then}
 
 
-def options(
+def if_named(names: Collection[str], then: Schema, otherwise: Schema) -> Schema:
+    """`otherwise` for objects with one of some texts under "type", else `then`.
+
+    The condition is negative: an editor asks for what fits while the text is not there yet.
+    """
+    other = {"type": {"not": {"enum": list(names)}, "doNotSuggest": True}}
+    return {"if": {"properties": other}, "then": then, "else": otherwise}
+
+
+def value(
     annotation: str,
     classes: Collection[str],
     defs: dict[str, Schema],
     bound: Schema | None = None,
     each: bool = False,
-) -> list[Schema]:
-    """Schemas of the values that a field with an annotation can have, a list.
+) -> Schema:
+    """The schema of the values that a field with an annotation can have.
 
     Args:
         annotation: of the field; what it does not tell may be anything.
@@ -67,25 +83,39 @@ def options(
         bound: of the numbers, as ``{"minimum": 0}``.
         each: whether one value can stand for that of every element.
     """
-    found: list[Schema] = []
-    for word in _alternatives(annotation):
-        array = _ARRAY.match(word)
-        if array is not None:
-            for axes in _shapes(array[1], array[3], each):
-                found.append(_array(array[1], axes, bound, defs))
-        elif word in _PLAIN:
-            found.append({**_PLAIN[word], **((bound if word == "int" else None) or {})})
+    for several, one in _MIXED.items():
+        annotation = annotation.replace(several, one)
+    words = _alternatives(annotation)
+    null = ["null"] if "None" in words else []
+    arrays: dict[str, list[tuple[str, ...]]] = {}
+    for word in words:
+        if (array := _ARRAY.match(word)) is not None:
+            arrays.setdefault(array[1], []).extend(_shapes(array[1], array[3], each))
+    ways: list[Schema] = []
+    if len(arrays) == 1:
+        ((kind, shapes),) = arrays.items()
+        ways = [_numbers(kind, shapes, bound, defs, null)]
+    elif arrays:
+        ways = [{"anyOf": [_numbers(kind, shapes, bound, defs) for kind, shapes in arrays.items()]}]
+    for word in words:
+        if word in _PLAIN:
+            plain = {**_PLAIN[word], **((bound if word == "int" else None) or {})}
+            if null and isinstance(plain["type"], str):
+                plain["type"] = [plain["type"], *null]
+            ways.append(plain)
         elif word in classes:
-            found.append(ref(word))
+            ways.append({"type": ["object", *null], **if_type("object", ref(word))})
         elif word in _NAMED:
-            found.append(ref(_NAMED[word]))
-        elif word.startswith("PyTree[Float"):
-            found.append(ref("statement"))
-        elif word.startswith("PyTree[Bool"):
-            found.append(ref("choice"))
-        else:
-            return [{}]
-    return found
+            types, name = _NAMED[word]
+            told = {"if": {"type": types}, "then": ref(name)} if len(types) > 1 else None
+            ways.append({"type": [*types, *null], **(told or if_type(types[0], ref(name)))})
+        elif word.startswith(("PyTree[Float", "PyTree[Bool")):
+            ways.append(ref("statement" if word.startswith("PyTree[Float") else "change"))
+        elif word != "None" and _ARRAY.match(word) is None:
+            return {}
+    if not ways:
+        return {"type": "null"}
+    return ways[0] if len(ways) == 1 else {"anyOf": ways}
 
 
 def _alternatives(annotation):
@@ -112,23 +142,64 @@ def _shapes(kind, axes, each):
     return shapes
 
 
-def _array(kind, axes, bound, defs):
-    """A reference to the schema of an array, which is added to the definitions."""
+def _numbers(kind, shapes, bound, defs, null=()):
+    """A reference to the schema of numbers of some shapes, which is added to the definitions."""
     word, item = _ITEMS[kind]
     item = {**item, **(bound or {})}
-    lengths = [axis if axis[0].isdigit() else "n1" if axis[:2] == "n_" else "n" for axis in axes]
+    lengths = [tuple(map(_length, shape)) for shape in dict.fromkeys(shapes)]
     limits = [{"exclusiveMinimum": "above", "minimum": "from"}[key] for key in bound or {}]
-    limits += [str(value) for value in (bound or {}).values()]
-    name = "_".join((word, *lengths, *limits)).replace("+", "up")
+    limits += [str(limit) for limit in (bound or {}).values()]
+    shown = ["_".join(shape) or "one" for shape in lengths]
+    name = "_".join((word, "_or_".join(shown), *limits, *null)).replace("+", "up")
     if name not in defs:
-        nested = item
-        for axis in reversed(lengths):
-            nested = {"type": "array", "items": nested, **_limits(axis)}
-        shown = ", ".join(axis if axis.isdigit() else "n" for axis in lengths)
-        title = f"array [{shown}]" if axes else word
-        told: Schema = {"description": _WHOLE} if kind == "Int" else {}
-        defs[name] = {"title": title, **told, **(_either(nested) if kind == "Float" else nested)}
+        types = [item["type"]] if () in lengths else []
+        lists = [shape for shape in lengths if shape]
+        types += ["array"] if lists else []
+        plain = {**(item if () in lengths else {}), **(_lists(lists, item) if lists else {})}
+        if kind == "Float":  # in single precision numbers are marked
+            single = tagged("float32", "values", {**plain, "type": types})
+            marked = [*types, "object", *null]
+            defs[name] = {"allOf": [if_type("object", single)], **plain, "type": marked}
+        else:
+            defs[name] = {**plain, "type": [*types, *null]}
+        wanted = " or ".join(_shown(word, shape) for shape in lengths)
+        defs[name]["errorMessage"] = f"Expected {wanted}{', or null' if null else ''}."
     return ref(name)
+
+
+def _shown(word, lengths):
+    """A shape in words, for messages of editors."""
+    if not lengths:
+        return {"number": "a number", "whole": "a whole number"}.get(word, "true or false")
+    of = {"number": "numbers", "whole": "whole numbers"}.get(word, "true or false")
+    axes = [axis.replace("n1", "n").replace("2+", "2 or more") for axis in lengths]
+    return f"a list [{', '.join(axes)}] of {of}"
+
+
+def _length(axis):
+    """The length of an axis: a number, "n1" for any but zero, or "n"."""
+    return axis if axis[0].isdigit() else "n1" if axis[:2] == "n_" else "n"
+
+
+def _lists(shapes, item):
+    """What lists of some shapes keep: the deepest are told by their depth, others by their width.
+
+    It holds for lists only; other values pass.
+    """
+    first = max(shapes, key=lambda shape: (len(shape), [-int(n) for n in shape if n.isdigit()]))
+    nested = item
+    for axis in reversed(first):
+        nested = {"type": "array", "items": nested, **_limits(axis)}
+    del nested["type"]
+    others = [shape for shape in shapes if shape != first]
+    if not others:
+        return nested
+    depth = len(first)
+    deeper = all(len(shape) < depth for shape in others)
+    test: Schema = {"type": "array"} if deeper else {"maxItems": int(first[-1])}
+    for _ in range(depth - 1):
+        test = {"items": test}
+    return {"if": test, "then": nested, "else": _lists(others, item)}
 
 
 def _limits(axis):
@@ -141,14 +212,15 @@ def _limits(axis):
     return {"minItems": least} if axis.endswith("+") else {"minItems": least, "maxItems": least}
 
 
-def _either(numbers):
-    """Numbers in double precision, or in single precision, which are marked."""
-    return {"anyOf": [numbers, tagged("float32", "values", numbers)]}
-
-
 def tagged(name: str, field: str, content: Schema) -> Schema:
     """The schema of an object with its name under "type", and one field."""
-    return closed({"type": {"const": name}, field: content}, ["type", field])
+    return closed({"type": {"const": name, "doNotSuggest": True}, field: content}, ["type", field])
+
+
+def tags(content: Schema) -> Schema:
+    """The schema of the marked lists and tuples with some content."""
+    kinds: Schema = {"type": {"enum": _TAGS, "doNotSuggest": True}}
+    return closed({**kinds, "items": {"type": "array", "items": content}}, ["type", "items"])
 
 
 def closed(properties: Mapping[str, Schema], required: list[str]) -> Schema:

@@ -155,7 +155,8 @@ def _scene(data):
             warnings.simplefilter("ignore", InputWarning)
             prepare(structure, phases, None, None)
     except ValueError as error:
-        raise FileError(f"phases: {error}") from None
+        named = str(error).startswith("phases[")
+        raise FileError(f"{'' if named else 'phases: '}{error}") from None
     return Scene(structure, phases)
 
 

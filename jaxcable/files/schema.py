@@ -12,14 +12,15 @@ from typing import Any
 
 from ..analysis.phases import PLACES, Phase
 from ..elements.element import Element
-from ..elements.straight import Straight
 from ..loads import along, areas, pressure
 from ..loads.load import Load
 from ..materials.law import Law
+from . import examples, texts
 from .codec import COMMENT, IMPLIED, TYPES, stated
 from .explained import explained, summary
-from .kinds import Schema, closed, options, ref, tagged, united
+from .kinds import Schema, closed, if_named, if_type, ref, tagged, tags, value
 from .scene import FORMAT, MOST_INCREMENTS, VERSION
+from .together import together
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -53,6 +54,13 @@ _TAKEN = {  # what constructors take, where the annotation has what they make of
 _NEEDED = {("Structure", "supports"), ("Beams", "section"), ("Catenaries", "axial_stiffness")}
 """Fields that have a default and are needed all the same."""
 
+_RARE = {  # what programs write, and no person needs
+    *((name, "count") for name in ("Only", "Selection")),
+    *(("Section", name) for name in ("points", "cells", "placed")),
+    *(("Catenaries", name) for name in ("area", "law", "section")),
+    ("Polygonal", "endless"),
+}
+
 _ABOVE: Schema = {"exclusiveMinimum": 0}
 _BOUNDS: dict[str | tuple[str, str], Schema] = {
     **{name: _ABOVE for name in ("axial_stiffness", "torsional_stiffness", "area", "E")},
@@ -62,54 +70,7 @@ _BOUNDS: dict[str | tuple[str, str], Schema] = {
     ("Phase", "increments"): {"minimum": 1, "maximum": MOST_INCREMENTS},
     ("Phase", "rest_length"): {},
 }
-_LOADED = 'the elements of that group: {"type": "Selection", "elements": [4, 5]}; null means all'
-_NOT_HERE = "a catenary is elastic: left out, or null"
-_MORE = {  # what docstrings tell in prose, of two fields at once, or in the words of Python
-    ("Structure", "elements"): (
-        "one group of elements (Cables, Bars, ...), or several: an object whose "
-        "keys are names of groups, or a list; at any depth"
-    ),
-    ("Structure", "supports"): "which nodes are held, and how",
-    ("Supports", "chosen"): "nodes that are held in part or in other directions, [n]",
-    ("Supports", "held"): (
-        "of the chosen nodes: which of three displacements and three rotations are held, [n, 6]"
-    ),
-    ("Supports", "axes"): (
-        "of the chosen nodes: the directions of what is held, [n, 3, 3], one in each "
-        "row of a matrix"
-    ),
-    ("Phase", "shortening"): "by how much a turnbuckle shortens the unstressed length, m",
-    ("Phase", "temperature"): "change of the temperature, K; the group needs `expansion`",
-    ("Phase", "adds"): (
-        "elements that are there from this phase on, and not before: the key of a group, "
-        "a list of keys, or Selection or booleans [n_elem] in the forms of a statement"
-    ),
-    ("Phase", "removes"): "elements that go, in the same forms; their end forces are ramped out",
-    ("Bars", "area"): "cross-section, scalar or [n_elem], m2; beside a law",
-    ("Bars", "law"): "uniaxial law of all elements of the group; beside an area",
-    ("Catenaries", "area"): _NOT_HERE,
-    ("Catenaries", "law"): _NOT_HERE,
-    ("Catenaries", "section"): _NOT_HERE,
-    ("AreaLoads", "factor"): "factor of the forces, without unit",
-    ("LineLoads", "factor"): "factor of the forces, without unit",
-    ("LineLoads", "elements"): _LOADED,
-    ("SelfWeight", "elements"): _LOADED,
-    ("SupportMovement", "displacements"): (
-        "[3] or [n, 3], m, along freedoms held in the phase; null if nodes only turn"
-    ),
-    ("Parallel", "laws"): "the laws, a list",
-    ("Polygonal", "strain"): "strains of the points, [n], n >= 2, increasing, without unit",
-    ("Polygonal", "stress"): "stresses of the points, [n], Pa",
-    ("Section", "laws"): "uniaxial laws, a list; fibres of one law follow each other",
-    ("Section", "points"): "points of a mesh for pictures, [n_point, 2], m",
-    ("Section", "cells"): "the four points of each fibre in a mesh for pictures, [n_fibre, 4]",
-}
-for _key in ("area", "law"):
-    _MORE |= {(_name, _key): _MORE["Bars", _key] for _name in ("Cables", "SlidingCables")}
-_COMMENT: Schema = {
-    "title": COMMENT,
-    "description": "anything, such as a text or a list of lines; it is not read",
-}
+_COMMENT: Schema = {"description": "anything, such as a text or a list of lines; it is not read"}
 _BEYOND = (
     "Reading also refuses what a schema cannot say: numbers of nodes or elements, and keys of "
     "groups, that the structure does not have; arrays that shall have one length and do not; "
@@ -135,8 +96,8 @@ def scene_schema() -> dict[str, Any]:
     Example:
         >>> schema = jc.files.scene_schema()
         >>> links = schema["$defs"]["Cables"]["properties"]["links"]
-        >>> print(links["title"] + ":", links["description"])
-        links: node numbers, [n_elem, 2].
+        >>> print(links["description"])
+        node numbers, [n_elem, 2].
     """
     defs: dict[str, Schema] = {}
     objects = {name: _object(cls, defs) for name, cls in TYPES.items()}
@@ -146,49 +107,57 @@ def scene_schema() -> dict[str, Any]:
         "title": "jaxcable scene",
         "description": "A structure of cables, bars and beams, and the phases in which it is "
         f"prestressed and loaded; SI units; nodes and elements are numbered from 0. {_BEYOND}",
+        "examples": [examples.SCENE],
         **closed(
             {
                 "$schema": {"type": "string", "description": "place of this schema, for editors"},
                 "format": {"const": FORMAT, "description": "says what the file is"},
                 "version": {
-                    "type": "integer",
-                    "minimum": 1,
-                    "maximum": VERSION,
-                    "description": "of the format",
+                    "enum": list(range(1, VERSION + 1)),
+                    "description": "of the format; a whole number",
                 },
                 COMMENT: _COMMENT,
-                "structure": ref("Structure"),
+                "structure": {
+                    "description": "nodes, elements and supports",
+                    **value("Structure", TYPES, defs),
+                },
                 "phases": {
-                    "type": "array",
-                    "items": ref("Phase"),
-                    "minItems": 1,
                     "description": "stages of the analysis, one after the other",
+                    "type": "array",
+                    "items": {"defaultSnippets": examples.of_classes(["Phase"]), **ref("Phase")},
+                    "minItems": 1,
                 },
             },
             ["format", "version", "structure", "phases"],
         ),
-        "$defs": {**objects, **_values(defs), **dict(sorted(defs.items()))},
+        "$defs": {**objects, **_values(), **dict(sorted(defs.items()))},
     }
 
 
 def _object(cls, defs):
-    """The schema of the objects of a class."""
-    name, texts = cls.__name__, explained(cls, TYPES)
+    """The schema of the objects of a class; what the class is stands at its `type`."""
+    name, told = cls.__name__, explained(cls, TYPES)
     needs = [field.name for field in stated(cls) if _needed(cls, field)]
     named = cls not in (*IMPLIED.values(), Phase)
+    kind: Schema = {"const": name, "description": f"{name}: {_summary(cls)}"}
+    shown = list(examples.CLASSES.get(name, {}).values())
     return {
-        "title": name,
-        "description": summary(cls),
         **closed(
             {
-                "type": {"const": name, "description": "the class of this object"},
+                "type": kind if named else {**kind, "doNotSuggest": True},
                 COMMENT: _COMMENT,
-                **{field.name: _field(cls, field, texts, defs) for field in stated(cls)},
+                **{field.name: _field(cls, field, told, defs) for field in stated(cls)},
             },
             (["type"] if named else []) + needs,
         ),
-        **_together(cls),
+        **together(cls),
+        **({"examples": shown} if shown else {}),
     }
+
+
+def _summary(cls):
+    """What a class is, in a line."""
+    return texts.CLASSES.get(cls.__name__) or summary(cls)
 
 
 def _needed(cls, field):
@@ -198,123 +167,157 @@ def _needed(cls, field):
     return bare or (cls.__name__, field.name) in _NEEDED
 
 
-def _field(cls, field, texts, defs):
-    """The schema of a field of a class, with its title and description."""
+def _field(cls, field, told, defs):
+    """The schema of a field of a class, with its description."""
     key = cls.__name__, field.name
-    text = _MORE.get(key) or texts.get(field.name) or field.name
-    about: Schema = {"title": field.name, "description": text}
+    about: Schema = {
+        "description": texts.FIELDS.get(key) or told.get(field.name) or f"of the {cls.__name__}"
+    }
     if isinstance(field.default, bool | int | str):
         about["default"] = field.default
+    if key in examples.FIELDS:
+        about["examples"] = examples.FIELDS[key]
+    if key in _RARE:
+        about["doNotSuggest"] = True
     if key in _ENUMS:
         return {**about, "enum": list(_ENUMS[key])}
     annotation = _TAKEN.get(key, field.type)
     if not isinstance(annotation, str):  # of a class without postponed annotations
         annotation = getattr(annotation, "__name__", "")
+    for words, names in _offered():
+        if annotation.startswith(words):
+            about["defaultSnippets"] = examples.of_classes(names)
     bound = _BOUNDS.get(key, _BOUNDS.get(field.name))
-    each = issubclass(cls, Element)
-    return {**about, **united(options(annotation, TYPES, defs, bound, each))}
+    return {**about, **value(annotation, TYPES, defs, bound, issubclass(cls, Element))}
 
 
-def _given(name):
-    """The schema of objects that have a field, and not null in it."""
-    return {"required": [name], "properties": {name: {"not": {"type": "null"}}}}
+def _offered():
+    """Pairs: how an annotation begins, and the classes whose examples editors offer there."""
+    return [
+        ("PyTree[Element]", _names(Element)),
+        ("Load |", _names(Load)),
+        *((words, _names(Law)) for words in ("Law", "Sequence[Law]")),
+        *((name, [name]) for name in ("Section", "Supports", "Selection")),
+    ]
 
 
-def _these(*names, others=()):
-    """The schema of objects that have some fields, and none of `others`."""
-    return {"allOf": [*map(_given, names), *({"not": _given(name)} for name in others)]}
+def _names(base):
+    """Names of the classes that derive from one, a list."""
+    return [name for name, cls in TYPES.items() if issubclass(cls, base)]
 
 
-def _together(cls):
-    """What must, or must not, be given together in the objects of a class."""
-    if cls.__name__ == "Supports":
-        directed = "chosen", "held", "axes"
-        return {
-            "anyOf": [_given(name) for name in ("mask", "nodes", "clamps", "chosen")],
-            "oneOf": [_these(*directed), _these(others=directed)],
-        }
-    if cls.__name__ == "LineLoads":
-        begun = {"properties": {"geometry": {"const": "begun"}}, "required": ["geometry"]}
-        per = {"properties": {"per": {"enum": ["initial", "projected"]}}, "required": ["per"]}
-        return {"if": begun, "then": per}
-    if issubclass(cls, Straight) and cls.__name__ != "Catenaries":
-        return {
-            "oneOf": [
-                _these("axial_stiffness", others=("area", "law", "section")),
-                _these("area", "law", others=("axial_stiffness", "section")),
-                _these("section", others=("axial_stiffness", "area", "law")),
-            ]
-        }
-    return {}
-
-
-def _values(defs):
+def _values():
     """Definitions of values that are not objects of one class."""
-    number, numbers = options("Float[ArrayLike, ''] | Float[ArrayLike, ' n_elem']", TYPES, defs)
-    flag = {"type": "boolean"}
-    flags = {"type": "array", "items": flag, "minItems": 1}
+    of_load, of_law = tags(ref("load")), tags(ref("law"))
+    flag, number = {"type": "boolean"}, {"type": "number"}
+    numbers = {"type": ["number", "array"], "items": number, "minItems": 1}
+    single = tagged("float32", "values", numbers)
+    marked = if_named(["float32"], tags(ref("statement")), single)
+    many = {"type": "array", "contains": {"type": "object"}}
+    keys = {"if": {"contains": {"type": "string"}}, "then": {"items": {"type": "string"}}}
     return {
-        "group": _any_of(Element, "A group of elements of one kind."),
-        "load": _any_of(Load, "Something that acts on the structure."),
-        "law": _any_of(Law, "A uniaxial law: stress from strain."),
-        "laws": {"anyOf": [*_lists(ref("law")), ref("law")]},
-        "listOfLoads": {"anyOf": _lists(ref("load"))},
+        "group": _any_of(Element),
+        "load": _any_of(Load),
+        "law": _any_of(Law),
+        "laws": {
+            "type": ["array", "object"],
+            "items": ref("law"),
+            **if_type("object", if_named(_TAGS, ref("law"), of_law)),
+        },
+        "loads": {
+            "type": ["array", "object"],
+            "items": ref("load"),
+            **if_type("object", if_named(_TAGS, ref("load"), of_load)),
+        },
         "counts": {
-            "anyOf": [
-                {"type": "array", "items": {"type": "integer"}, "minItems": 1},
-                *(tagged(name, "items", _LIST_OF_WHOLE) for name in ("tuple", "list")),
-            ]
+            "type": ["array", "object"],
+            "items": {"type": "integer"},
+            "minItems": 1,
+            **if_type("object", tags({"type": "integer"})),
         },
         "elements": {
-            "description": "One group, or several: an object whose keys are names, or a list.",
-            **_tree("group", "elements"),
+            "type": ["object", "array"],
+            "errorMessage": "Expected a group of elements, or an object or a list of groups.",
+            "items": ref("part"),
+            "if": {"type": "array", "minItems": 1},
+            "then": {"contains": {"type": "object"}},
+            "allOf": [if_type("object", _by_group(_names(Element), "part", tags(ref("part"))))],
+        },
+        "part": {
+            "if": {"not": {"type": "null"}},
+            "then": ref("elements"),
+            "defaultSnippets": examples.of_classes(_names(Element)),
         },
         "statement": {
-            "description": "One number for all elements, a list of one for each element of the "
-            "only group, Only for some elements, or an object or a list with one of these for "
-            "each group.",
-            **_tree("marked", "statement", [number, numbers]),
-        },
-        "marked": {
-            "description": "Numbers for some elements, or in single precision.",
-            "anyOf": [ref("Only"), number, numbers],
+            "type": ["object", "number", "array", "null"],
+            "errorMessage": "Expected a number, a list of numbers, or these by group.",
+            "if": many,
+            "then": {"items": ref("statement")},
+            "else": {"items": number},
+            "allOf": [if_type("object", _by_group(["Only"], "statement", marked, ["float32"]))],
         },
         "choice": {
-            "description": "Some elements: Selection, true or false for each element of the only "
-            "group or for all, or an object or a list with one of these for each group.",
-            **_tree("Selection", "choice", [flag, flags]),
+            "type": ["object", "boolean", "array", "null"],
+            "errorMessage": "Expected Selection, true or false, or a list of true and false.",
+            "if": many,
+            "then": {"items": ref("choice")},
+            "else": {"items": flag},
+            "allOf": [if_type("object", _by_group(["Selection"], "choice", tags(ref("choice"))))],
+        },
+        "change": {
+            "type": ["string", "array", "object", "boolean", "null"],
+            "errorMessage": "Expected the key of a group, a list of keys, or choices by group.",
+            "if": many,
+            "then": {"items": ref("choice")},
+            "else": {**keys, "else": {"items": flag}},
+            "allOf": [if_type("object", _by_group(["Selection"], "choice", tags(ref("choice"))))],
         },
     }
 
 
-_LIST_OF_WHOLE: Schema = {"type": "array", "items": {"type": "integer"}}
+_TAGS = ["list", "tuple"]
 
 
-def _any_of(base, text):
-    """The schema of objects of all classes that derive from a class."""
-    names = [name for name, cls in TYPES.items() if issubclass(cls, base)]
-    return {"description": text, "anyOf": [ref(name) for name in names]}
-
-
-def _lists(item):
-    """Schemas of lists that hold objects, which may be empty, and of marked lists and tuples."""
-    items: Schema = {"type": "array", "items": item}
-    plain: Schema = {**items, "anyOf": [{"maxItems": 0}, {"contains": {"type": "object"}}]}
-    return [plain, *(tagged(name, "items", items) for name in ("list", "tuple"))]
-
-
-def _tree(leaf, name, more=()):
-    """The schema of an object of a class, of `more`, or of objects and lists of these.
-
-    What names its class is compared with that class alone: to try the others, too, would take
-    seconds for a file with an error, and would end in a message without a place.
-    """
-    null: Schema = {"type": "null"}
-    inner = {"anyOf": [ref(name), null]}
-    mapping: Schema = {"type": "object", "additionalProperties": inner}
-    named = {"type": "object", "required": ["type"], "properties": {"type": {"type": "string"}}}
+def _any_of(base):
+    """The schema of objects of all classes that derive from a class, told by their `type`."""
+    names = _names(base)
     return {
-        "if": {**named, "not": {"properties": {"type": {"enum": ["list", "tuple"]}}}},
-        "then": ref(leaf),
-        "else": {"anyOf": [*more, *_lists(inner), mapping]},
+        "type": "object",
+        "required": ["type"],
+        "properties": {
+            "type": {
+                "description": "which kind it is",
+                "enum": names,
+                "enumDescriptions": [_summary(TYPES[name]) for name in names],
+            }
+        },
+        "allOf": [
+            {
+                "if": {
+                    "required": ["type"],
+                    "properties": {"type": {"const": name, "doNotSuggest": True}},
+                },
+                "then": ref(name),
+            }
+            for name in names
+        ],
+        "defaultSnippets": examples.of_classes(names),
     }
+
+
+def _by_group(names, each, others, more=()):
+    """The schema of an object with a text under "type", or of an object with the keys of groups.
+
+    The first is of one of the classes `names`, or if it is marked as a list, a tuple or one of
+    `more`, of `others`.
+    """
+    text = {"type": "string", "description": "the class of this object", "examples": names}
+    return if_named(
+        [*_TAGS, *more],
+        {
+            "if": {"required": ["type"], "properties": {"type": text}},
+            "then": ref(names[0] if len(names) == 1 else "group"),
+            "else": {"additionalProperties": ref(each)},
+        },
+        others,
+    )

@@ -43,6 +43,8 @@ def _hint(thing):
         return f"; call it: {thing.__name__}(...)"
     if isinstance(thing, float | int):
         return "; prestress has a name: Phase(pretension=...)"
+    if isinstance(thing, dict):
+        return "; a load is an object of a class such as NodalLoads(nodes, forces)"
     return "; expected NodalLoads(nodes, forces), SelfWeight(), LineLoads(...) or a list of such"
 
 

@@ -39,7 +39,9 @@ def chosen(on: Key, structure: Structure) -> tuple[int, ...]:
     try:
         return tuple(jax.tree.leaves(numbers[on]))
     except (KeyError, IndexError, TypeError):
-        raise ValueError(f"on = {on!r}: no such key in the structure's elements") from None
+        keys: Any = range(len(numbers)) if isinstance(numbers, list | tuple) else numbers
+        known = checks.meant(on, keys) if isinstance(keys, dict | range) else ""
+        raise ValueError(f"on = {on!r}: no such key in the structure's elements{known}") from None
 
 
 def check_elements(elements: object) -> None:

@@ -31,6 +31,9 @@ FAR = 100.0
 OFF_AXIS = 1e-6
 """Distance of a beam's axis from its centroid, over the section's size, beyond rounding."""
 
+STIFFLESS = 1e-12
+"""Bending stiffness over EA and the square of the section's size that is nothing but rounding."""
+
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
 
@@ -130,6 +133,24 @@ def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) ->
                 "it in m?"
             )
         yield from _judge_axis(f"elements{where}.section", section)
+
+
+@_warns
+def bending(
+    named: Sequence[tuple[str, Element]], fixed: Bool[np.ndarray, "n_node n_freedom"]
+) -> Iterator[str]:
+    """Warn of beams whose section does not resist bending.
+
+    No error: under tension a beam without bending stiffness can have an equilibrium, as a cable.
+
+    Args:
+        named: pairs of (key in the elements as text, group).
+        fixed: True where a freedom of a node is held, [n_node, 3 or 6].
+    """
+    plane = bool(fixed[:, :3].all(axis=0).any())  # no node leaves it
+    for where, group in named:
+        if group.rotates and group.section is not None:
+            yield from _judge_bending(f"elements{where}.section", group.section, plane)
 
 
 @_warns
@@ -268,6 +289,33 @@ def _judge_axis(label, section):
             f"{label}: its centroid is at y = {off[0]:.6g}, z = {off[1]:.6g} m from the axis of "
             "the beam, which is the origin of its points or parts; .centred() puts the axis there, "
             ".shifted() says that it is meant as it is"
+        )
+
+
+def _judge_bending(label, section, plane):
+    """Yield a warning if a section does not resist bending; in a plane only if about no axis."""
+    moduli = [_there(law.modulus) for law in section.laws]
+    if any(part is None for part in (*moduli, *map(_there, jax.tree.leaves(section)))):
+        return
+    stiffness = np.repeat(np.array(moduli, float), section.counts) * section.area
+    places = np.stack([section.z, section.y])
+    off = places - (places @ stiffness / stiffness.sum())[:, None]
+    bending = (stiffness * off) @ off.T  # EIy, EIz and EIyz about the centroid
+    if section.own is not None and section.is_elastic:  # see `Section.own`
+        z2, y2, yz = (stiffness / section.area) @ section.own
+        bending += [[z2, yz], [yz, y2]]
+    nothing = STIFFLESS * stiffness.sum() * np.abs(places).max() ** 2
+    least, most = np.linalg.eigvalsh(bending)
+    layers = section.own is not None  # of a mesh that somebody has made for bending in a plane
+    if not (most if plane or layers else least) > nothing:
+        shape = "one axis: its fibres are points on one line"
+        if not most > nothing:
+            shape = "all axes: its fibres are one point"
+        own = "give `own` (second moments of z^2, y^2 and yz of each fibre, m4), or more fibres"
+        yield (
+            f"{label}: its bending stiffness EI is zero about {shape}; "
+            f"{own if section.is_elastic else 'give more fibres'}, or use Bars for members that do "
+            "not bend"
         )
 
 

@@ -9,6 +9,7 @@ torque about the line no equilibrium exists.
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -151,14 +152,27 @@ def warn(structure: Any, spins: Spins | None) -> None:
         turning = turning[turning < structure.n_node]
         along = nodes[second] - nodes[first]
         along = np.round(along / np.linalg.norm(along), 6) + 0.0
-        where = (
-            f"node {turning[0]}"
-            if len(turning) == 1
-            else f"nodes {turning.min()} to {turning.max()}"
-        )
-        where = where if len(turning) else f"the beam from node {first} to {second}"
+        where = f"node {turning[0]} can spin about its line"
+        if len(turning) > 1:
+            where = f"nodes {turning.min()} to {turning.max()} can spin about their line"
+        if not len(turning):
+            where = f"the beam from node {first} to {second} can spin about its line"
         checks.suspect(
-            f"supports: {where} can spin about their line, along {along.tolist()}: nothing holds "
-            f'that; if it is not meant, hold it: pinned(...) + restrained([{first}], about="x", '
-            f"axes={along.tolist()})"
+            f"supports: {where}, along {along.tolist()}: nothing holds that; if it is not meant, "
+            f'hold it: pinned(...) + restrained([{first}], about="x", axes={along.tolist()}), or '
+            f'in a scene file, in supports, "chosen": [{first}], {_in_a_file(along)}'
         )
+
+
+def _in_a_file(along):
+    """The rotation about a direction as a scene file says that it is held."""
+    held, axes = [False] * 6, ""
+    if np.abs(along).max() == 1.0:
+        held[3 + int(np.abs(along).argmax())] = True
+    else:
+        across = np.cross(along, np.eye(3)[np.abs(along).argmin()])
+        across /= np.linalg.norm(across)
+        matrix = np.stack([along, across, np.cross(along, across)])
+        held[3] = True
+        axes = f', "axes": {json.dumps([(matrix.round(6) + 0.0).tolist()])}'
+    return f'"held": {json.dumps([held])}{axes}'

@@ -122,6 +122,7 @@ class Structure:
         fixed = self.fixed(self.supports)
         if positions is not None:
             plausibility.places(positions, self.groups, fixed.array)
+            plausibility.bending(self.named_groups(), fixed.array[: self.n_node])
             warn_of_spins(self, fixed.spins)
 
     def _check_results(self):

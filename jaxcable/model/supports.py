@@ -67,7 +67,8 @@ class Supports:
         nodes: nodes whose position is held, [n].
         clamps: nodes whose position and rotation are held, [n].
         chosen, held, axes: nodes [n], their held freedoms [n, 6], and the directions of these,
-            [n, 3, 3], one in each row of a matrix; see `restrained`.
+            [n, 3, 3], one in each row of a matrix, default x, y, z; see `restrained`. What `mask`,
+            `nodes` and `clamps` hold of the same nodes is held as well.
 
     Raises:
         ValueError: nothing given, a mask of the wrong shape or type; in a structure, unknown nodes,
@@ -90,7 +91,10 @@ class Supports:
     def __post_init__(self):
         given = (self.mask, self.nodes, self.clamps, self.chosen)
         if all(value is None for value in given):
-            raise ValueError("Supports: give a mask [n_node, 3]; for node numbers use pinned(...)")
+            raise ValueError(
+                "Supports: nothing is held; give nodes or clamps (node numbers), chosen with held, "
+                "or a mask [n_node, 3]"
+            )
         names = {"nodes": "pinned", "clamps": "clamped", "chosen": "restrained"}
         for name, words in names.items():
             value = getattr(self, name)
@@ -112,14 +116,18 @@ class Supports:
             object.__setattr__(self, "mask", Indices(mask))
 
     def _check_directions(self):
-        """Raise ValueError unless all of `chosen`, `held`, `axes` are given, in their shapes."""
-        given = self.chosen, self.held, self.axes
-        if all(value is None for value in given):
+        """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
+        if self.chosen is None and self.held is None and self.axes is None:
             return
-        if any(value is None for value in given):
-            raise ValueError(
-                "supports: chosen, held, axes: give all three, as restrained(...) does"
-            )
+        for name in ("chosen", "held"):
+            if getattr(self, name) is None:
+                raise ValueError(
+                    f"supports {name}: missing; chosen (nodes) and held (which of their freedoms, "
+                    "[n, 6]) are given together, as restrained(...) does"
+                )
+        if self.axes is None:
+            axes = np.tile(np.eye(3), (len(self.chosen), 1, 1))
+            object.__setattr__(self, "axes", Indices(axes))
         count = len(self.chosen)
         if self.held.shape != (count, 6) or self.held.array.dtype != bool:
             raise ValueError(f"supports held: expected booleans [{count}, 6]")

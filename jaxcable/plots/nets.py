@@ -36,10 +36,11 @@ def net(
 ) -> Figure:
     """Draw a structure in plan before and in space after loading, coloured by tension.
 
-    A structure that lies in a vertical plane, or is higher than half its width, is drawn in elevation
-    instead of plan; a plane structure also after loading. Slack cables are dashed, elements in
-    compression have a black casing. With a `structure`, catenaries hang and beams are bent: each is
-    the cubic with the positions and rotations of its ends. Without it, both are chords.
+    A structure that lies in a vertical plane, or is higher than half its width, is drawn in an
+    elevation instead of plan; a plane structure also after loading. Slack cables are dashed,
+    elements in compression have a black casing. With a `structure`, catenaries hang and beams are
+    bent: each is the cubic with the positions and rotations of its ends. Without it, both are
+    chords.
 
     Titles say "Before loading" and "After loading" of two phases, "After phase 3 of 7" of more.
 
