@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import io
 import itertools
 import logging
@@ -18,6 +19,7 @@ from ..common.checks import suspect
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
+from .arcs import curve
 from .lines import net_of
 from .nets import Net
 from .reading import LARGEST, FileError, read_bytes, written
@@ -36,13 +38,15 @@ def read_dxf(
     *,
     tol: float = 1e-6,
     supports: str | None = None,
+    sagitta: float | None = None,
     largest: int = LARGEST,
 ) -> Net:
     """Read the lines and polylines of a drawing; its layers become groups.
 
     LINE, LWPOLYLINE and POLYLINE in model space become links, one for each straight piece; ends
     nearer than `tol` become one node, and a link that occurs twice is taken once. What is left out
-    (arcs, faces, texts, blocks, links that occur again) is counted in an `InputWarning`.
+    (arcs, faces, texts, blocks, links that occur again) is counted in an `InputWarning`. Lines that
+    cross or touch have no node there: see `Net.split`.
 
     Args:
         path: path of the file, DXF in ASCII.
@@ -52,16 +56,19 @@ def read_dxf(
     Options:
         tol: largest distance of points that become one node, m.
         supports: layer whose POINTs are supports, "*" for those of all layers, None for no support.
+        sagitta: largest distance of arcs (ARC, and polylines with bulges) from the chords that take
+            their place, m; None leaves them out.
         largest: largest size that is read, bytes.
 
     Returns:
-        `Net`, without stiffness; ``net.scene(axial_stiffness=...)`` makes a scene of it.
+        `Net`, without stiffness; ``net.scene(axial_stiffness=...)`` makes a scene of it. Its
+        `marks` are the nodes with POINTs, by layer.
 
     Raises:
         FileError: no drawing, no lines, no unit, a line without length, a number that is not
         finite, a
             support off the nodes; the message names the entity by its handle.
-        ValueError: ezdxf is not installed; a wrong `scale` or `tol`.
+        ValueError: ezdxf is not installed; a wrong `scale`, `tol` or `sagitta`.
         OSError: there is no such file, or it cannot be read.
 
     Example:
@@ -75,6 +82,8 @@ def read_dxf(
     """
     if (scale is not None and not 0 < scale < np.inf) or not 0 <= tol < np.inf:
         raise ValueError(f"scale = {scale}, tol = {tol}: expected positive numbers")
+    if sagitta is not None and not 0 < sagitta < np.inf:
+        raise ValueError(f"sagitta = {sagitta}: expected a positive number")
     library = _library()
     data = read_bytes(path, largest)
     try:
@@ -83,14 +92,15 @@ def read_dxf(
         text = data.decode("cp1252", "replace")
     try:
         document = library.read(io.StringIO(text))
-        entities = [_content(entity) for entity in document.modelspace()]
         unit = document.header.get("$INSUNITS", 0)
+        metres = float(_METRES.get(unit, 0.0) if scale is None else scale)
+        sag = sagitta / metres if sagitta is not None and metres else None
+        entities = [_content(entity, sag) for entity in document.modelspace()]
     except Exception as error:  # whatever a foreign parser makes of a damaged file
         told = " ".join(str(error).split())[:120]
         raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
-    if scale is None and unit not in _METRES:
+    if not metres:
         raise FileError(f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m")
-    metres = float(_METRES[unit] if scale is None else scale)
     try:
         return _net(path, entities, metres, tol, supports)
     except FileError as error:
@@ -107,22 +117,32 @@ def _library() -> ModuleType:
     return ezdxf
 
 
-def _content(entity):
-    """Kind, place in words, layer, and points of an entity; no points if it is left out."""
+def _content(entity, sagitta):
+    """Kind, place in words, layer, and points of an entity; no points if it is left out.
+
+    Args:
+        sagitta: of chords in place of arcs, in units of the drawing; None leaves out arcs.
+    """
     kind, points = entity.dxftype(), []
     if kind == "LINE":
         points = [entity.dxf.start, entity.dxf.end]
     elif kind == "POINT":
         points = [entity.dxf.location]
     elif kind == "LWPOLYLINE":
-        kind = "LWPOLYLINE with arcs" if entity.has_arc else kind
-        points = [] if entity.has_arc else [*entity.vertices_in_wcs()]
-        points += points[:1] if entity.closed else []
+        if entity.has_arc:
+            kind = "LWPOLYLINE with arcs"
+            points = [] if sagitta is None else curve(entity, sagitta)
+        else:
+            points = [*entity.vertices_in_wcs()]
+            points += points[:1] if entity.closed else []
+    elif kind == "ARC":
+        points = [] if sagitta is None else curve(entity, sagitta)
     elif kind == "POLYLINE":
         if not (entity.is_2d_polyline or entity.is_3d_polyline):
             kind = "POLYLINE mesh"
         elif entity.has_arc:
             kind = "POLYLINE with arcs"
+            points = [] if sagitta is None else curve(entity, sagitta)
         else:
             points = [*entity.points_in_wcs()]
             points += points[:1] if entity.is_closed else []
@@ -147,14 +167,17 @@ def _net(path, entities, metres, tol, supports):
             lines += [(where, layer, i, j) for i, j in itertools.pairwise(numbers)]
     if not lines:
         told = "".join(f", {count} {kind}" for kind, count in sorted(left.items()))
+        told += _hint(left)
         raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told}")
     net, repeated = net_of(metres * np.array(places, float), lines, tol)
     left["links that occur again"] += repeated
     distance, node = np.array([]), np.array([], int)
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))
+    on: dict[str, set[int]] = {}
     held = [supports in ("*", layer) for _, layer, _ in marks]
-    for (where, *_), off, number, support in zip(marks, distance, node, held, strict=True):
+    for (where, layer, _), off, number, support in zip(marks, distance, node, held, strict=True):
+        on.setdefault(layer, set()).update([int(number)] if off <= tol else [])
         if support and off > tol:
             raise FileError(f"{where}: a support that is {off:.3g} m off the nearest node")
         if support:
@@ -162,12 +185,23 @@ def _net(path, entities, metres, tol, supports):
         elif off > tol:
             left["POINT"] += 1
     if supports is not None and not any(held):
-        raise FileError(f"supports = {supports!r}: there is no POINT on this layer")
+        layers = ", ".join(map(repr, on)) or "none"
+        raise FileError(
+            f"supports = {supports!r}: there is no POINT on this layer; layers with points: {layers}"
+        )
     told = ", ".join(f"{count} {kind}" for kind, count in sorted(left.items()) if count)
     if told:
-        more = "; explode blocks first" if left["INSERT"] else ""
-        suspect(f"{path}: left out: {told}{more}")
-    return net
+        suspect(f"{path}: left out: {told}{_hint(left)}")
+    by_layer = {layer: np.array(sorted(nodes), np.int32) for layer, nodes in on.items()}
+    return dataclasses.replace(net, marks=by_layer)
+
+
+def _hint(left):
+    """What to do about what is left out, as text; `left` counts it by kind."""
+    arcs = any(left[kind] for kind in ("ARC", "LWPOLYLINE with arcs", "POLYLINE with arcs"))
+    hint = "; give sagitta=..., m, for chords of arcs" if arcs else ""
+    blocks = "; blocks (INSERT) are not read: explode blocks first, in the drawing"
+    return hint + (blocks if left["INSERT"] else "")
 
 
 def save_dxf(
