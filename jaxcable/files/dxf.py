@@ -100,7 +100,7 @@ def read_dxf(
         told = " ".join(str(error).split())[:120]
         raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
     if not metres:
-        raise FileError(f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m")
+        raise FileError(f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)")
     try:
         return _net(path, entities, metres, tol, supports)
     except FileError as error:
@@ -199,7 +199,7 @@ def _net(path, entities, metres, tol, supports):
 def _hint(left):
     """What to do about what is left out, as text; `left` counts it by kind."""
     arcs = any(left[kind] for kind in ("ARC", "LWPOLYLINE with arcs", "POLYLINE with arcs"))
-    hint = "; give sagitta=..., m, for chords of arcs" if arcs else ""
+    hint = "; give sagitta=..., m (--sagitta), for chords of arcs" if arcs else ""
     blocks = "; blocks (INSERT) are not read: explode blocks first, in the drawing"
     return hint + (blocks if left["INSERT"] else "")
 
