@@ -100,7 +100,9 @@ def read_dxf(
         told = " ".join(str(error).split())[:120]
         raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
     if not metres:
-        raise FileError(f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)")
+        raise FileError(
+            f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)"
+        )
     try:
         return _net(path, entities, metres, tol, supports)
     except FileError as error:
@@ -187,7 +189,7 @@ def _net(path, entities, metres, tol, supports):
     if supports is not None and not any(held):
         layers = ", ".join(map(repr, on)) or "none"
         raise FileError(
-            f"supports = {supports!r}: there is no POINT on this layer; layers with points: {layers}"
+            f"supports = {supports!r}: there is no POINT on this layer; there are on: {layers}"
         )
     told = ", ".join(f"{count} {kind}" for kind, count in sorted(left.items()) if count)
     if told:

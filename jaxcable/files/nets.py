@@ -159,11 +159,12 @@ class Net:
         """The net with nodes where its links cross in plan, and where a node lies on a link.
 
         The node of a crossing has the mean of the heights of all links there, each taken straight
-        from end to end; at a T-joint the node that is there stays where it is, and the link goes
-        through it (at another height only if it is an end that nothing holds). Pieces keep group, kind and properties of their link, its pretension and its
-        prestrain; they share its unstressed length, and force densities grow so that the force is
-        kept. Of pieces that lie on each other the one of the first link is left. Nodes keep their
-        numbers, new ones follow; they are free and without load.
+        from end to end. At a T-joint the node that is there stays where it is, and the link goes
+        through it; a node above or below the link only if it is an end that nothing holds. Pieces
+        keep group, kind and properties of their link, its pretension and its prestrain; they share
+        its unstressed length, and force densities grow so that the force is kept. Of pieces that
+        lie on each other the one of the first link is left. Nodes keep their numbers, new ones
+        follow; they are free and without load.
 
         Args:
             groups: names of the groups that take part; None for all. Leave out what crosses in plan
@@ -297,9 +298,9 @@ class Net:
         if gaps:
             gap = min(gaps, key=lambda gap: gap.distance)
             raise ValueError(
-                f"anchors: {len(gaps)} of the ends meet another node or link, or nearly, and are no "
-                f"anchors then: node {gap.node} at {doubts.place(self.nodes[gap.node])} is "
-                f"{1e3 * gap.distance:.3g} mm off {gap.other}; join them (a larger tolerance, --tol; "
+                f"anchors: {len(gaps)} of the ends meet another node or link, or nearly, and then are "
+                f"no anchors: node {gap.node} at {doubts.place(self.nodes[gap.node])} is "
+                f"{1e3 * gap.distance:.3g} mm off {gap.other}; join them (larger tolerance, --tol; "
                 'Net.split, --split), or name them by their numbers, beside "ends"'
             )
 
