@@ -138,6 +138,11 @@ def _form(commands):
     method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
     text = "tension of all cables in the form, N; likewise"
     method.add_argument("--tension", nargs="+", metavar="T", help=text)
+    text = (
+        "length in the form of groups without force density or tension, as masts and guys: "
+        "group=drawn for that in the scene, or group=number, m; their forces are found"
+    )
+    command.add_argument("--length", nargs="+", metavar="L", help=text)
     command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
 
 

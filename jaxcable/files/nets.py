@@ -298,8 +298,8 @@ class Net:
         if gaps:
             gap = min(gaps, key=lambda gap: gap.distance)
             raise ValueError(
-                f"anchors: {len(gaps)} of the ends meet another node or link, or nearly, and then are "
-                f"no anchors: node {gap.node} at {doubts.place(self.nodes[gap.node])} is "
+                f"anchors: {len(gaps)} of the ends meet another node or link, or nearly, and are "
+                f"no anchors then: node {gap.node} at {doubts.place(self.nodes[gap.node])} is "
                 f"{1e3 * gap.distance:.3g} mm off {gap.other}; join them (larger tolerance, --tol; "
                 'Net.split, --split), or name them by their numbers, beside "ends"'
             )

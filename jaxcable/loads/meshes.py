@@ -56,7 +56,7 @@ def net_faces(
     Raises:
         ValueError: wrong links, two linked nodes at one place in plan (a vertical mast: give the
             links of the net alone), links or lines between free ends that cross, a part of the net
-            inside a mesh of another part, an unknown `border`, another `largest`, or no face at all.
+            inside a mesh of another part, an unknown `border`, another `largest`, no face at all.
 
     Warns:
         InputWarning: `border` is not given, and there is area outside of all links.
