@@ -13,15 +13,15 @@ def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
     outputs.check_suffix(options.save, (".json", ".dxf"), "--save")
     require_writable(options.save)
-    name = options.save.lower()
+    name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
-        options.scene = options.files[0]
+        options.scene, scale = options.files[0], options.scale or 1.0
         scene = inputs.scene(options)
     else:
         scene = _scene(options)
     try:
         if name.endswith(".dxf"):
-            save_dxf(options.save, scene.structure)
+            save_dxf(options.save, scene.structure, scale=scale)
         elif name.endswith(".compas.json"):
             save_network(options.save, scene.structure)
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from typing import Any
 
 import numpy as np
 
@@ -23,6 +24,7 @@ def run(options: Namespace) -> None:
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save)
     structure, phases = inputs.scene(options)
+    stated: dict[str, Any]
     try:
         lengths = _lengths(options.length, structure)
         if options.tension is not None:

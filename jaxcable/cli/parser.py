@@ -74,7 +74,8 @@ def _reads(command, scene=True):
         )
         command.add_argument("files", nargs="+", metavar="file", help=text)
         text = (
-            "metres per unit of an OBJ file (default 1), or of a DXF file (default: its own unit)"
+            "metres per unit of an OBJ file (default 1) or DXF file (default: its own unit); of "
+            "the drawing if one is made of a scene (default 1)"
         )
         command.add_argument("--scale", type=_positive, metavar="S", help=text)
         text = "of DXF and OBJ: largest distance of points that become one node, m (default 1e-6)"

@@ -45,11 +45,11 @@ def near_pairs(
     _, shortest = shortest_links(nodes, links)
     if len(nodes) < 2:
         return np.zeros((0, 2), int), np.zeros(0)
-    distance, other = cKDTree(nodes).query(nodes, k=2)
+    distances, others = map(np.asarray, cKDTree(nodes).query(nodes, k=2))
     every = np.arange(len(nodes))
-    second = other[:, 1] == every  # of nodes at one place either may come first
-    other = np.where(second, other[:, 0], other[:, 1])
-    distance = distance.max(axis=1)
+    second = others[:, 1] == every  # of nodes at one place either may come first
+    other = np.where(second, others[:, 0], others[:, 1])
+    distance = distances.max(axis=1)
     limit = NEAR * np.minimum(shortest, shortest[other])
     close = np.isfinite(limit) & (distance < limit)
     pairs = np.sort(np.stack([every, other], axis=1)[close], axis=1)

@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..analysis.solution import Solution
 from ..common.checks import suspect
+from ..elements import Bars
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
@@ -29,6 +30,7 @@ _METRES = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
 _GREY = 8  # of points
+_BARS, _SUPPORTS = "jaxcable bars", "jaxcable supports"  # properties of a drawing: names of layers
 _FORBIDDEN = str.maketrans(dict.fromkeys('<>/\\":;?*|=`,', "_"))  # in names of layers
 
 
@@ -55,14 +57,15 @@ def read_dxf(
 
     Options:
         tol: largest distance of points that become one node, m.
-        supports: layer whose POINTs are supports, "*" for those of all layers, None for no support.
+        supports: layer whose POINTs are supports, "*" for those of all layers; None for those that
+            `save_dxf` has written, if the drawing is its own, and else for no support.
         sagitta: largest distance of arcs (ARC, and polylines with bulges) from the chords that take
             their place, m; None leaves them out.
         largest: largest size that is read, bytes.
 
     Returns:
         `Net`, without stiffness; ``net.scene(axial_stiffness=...)`` makes a scene of it. Its
-        `marks` are the nodes with POINTs, by layer.
+        `marks` are the nodes with POINTs, by layer. Bars that `save_dxf` has written stay bars.
 
     Raises:
         FileError: no drawing, no lines, no unit, a line without length, a number that is not
@@ -96,6 +99,7 @@ def read_dxf(
         metres = float(_METRES.get(unit, 0.0) if scale is None else scale)
         sag = sagitta / metres if sagitta is not None and metres else None
         entities = [_content(entity, sag) for entity in document.modelspace()]
+        own = [(str(key), str(layer)) for key, layer in document.header.custom_vars]
     except Exception as error:  # whatever a foreign parser makes of a damaged file
         told = " ".join(str(error).split())[:120]
         raise FileError(f"{path}: no DXF drawing, or a damaged one: {told}") from error
@@ -103,10 +107,15 @@ def read_dxf(
         raise FileError(
             f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)"
         )
+    if supports is None:
+        marked = {layer for kind, _, layer, _ in entities if kind == "POINT"}
+        supports = next((name for key, name in own if key == _SUPPORTS and name in marked), None)
     try:
-        return _net(path, entities, metres, tol, supports)
+        net = _net(path, entities, metres, tol, supports)
     except FileError as error:
         raise FileError(f"{path}: {error}") from None
+    bars = [("bar" if (_BARS, group) in own else "cable") for group in net.groups or ()]
+    return dataclasses.replace(net, kinds=tuple(bars))
 
 
 def _library() -> ModuleType:
@@ -207,26 +216,32 @@ def _hint(left):
 
 
 def save_dxf(
-    path: str | PathLike[str], structure: Structure, solution: Solution | None = None
+    path: str | PathLike[str],
+    structure: Structure,
+    solution: Solution | None = None,
+    scale: float = 1.0,
 ) -> list[Path]:
-    """Write a structure as a drawing in metres, with a layer and a colour for each group.
+    """Write a structure as a drawing, with a layer and a colour for each group.
 
     Elements are lines, and cables over several nodes polylines. Nodes are points: those that are
-    held on the layer ``supports``, others on the layer ``nodes``.
+    held on the layer ``supports``, others on the layer ``nodes``. Properties of the drawing say
+    which layers are bars, and which one has supports that are held in all directions, so that
+    `read_dxf` finds both.
 
     Args:
         path: path of the file, ending with .dxf.
         structure: `Structure`.
         solution: its `Solution`, for the positions in its end; if it has failed, those of the last
             converged state. None draws the nodes as they are in the structure.
+        scale: metres per unit of the drawing: 1 for metres, 1e-3 for mm, 1e-2 for cm, 0.0254 for
+            inches, 0.3048 for feet.
 
     Returns:
         Paths of the files written, a list.
 
     Raises:
-        ValueError: another suffix, groups whose names are one layer, a batch, another structure
-        than
-            that of the solution; ezdxf is not installed.
+        ValueError: another suffix or scale, groups whose names are one layer, a batch, another
+            structure than that of the solution; ezdxf is not installed.
         OSError: the file cannot be written.
 
     Example:
@@ -241,14 +256,18 @@ def save_dxf(
     path = Path(path)
     if path.suffix.lower() != ".dxf":
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with .dxf")
+    units = {metres: unit for unit, metres in _METRES.items()}
+    if scale not in units:
+        known = ", ".join(map(str, sorted(units)))
+        raise ValueError(f"scale = {scale}: expected the metres of a unit, one of {known}")
     places = np.asarray(structure.nodes, float)
     if solution is not None:
         one_case(solution)
         require_same(structure, solution.last.topology, "solution")
         places = np.asarray(solution.last.positions, float)
     document = _library().new("R2010")
-    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = 6, 1
-    space, points = document.modelspace(), places.tolist()
+    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
+    space, points = document.modelspace(), (places / scale).tolist()
     layers = {"0", "defpoints"}
     for number, (name, group) in enumerate(groups_by_name(structure)):
         layer = (name or type(group).__name__).translate(_FORBIDDEN)[:255]
@@ -256,17 +275,22 @@ def save_dxf(
             raise ValueError(f"elements: a group {name!r} needs the layer {layer!r}; rename it")
         layers.add(layer.lower())
         document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
+        if isinstance(group, Bars):
+            document.header.custom_vars.append(_BARS, layer)
         for chain in group.links.array.tolist():
             ends = [k for k, _ in itertools.groupby(chain)]  # shorter chains are padded
             if len(ends) == 2:
                 space.add_line(points[ends[0]], points[ends[1]], dxfattribs={"layer": layer})
             else:
                 space.add_polyline3d([points[k] for k in ends], dxfattribs={"layer": layer})
-    held = np.asarray(structure.supports.fixed(structure.n_node).any(axis=1))
+    fixed = np.asarray(structure.supports.fixed(structure.n_node))
+    held, pinned = fixed.any(axis=1), fixed[:, :3].all(axis=1)
     for layer, mask in (("supports", held), ("nodes", ~held)):
         while layer in layers:
             layer += "_"
         document.layers.add(layer, color=_GREY)
+        if mask is held and (held == pinned).all():
+            document.header.custom_vars.append(_SUPPORTS, layer)
         for k in np.flatnonzero(mask):
             space.add_point(points[k], dxfattribs={"layer": layer})
     with written(path) as stream:

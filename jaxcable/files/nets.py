@@ -205,7 +205,7 @@ class Net:
             return self
         chosen, rest = np.flatnonzero(part), np.flatnonzero(~part)
         found = crossings.crossings(
-            self.nodes, self.links[chosen], self.fixed.any(axis=1), tolerance, gap
+            self.nodes, self.links[chosen], np.any(self.fixed, axis=1), tolerance, gap
         )
         if found.apart:
             checks.suspect(
