@@ -160,6 +160,17 @@ def test_pieces_keep_what_their_link_had():
     np.testing.assert_allclose(found.values["force_density"] * length, [40, 40, 40, 40, 15])
     assert found.values["pretension"].tolist() == [40, 40, 40, 40, 15]
     assert net.split(["a", "c"]).links.tolist() == net.links.tolist()
+    # an end above a link comes down to it, unless a link that takes no part holds it, too
+    above = Net(
+        np.array([[0.0, 0, 0], [4, 0, 0], [2, 0, 0.1], [2, 3, 0], [2, 0, 3]]),
+        np.array([[0, 1], [2, 3], [2, 4]]),
+        np.zeros((5, 3), bool),
+        groups=("a", "a", "c"),
+    )
+    with pytest.warns(jc.InputWarning, match="split: 1 places"):
+        assert len(above.split(["a"]).links) == 3
+    two = Net(above.nodes[:4], above.links[:2], above.fixed[:4])
+    assert two.split().links.tolist() == [[0, 2], [2, 1], [2, 3]]
     with pytest.raises(ValueError, match="groups: no group 'd'; there are a, b, c"):
         net.split(["d"])
     with pytest.raises(ValueError, match=r"tolerance = -1.0, gap = 0.25: expected positive"):

@@ -97,7 +97,7 @@ def touching(
     found = cKDTree(nodes[used, :2]).sparse_distance_matrix(
         tree, 0.5 * step + reach, output_type="ndarray"
     )
-    pairs = np.unique(np.stack([owner[found["j"]], used[found["i"]]], axis=1), axis=0)
+    pairs = _distinct(owner[found["j"]], used[found["i"]], len(nodes))
     link, node = pairs[(links[pairs[:, 0]] != pairs[:, 1:]).all(axis=1)].T
     near = np.minimum(length[link], shortest[node])
     limit = tolerance + share * near
@@ -140,7 +140,7 @@ def crossings(
     joints = Touching(*(value[close] for value in joints))
     tree, owner, step = _pieces(nodes[:, :2], links)
     pairs = np.sort(owner[tree.query_pairs(step * (1 + 1e-9), output_type="ndarray")], axis=1)
-    pairs = np.unique(pairs[pairs[:, 0] != pairs[:, 1]], axis=0)
+    pairs = _distinct(*pairs[pairs[:, 0] != pairs[:, 1]].T, len(links))
     pairs = pairs[(links[pairs[:, 0], :, None] != links[pairs[:, 1], None]).all(axis=(1, 2))]
     first, way = nodes[links[:, 0]], nodes[links[:, 1]] - nodes[links[:, 0]]
     p, q = pairs.T
@@ -213,6 +213,11 @@ def _pieces(plan, links):
     number = np.arange(len(owner)) - (np.cumsum(count) - count)[owner]
     middles = first[owner] + ((number + 0.5) / count[owner])[:, None] * way[owner]
     return cKDTree(middles), owner, step
+
+
+def _distinct(first, second, count):
+    """Pairs of numbers, each once, [n, 2]; the second ones are below `count`."""
+    return np.stack(np.divmod(np.unique(first.astype(np.int64) * count + second), count), axis=1)
 
 
 def _cross(a, b):

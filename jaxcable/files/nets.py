@@ -204,9 +204,10 @@ class Net:
         if not part.any():
             return self
         chosen, rest = np.flatnonzero(part), np.flatnonzero(~part)
-        found = crossings.crossings(
-            self.nodes, self.links[chosen], np.any(self.fixed, axis=1), tolerance, gap
-        )
+        # a node that others hold, too, has its height for a reason
+        held: np.ndarray = np.array(np.any(self.fixed, axis=1))
+        held[self.links[rest].ravel()] = True
+        found = crossings.crossings(self.nodes, self.links[chosen], held, tolerance, gap)
         if found.apart:
             checks.suspect(
                 f"split: {found.apart} places where links cross or touch in plan are left: their "
