@@ -140,7 +140,8 @@ def crossings(
     joints = Touching(*(value[close] for value in joints))
     tree, owner, step = _pieces(nodes[:, :2], links)
     pairs = np.sort(owner[tree.query_pairs(step * (1 + 1e-9), output_type="ndarray")], axis=1)
-    pairs = _distinct(*pairs[pairs[:, 0] != pairs[:, 1]].T, len(links))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    pairs = _distinct(pairs[:, 0], pairs[:, 1], len(links))
     pairs = pairs[(links[pairs[:, 0], :, None] != links[pairs[:, 1], None]).all(axis=(1, 2))]
     first, way = nodes[links[:, 0]], nodes[links[:, 1]] - nodes[links[:, 0]]
     p, q = pairs.T
