@@ -285,6 +285,28 @@ def test_arcs_are_chords(degrees, clockwise, tmp_path):
         read_dxf(tmp_path / "arcs.dxf", sagitta=0)
 
 
+def test_cables_that_end_on_an_arc_are_joined_to_it(tmp_path, capsys):
+    """Their ends are on the arc, up to the sagitta off its chords, which then go through them."""
+    document = ezdxf.new("R2010")
+    document.header["$INSUNITS"] = 6
+    space = document.modelspace()
+    space.add_lwpolyline([(5, 0, 1), (-5, 0, 0)], format="xyb", dxfattribs={"layer": "EDGE"})
+    for turn in (0.3, 1.1, 2.0):
+        end = (5 * math.cos(turn), 5 * math.sin(turn))
+        space.add_line((0, -1), end, dxfattribs={"layer": "NET"})
+    document.saveas(tmp_path / "arc.dxf")
+    net = read_dxf(tmp_path / "arc.dxf", sagitta=0.02)
+    chords = net.groups.count("EDGE")
+    assert net.split(tolerance=0.02).groups.count("EDGE") == chords + 3
+    words = ["info", str(tmp_path / "arc.dxf"), "--sagitta", "0.02"]
+    assert main(words) == 0
+    assert "doubtful: 3 crossings of links in plan without a node" in capsys.readouterr().out
+    assert main([*words, "--split"]) == 0
+    out = capsys.readouterr().out
+    assert f"split: 0 nodes made, {chords + 6} links of {chords + 3}" in out
+    assert "nodes with one link: 2\n" in out and "doubtful" not in out
+
+
 def test_properties_by_layer(tmp_path):
     net = read_dxf(write(tmp_path / "mast.dxf", MAST, [("FOOT", (0, 0, 0)), ("DIM", (-5, 0, 0))]))
     assert {layer: nodes.tolist() for layer, nodes in net.marks.items()} == {

@@ -171,7 +171,8 @@ class Net:
                 without being joined, such as stays below a net.
 
         Options:
-            tolerance: distance in plan within which a node lies on a link, m.
+            tolerance: distance in plan within which a node lies on a link, m; of chords in place of
+                arcs at least their sagitta.
             gap: largest height between two links, over the length of the shorter one, at which they
                 are joined; with nodes, their shortest link counts. What is left is counted in an
                 `InputWarning`.
