@@ -160,6 +160,52 @@ def test_form_takes_groups_by_name(scene, capsys):
     assert "expected a number, or group=number: much" in one_line(capsys.readouterr().err)
 
 
+def test_form_finds_forces_in_masts_and_guys(scene, capsys):
+    """A mast of given length between guys: their forces are in balance in an analysis."""
+    nodes = [[-4.0, -4, 0], [4, -4, 0], [0, 0, 3], [0, -4, 3], [0, 5, 0], [0, 0, 0]]
+    elements = {
+        "GUY": jc.Cables([[0, 2], [1, 2]], 1e7),
+        "MAST": jc.Bars([[5, 2]], 1e8),
+        "NET": jc.Cables([[2, 3], [3, 0], [3, 1], [2, 4]], 1e6),
+    }
+    structure = jc.Structure(nodes, elements, jc.pinned([0, 1, 4, 5]))
+    jc.save_scene("mast.json", (structure, [jc.Phase()]))
+    words = ["form", "mast.json", "--force-density", "NET=1000", "--save", "form.json"]
+    assert main([*words, "--length", "MAST=3", "GUY=drawn"]) == 0
+    out = capsys.readouterr().out
+    assert "GUY: tension " in out and "lengths 6.40312 m, 12.8062 m in total" in out
+    assert "MAST: tension -" in out and "N, lengths 3 m" in out
+    found, (prestress,) = jc.load_scene("form.json")
+    solution = jc.solve(found, prestress)
+    assert int(solution.status) == 0
+    # by hand: node 3 ends at the mean of its neighbours, and the head is pulled by 1000 N/m times
+    # (0, 7/3, -5) m; guys take 1/8 of the 7/3 each way, and the mast the rest, along z
+    pull = 1000 * (7 / 3) / 8 * np.sqrt(41)
+    np.testing.assert_allclose(solution.tension["GUY"], pull, rtol=1e-8)
+    np.testing.assert_allclose(solution.tension["MAST"], -1000 * (5 + 7 / 3 / 8 * 6), rtol=1e-8)
+    # it is in balance from the start: the residual of form finding, 1e-10, over the stiffness
+    assert float(np.abs(solution.displacement).max()) < 1e-9
+    tension = jax.tree.map(np.asarray, prestress.pretension)
+    assert tension["MAST"][0] < 0 < tension["GUY"].min()
+    assert (
+        main(["form", "mast.json", "--tension", "NET=3000", "--length", "MAST=3", "GUY=drawn"]) == 0
+    )
+    capsys.readouterr()
+    for more, message in (
+        (
+            [],
+            "q: element 0 of group 'GUY' has no force density; every element needs one; masts and",
+        ),
+        (["--length", "MAST=drawn"], "group 'GUY' has neither of --force-density and --length"),
+        (["--length", "MAST=drawn", "NET=5", "GUY=drawn"], "group 'NET' has both of --force"),
+        (["--length", "POST=drawn"], "--length: no group 'POST'; there are GUY, MAST, NET"),
+        (["--length", "POST=3"], "--length: no group 'POST'; there are GUY, MAST, NET"),
+        (["--length", "3"], "--length: expected group=drawn, or group=number, m"),
+    ):
+        assert main([*words, *more]) == 2
+        assert message in one_line(capsys.readouterr().err)
+
+
 def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys):
     """Without load the tension is the pretension: 321 N."""
     structure, (prestress, _) = jc.scenes.flat_net()

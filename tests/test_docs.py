@@ -25,6 +25,7 @@ PLACES += [place for place in map(jc.__dict__.get, jc.__all__) if inspect.ismodu
 METHODS = {
     jc.Section: "disc ring rectangle i_shape polygon mesh composite shifted centred centroid "
     "inertia stiffness torsional_stiffness axial fibre_stress forces strains interaction",
+    jc.files.Net: "scene split",
     jc.forms.SelfStress: "describe unbalanced mechanism_stiffness stiffens",
     jc.paths.TracedPath: "failure_load",
 }

@@ -124,6 +124,35 @@ def test_structures_come_back(name, tmp_path):
     assert net.fixed.all(axis=1).tolist() == held[same].tolist()
     counts = [len(group.links) for group in structure.groups]
     assert [net.groups.count(g) for g in dict.fromkeys(net.groups)] == counts
+    kinds = [type(group) is jc.Bars for group in structure.groups for _ in group.links.array]
+    assert [kind == "bar" for kind in net.kinds] == kinds
+    again = read_dxf(tmp_path / "net.dxf", tol=0.0)  # it is its own drawing
+    np.testing.assert_array_equal(again.fixed, net.fixed)
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1e-3, 4), (0.3048, 2)])
+def test_drawings_in_other_units(scale, unit, tmp_path):
+    structure, _ = jc.scenes.geiger_dome()
+    (path,) = save_dxf(tmp_path / "net.dxf", structure, scale=scale)
+    document = ezdxf.readfile(path)
+    assert document.header["$INSUNITS"] == unit
+    lines = [e for e in document.modelspace() if e.dxftype() == "LINE"]
+    ends = scale * np.array([[e.dxf.start, e.dxf.end] for e in lines])
+    links = np.concatenate([group.links.array for group in structure.groups])
+    # a quotient and a product, each rounded
+    np.testing.assert_allclose(ends, np.asarray(structure.nodes)[links], rtol=1e-15, atol=1e-15)
+    assert len(read_dxf(path).links) == len(links)
+    with pytest.raises(ValueError, match=r"scale = 0.5: expected the metres of a unit, one of"):
+        save_dxf(path, structure, scale=0.5)
+
+
+def test_supports_in_some_directions_are_not_taken_for_pins(tmp_path):
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+    held = np.array([[1, 1, 1], [0, 1, 0], [1, 1, 1]], bool)
+    structure = jc.Structure([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], cables, jc.Supports(mask=held))
+    save_dxf(tmp_path / "net.dxf", structure)
+    net = read_dxf(tmp_path / "net.dxf")
+    assert not net.fixed.any() and net.marks["supports"].tolist() == [0, 1, 2]
 
 
 @pytest.fixture(scope="module")
@@ -240,6 +269,8 @@ def test_the_command_line_converts(tmp_path, monkeypatch, capsys):
     assert jc.load_scene("net.json").structure.nodes[1, 0] == 1e-3
     assert main(["convert", "net.json", "--save", "again.dxf"]) == 0
     again, once = (sorted(read_dxf(name).nodes.tolist()) for name in ("again.dxf", "net.dxf"))
+    assert main(["convert", "net.json", "--scale", "0.001", "--save", "mm.dxf"]) == 0
+    assert ezdxf.readfile("mm.dxf").header["$INSUNITS"] == 4
     assert again == once
     assert main(["convert", "net.json", "--save", "net.compas.json"]) == 0
     assert main(["info", "net.compas.json"]) == 0

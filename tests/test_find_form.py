@@ -459,3 +459,44 @@ def test_refused():
         find_form(structure, 1.0, jc.CablePressure(1.0, (0.0, 1.0, 0.0)))
     with pytest.raises(ValueError, match=r"elements\[0\] = 7: the group has elements 0 to 2"):
         find_form(structure, only([7], 1.0))
+
+
+GUYED = [[-4.0, 0, 0], [4, 0, 0], [0, 0, 3], [0, 2, 2.0], [0, -3, 0]]
+
+
+def guyed():
+    """A mast with guys on both sides, whose head holds a cable; groups by name."""
+    elements = {
+        "GUY": jc.Cables([[0, 2], [1, 2]], 1e7),
+        "MAST": jc.Bars([[4, 2]], 1e8),
+        "NET": jc.Cables([[2, 3], [3, 0], [3, 1]], 1e6),
+    }
+    return jc.Structure(GUYED, elements, jc.pinned([0, 1, 4]))
+
+
+def test_messages_name_groups():
+    structure = guyed()
+    q = {"GUY": 1.0, "MAST": None, "NET": 1.0}
+    with pytest.raises(ValueError, match="q: element 0 of group 'MAST' has no force density"):
+        jc.force_density(structure, q)
+    with pytest.raises(ValueError, match=r"q\['NET'\]\[0\] = -2.0: a cable carries tension only"):
+        jc.force_density(structure, {**q, "MAST": 1.0, "NET": -2.0})
+    with pytest.raises(ValueError, match="tension: element 0 of group 'MAST' has neither"):
+        jc.find_form(structure, q)
+    with pytest.raises(ValueError, match=r"tension\['GUY'\]\[1\] = -1.0: a cable carries"):
+        jc.find_form(structure, {**q, "MAST": -1.0, "GUY": np.array([1.0, -1.0])})
+    lengths = {"GUY": None, "MAST": 0.0, "NET": None}
+    with pytest.raises(ValueError, match=r"length\['MAST'\]\[0\] = 0.0: must be positive"):
+        jc.find_form(structure, q, length=lengths)
+
+
+def test_nodes_that_have_met_are_named():
+    """Of three cables from one node the third pulls more than both others, to its support."""
+    nodes = [[0.0, 0, 0], [4, 0, 0], [2, 3, 0], [2, 1, 0]]
+    cables = jc.Cables([[0, 3], [1, 3], [2, 3]], 1e5)
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 1, 2]))
+    form = jc.find_form(structure, tension=np.array([10.0, 10.0, 50.0]))
+    assert int(form.status) == jc.status.COLLAPSED and np.isnan(form.positions).any()
+    assert form.nearest.tolist() == [2, 3]
+    with pytest.raises(jc.AnalysisError, match=r"have met \(here nodes 2 and 3\): a rope"):
+        jc.raise_if_failed(form)

@@ -314,7 +314,7 @@ def test_plot_lies_beside_its_scene(scenes, capsys):
 
 def test_plot_names_what_it_cannot_draw(scenes, capsys):
     for words, message in (
-        ("net.json --of My", "net.json: structure: has no beams"),
+        ("net.json --of My", "net.json: solution: has no beams"),
         ("net.json --of beauty", "colour = 'beauty': expected one of"),
         ("mast.json --of My --sequence", "--sequence: not of a diagram"),
         ("mast.json --of My --magnify 2", "--magnify: not of a diagram"),

@@ -59,6 +59,22 @@ def test_nothing_outside_of_edge_cables():
     assert covered(with_guys, quiet(with_guys, [*links, *guys])) == pytest.approx(inside, rel=1e-13)
 
 
+def test_masts_and_stays_are_no_part_of_the_net():
+    """Vertical masts below the corners, anchors far out: nodes that no link of the net touches."""
+    nodes, links, rim = tent()
+    feet = nodes[[0, 6, 42, 48]] - np.array([0.0, 0, 5])
+    far = np.array([[-900.0, -900, -3], [39, 490, -3]])
+    more = np.concatenate([feet, nodes, far])  # before and behind the net
+    faces = quiet(more, links + 4)
+    np.testing.assert_array_equal(faces - 4, quiet(nodes, links))
+    assert covered(more, faces) == pytest.approx(outline(nodes[rim]), rel=1e-13)
+    with pytest.raises(ValueError, match="same place in plan; give the links of the net alone"):
+        jc.net_faces(more, [*(links + 4), [0, 4]])
+    crossed = [*(links + 4), [4, 52]]  # a diagonal through the whole net
+    with pytest.raises(ValueError, match="some cross in plan"):
+        jc.net_faces(more, crossed)
+
+
 def cut_grid(inside):
     """Grid of unit cells whose cables end where `inside(i, j)` does, without edge cables."""
     places = [(i, j) for j in range(8) for i in range(8) if inside(i, j)]

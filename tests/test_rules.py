@@ -369,9 +369,9 @@ TABLE = [
         1.0,
         -1.0,
     ),
-    Row("forms/prescribed.py:length", r"length\[0\] = -1.0", formed("length"), 1.0, -1.0),
+    Row("forms/prescribed.py:statements", r"length\[0\] = -1.0", formed("length"), 1.0, -1.0),
     Row(
-        "forms/force_density.py:q",
+        "forms/force_density.py:force_density",
         r"q\[0\] = -1.0",
         lambda v: jc.force_density(net(), v, PULL),
         1.0,

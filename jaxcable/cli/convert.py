@@ -13,15 +13,15 @@ def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
     outputs.check_suffix(options.save, (".json", ".dxf"), "--save")
     require_writable(options.save)
-    name = options.save.lower()
+    name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
-        options.scene = options.files[0]
+        options.scene, scale = options.files[0], options.scale or 1.0
         scene = inputs.scene(options)
     else:
         scene = _scene(options)
     try:
         if name.endswith(".dxf"):
-            save_dxf(options.save, scene.structure)
+            save_dxf(options.save, scene.structure, scale=scale)
         elif name.endswith(".compas.json"):
             save_network(options.save, scene.structure)
         else:
@@ -35,11 +35,15 @@ def run(options: Namespace) -> None:
 def _scene(options):
     """The scene of the net that `options` name."""
     net = inputs.net(options)
-    names = ("axial_stiffness", "weight", "pretension", "force_density")
+    names = ("axial_stiffness", "weight", "strength", "expansion", "pretension", "force_density")
     properties = {name: getattr(options, name) for name in names}
-    properties = {name: value for name, value in properties.items() if value is not None}
+    properties = {
+        name: inputs.numbers(words, "--" + name.replace("_", "-"))
+        for name, words in properties.items()
+        if words is not None
+    }
     try:
-        return net.scene(inputs.anchors(options.anchors), **properties)
+        return net.scene(inputs.anchors(options.anchors), bars=options.bars, **properties)
     except ValueError as error:
         hint = str(error).replace("axial_stiffness=...", "--axial-stiffness")
         raise Refused(f"{options.files[0]}: {hint}") from None

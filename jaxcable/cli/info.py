@@ -9,10 +9,14 @@ import numpy as np
 from ..analysis.phases import ABSOLUTE, INCREMENTS
 from ..analysis.preparation import prepare
 from ..analysis.presence import presence_of
+from ..files.doubts import doubts, place
 from ..loads import as_list
 from ..model.parts import groups_by_name
 from ..spaces.freedoms import number_freedoms
 from . import inputs
+
+_MOST = 12  # nodes that are listed of a kind
+_SIDE = 135.0  # degrees within which all links of a group lie at a corner of it
 
 
 def run(options: Namespace) -> None:
@@ -131,17 +135,54 @@ def _net(net):
     print(f"extent: {_extent(net.nodes)}")
     ends = net.nodes[net.links]
     print(f"lengths {inputs.spread(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))} m")
-    print(f"supports: {int(net.fixed.any(axis=1).sum())} nodes")
-    single = np.bincount(net.links.ravel(), minlength=len(net.nodes)) == 1
-    print(f"nodes with one link: {int(single.sum())}")
+    held = net.fixed.any(axis=1)
+    print(f"supports: {int(held.sum())} nodes")
     if net.groups is not None:
-        print(f"groups: {', '.join(dict.fromkeys(net.groups))}")
+        counts = [f"{name} {net.groups.count(name)}" for name in dict.fromkeys(net.groups)]
+        print(f"groups: {', '.join(counts)}")
+    if net.marks:
+        counts = [f"{layer} {len(nodes)}" for layer, nodes in net.marks.items()]
+        print(f"nodes with points, by layer: {', '.join(counts)}")
     for name, value in net.values.items():
         known = value[~np.isnan(value)]
         print(f"{name} {inputs.spread(known)} ({len(known)} links)")
     if net.loads is not None:
         total = ", ".join(inputs.short(f) for f in net.loads.sum(axis=0))
         print(f"loads: sum ({total}) N")
+    single = np.bincount(net.links.ravel(), minlength=len(net.nodes)) == 1
+    _places("nodes with one link", net, np.flatnonzero(single))
+    _places("corners of groups in plan", net, np.setdiff1d(_corners(net), np.flatnonzero(single)))
+    for text in doubts(net.nodes, net.links, held):
+        print(f"doubtful: {text}")
+
+
+def _places(what, net, nodes):
+    """Print numbers and places of some nodes, those of supports marked."""
+    print(f"{what}: {len(nodes)}")
+    for k in nodes[:_MOST].tolist():
+        print(f"  node {k} at {place(net.nodes[k])}{', support' * bool(net.fixed[k].any())}")
+    if len(nodes) > _MOST:
+        print(f"  and {len(nodes) - _MOST} more")
+
+
+def _corners(net):
+    """Nodes at which two or more links of a group lie on one side in plan, within `_SIDE`, [n]."""
+    labels = np.array(net.groups or [""] * len(net.links))
+    found = []
+    for label in dict.fromkeys(labels.tolist()):
+        links = net.links[labels == label]
+        out = np.concatenate([links, links[:, ::-1]])  # every link from both of its ends
+        way = (net.nodes[out[:, 1]] - net.nodes[out[:, 0]])[:, :2]
+        seen = np.linalg.norm(way, axis=1) > 0
+        start, angle = out[seen, 0], np.degrees(np.arctan2(way[seen, 1], way[seen, 0]))
+        order = np.lexsort((angle, start))
+        start, angle = start[order], angle[order]
+        for node, first, count in zip(*np.unique(start, True, False, True), strict=True):
+            turns = angle[first : first + count]
+            widest = np.diff(np.append(turns, turns[0] + 360.0)).max()
+            if count > 1 and widest > 360.0 - _SIDE:
+                found.append(int(node))
+    return np.unique(np.array(found, int))
 
 
 def _extent(nodes):

@@ -44,6 +44,24 @@ def is_scene(options: Namespace) -> bool:
 
 
 def net(options: Namespace) -> Net:
+    """The `Net` in the files of a command, split where its links cross if that is asked for."""
+    found = _read(options)
+    if options.split is None:
+        return found
+    # chords are that far from ends which lie on their arc
+    tolerance = max(options.tol, options.sagitta or 0.0)
+    try:
+        made = found.split(options.split or None, tolerance=tolerance)
+    except ValueError as error:
+        raise Refused(f"--split: {error}") from None
+    print(
+        f"split: {counted(len(made.nodes) - len(found.nodes), 'node')} made, "
+        f"{len(made.links)} links of {len(found.links)}"
+    )
+    return made
+
+
+def _read(options):
     """The `Net` in the files of a command: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables."""
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
@@ -52,7 +70,7 @@ def net(options: Namespace) -> Net:
     if len(paths) != 1:
         raise Refused("files: expected one file, or two CSV tables: nodes and links")
     if suffixes == [".obj"]:
-        return read_obj(paths[0], options.scale or 1.0, largest=largest)
+        return read_obj(paths[0], options.scale or 1.0, tolerance=options.tol, largest=largest)
     if suffixes == [".dxf"]:
         try:
             return read_dxf(
@@ -60,6 +78,7 @@ def net(options: Namespace) -> Net:
                 options.scale,
                 tol=options.tol,
                 supports=options.supports,
+                sagitta=options.sagitta,
                 largest=largest,
             )
         except FileError:
@@ -73,38 +92,47 @@ def net(options: Namespace) -> Net:
     raise Refused(f"{paths[0]}: expected .obj, .dxf, .json, or two .csv tables (nodes, links)")
 
 
+def numbers(words: Sequence[str], name: str) -> float | dict[str, float]:
+    """Numbers on a command line: one for all groups, or ``group=number`` for some of them."""
+    try:
+        if len(words) == 1 and "=" not in words[0]:
+            return number(words[0])
+        pairs = dict(word.rsplit("=", 1) for word in words)
+        return {key: number(word) for key, word in pairs.items()}
+    except ValueError:
+        raise Refused(f"{name}: expected a number, or group=number: {' '.join(words)}") from None
+
+
 def values(words: Sequence[str], structure: Structure, name: str) -> float | PyTree[float | None]:
     """Numbers on a command line: one for all elements, or ``group=number`` for groups.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
     """
-    try:
-        if len(words) == 1 and "=" not in words[0]:
-            return number(words[0])
-        pairs = dict(word.split("=", 1) for word in words)
-        numbers = {key: number(word) for key, word in pairs.items()}
-    except ValueError:
-        raise Refused(f"{name}: expected a number, or group=number: {' '.join(words)}") from None
+    found = numbers(words, name)
+    if not isinstance(found, dict):
+        return found
     names = [label for label, _ in groups_by_name(structure)]
-    for key in numbers:
+    for key in found:
         if key not in names:
             raise Refused(f"{name}: no group {key!r}; there are {', '.join(names)}")
-    return structure.arrange([numbers.get(label) for label in names])
+    return structure.arrange([found.get(label) for label in names])
 
 
-def anchors(words: Sequence[str] | None) -> str | list[int] | None:
-    """Anchors on a command line: "ends", or node numbers and ranges such as 0 3 5-8."""
-    if not words or words == ["ends"]:
-        return words[0] if words else None
-    numbers = []
+def anchors(words: Sequence[str] | None) -> list[int | str] | None:
+    """Anchors on a command line: "ends", node numbers, and ranges such as 0 3 5-8."""
+    if not words:
+        return None
+    found: list[int | str] = []
     for word in words:
         first, _, last = word.partition("-")
         try:
-            numbers += range(whole(first), whole(last or first) + 1)
+            found += [word] if word == "ends" else range(whole(first), whole(last or first) + 1)
         except ValueError:
-            raise Refused(f"anchors: {word!r} is no node number or range such as 5-8") from None
-    return numbers
+            raise Refused(
+                f'anchors: {word!r} is no node number or range such as 5-8, nor "ends"'
+            ) from None
+    return found
 
 
 def short(value: float) -> str:

@@ -82,13 +82,18 @@ def _reads(command, scene=True):
         )
         command.add_argument("files", nargs="+", metavar="file", help=text)
         text = (
-            "metres per unit of an OBJ file (default 1), or of a DXF file (default: its own unit)"
+            "metres per unit of an OBJ file (default 1) or DXF file (default: its own unit); of "
+            "the drawing if one is made of a scene (default 1)"
         )
         command.add_argument("--scale", type=_positive, metavar="S", help=text)
-        text = "of a DXF file: largest distance of points that become one node, m (default 1e-6)"
+        text = "of DXF and OBJ: largest distance of points that become one node, m (default 1e-6)"
         command.add_argument("--tol", type=_positive, default=1e-6, metavar="D", help=text)
         text = 'of a DXF file: layer whose points are supports, "*" for all points'
         command.add_argument("--supports", metavar="LAYER", help=text)
+        text = "of a DXF file: largest distance of arcs from chords in their place, m"
+        command.add_argument("--sagitta", type=_positive, metavar="D", help=text)
+        text = "make nodes where links cross in plan or touch, of these groups (default: of all)"
+        command.add_argument("--split", nargs="*", metavar="GROUP", help=text)
     text = "largest file that is read, MB (default 64)"
     command.add_argument("--largest", type=_positive, default=64.0, metavar="MB", help=text)
 
@@ -172,6 +177,11 @@ def _form(commands):
     method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
     text = "tension of all cables in the form, N; likewise"
     method.add_argument("--tension", nargs="+", metavar="T", help=text)
+    text = (
+        "length in the form of groups without force density or tension, as masts and guys: "
+        "group=drawn for that in the scene, or group=number, m; their forces are found"
+    )
+    command.add_argument("--length", nargs="+", metavar="L", help=text)
     command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
 
 
@@ -218,16 +228,20 @@ def _convert(commands):
     example = "net.obj --scale 0.001 --anchors ends --axial-stiffness 1e6 --save net.json"
     command = _command(commands, "convert", convert, text, example)
     _reads(command, scene=False)
-    text = 'supported nodes: numbers, ranges as 5-8, or "ends" (nodes with one link)'
+    text = 'supported nodes: numbers, ranges as 5-8, "ends" (nodes with one link), or both'
     command.add_argument("--anchors", nargs="+", metavar="NODE", help=text)
     for name, unit in (
         ("axial-stiffness", "EA, N"),
         ("weight", "N/m"),
+        ("strength", "N"),
+        ("expansion", "1/K"),
         ("pretension", "N"),
         ("force-density", "N/m"),
     ):
-        text = f"{unit}, where the file gives none"
-        command.add_argument(f"--{name}", type=number, metavar="X", help=text)
+        text = f"{unit}, where the file gives none: a number, or group=number for each group"
+        command.add_argument(f"--{name}", nargs="+", metavar="X", help=text)
+    text = "groups that are bars, such as masts"
+    command.add_argument("--bars", nargs="+", metavar="GROUP", default=(), help=text)
     text = "scene to write (.json), or of a scene or net: a drawing (.dxf), a graph (.compas.json)"
     command.add_argument("--save", metavar="FILE", required=True, help=text)
 

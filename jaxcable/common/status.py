@@ -213,4 +213,6 @@ def raise_if_failed(solution: Any) -> None:
     before = (
         "the analysis that this one starts from failed: " if hasattr(solution, "phases") else ""
     )
-    raise AnalysisError(f"{prefix}{before}{describe(code)}")
+    met = getattr(solution, "nearest", None) if code == COLLAPSED else None
+    which = "" if met is None else " (here nodes {} and {})".format(*np.asarray(met)[case].tolist())
+    raise AnalysisError(f"{prefix}{before}{describe(code)}".replace("have met", f"have met{which}"))

@@ -1,5 +1,24 @@
 """Scenes and results in files: JSON, NPZ, CSV, DXF; ParaView, OpenSees; nets of other programs.
 
+Nets that other programs drew are read by ``read_*``; scenes and results by ``load_*``; all is
+written by ``save_*``:
+
+===========================  ======================================  ===========================
+file                         read                                    written
+===========================  ======================================  ===========================
+scene, ``.json``             `load_scene`: structure and phases      `save_scene`
+result, ``.json .npz .csv``  `load_result` (``.json``, ``.npz``)     `save_result`
+drawing, ``.dxf``            `read_dxf`: a `Net`                     `save_dxf`
+compas, jax_fdm, ``.json``   `read_network`: a `Net`                 `save_network`
+lines, ``.obj``              `read_obj`: a `Net`
+two tables, ``.csv``         `read_csv`: a `Net`
+ParaView, ``.vtk``                                                   `save_vtk`
+OpenSees, ``.py``                                                    `save_opensees`
+===========================  ======================================  ===========================
+
+A `Net` is completed to a scene by its method ``scene``, with supports and stiffnesses; its method
+``split`` makes nodes where links cross.
+
 Files are data: nothing in them is executed. A file with wrong contents raises a `FileError` that
 names the file and the line or field. `scene_schema` describes scene files to editors.
 """

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from ..analysis.phases import Phase
 from ..common import checks
@@ -15,6 +18,7 @@ from ..loads import NodalLoads
 from ..model.structure import Structure
 from ..model.supports import Supports, pinned
 from ..scenes import Scene
+from . import crossings, doubts
 
 PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
 STATEMENTS = ("pretension", "force_density", "prestrain")
@@ -34,7 +38,9 @@ class Net:
             [n_elem]; NaN for elements without a value in the file.
         kinds: "cable" or "bar" for every element, a tuple.
         groups: name of the group of every element, a tuple, or None.
-        names: names of the nodes in the file, a tuple.
+        names: names of the nodes in the file, a tuple; "" for nodes that `split` has made.
+        marks: dict from the name of a layer to the numbers of the nodes at which it has points;
+            of drawings only.
 
     Example:
         >>> nodes, links = np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[0, 1]])
@@ -51,59 +57,85 @@ class Net:
     kinds: tuple[str, ...] = ()
     groups: tuple[str, ...] | None = None
     names: tuple[str, ...] = ()
+    marks: dict[str, Int[np.ndarray, " n"]] = dataclasses.field(default_factory=dict)
 
     def scene(
         self,
-        anchors: Int[ArrayLike, " n"] | Literal["ends"] | None = None,
+        anchors: Int[ArrayLike, " n"] | Sequence[int | str] | Literal["ends"] | None = None,
         increments: tuple[int, int] = (1, 1),
-        **given: float,
+        bars: Sequence[str] = (),
+        **given: float | Mapping[str, float],
     ) -> Scene:
         """The `Scene` of the net: prestress in a first phase, the loads in a second.
 
+        What is doubtful in a drawing is told by an `InputWarning` each: pairs of nodes nearer than
+        1 % of the shortest link at them; links that cross in plan or meet without a node (`split`).
+
         Args:
             anchors: numbers of nodes that are pinned, [n], in addition to the supports in the file;
-                or "ends" for all nodes with one link.
+                or "ends" for all nodes with one link; or a list with both, ``["ends", 0, 5]``.
             increments: number of increments of both phases.
+            bars: names of groups that are `Bars`, such as masts.
             given: properties of `Cables` (``axial_stiffness=...``) and prestress of `Phase`
-                (``pretension=...``, ``force_density=...``), scalars, for elements without a value
-                in the file.
+                (``pretension=...``, ``force_density=...``), for elements without a value in the
+                file: a scalar, or a dict from names of groups to scalars. A group without any value
+                has none, but for the axial stiffness, which all need.
 
         Returns:
             `Scene`.
 
         Raises:
-            ValueError: an unknown property, a missing one, no supports.
+            ValueError: an unknown property or group, a missing one, no supports, a part of the net
+                that reaches none; an end that lies within 1 % of the shortest link there at another
+                node or link, and is neither named by its number nor a support in the file: it is a
+                gap in the drawing rather than an anchor.
 
         Example:
+            Two cables and a tie, by groups:
+
             >>> net = jc.files.Net(
-            ...     np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]]),
-            ...     np.array([[0, 1], [1, 2]]),
-            ...     np.zeros((3, 3), bool),
+            ...     np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, -1]]),
+            ...     np.array([[0, 1], [1, 2], [1, 3]]),
+            ...     np.zeros((4, 3), bool),
+            ...     groups=("NET", "NET", "TIE"),
             ... )
-            >>> structure, phases = net.scene("ends", axial_stiffness=1e5, pretension=100.0)
-            >>> structure.supports.fixed(3)[:, 0].tolist()
-            [True, False, True]
+            >>> structure, phases = net.scene(
+            ...     "ends",
+            ...     bars=["TIE"],
+            ...     axial_stiffness={"NET": 1e5, "TIE": 4e6},
+            ...     pretension={"NET": 100.0},
+            ... )
+            >>> structure.supports.fixed(4)[:, 0].tolist()
+            [True, False, True, True]
+            >>> type(structure.elements["TIE"]).__name__, phases[0].pretension["TIE"]
+            ('Bars', None)
         """
         unknown = given.keys() - {*PROPERTIES, *STATEMENTS}
         if unknown:
             known = ", ".join((*PROPERTIES, *STATEMENTS))
             raise ValueError(f"{min(unknown)}: not a property of a net; known are {known}")
-        values = {}
-        for name in (*PROPERTIES, *STATEMENTS):
-            filled = self._filled(name, given.get(name))
-            if filled is not None:
-                values[name] = filled
-        if "axial_stiffness" not in values:
-            raise ValueError("axial_stiffness: the file has none; give axial_stiffness=..., N")
         labels = self.groups
         if labels is None:
             labels = self.kinds if len(set(self.kinds)) > 1 else ("",) * len(self.links)
         chosen = {label: np.array([g == label for g in labels]) for label in dict.fromkeys(labels)}
-        elements = {label: self._group(label, mask, values) for label, mask in chosen.items()}
+        _known(bars, chosen, "bars")
+        values = {
+            name: self._filled(name, given.get(name), chosen) for name in (*PROPERTIES, *STATEMENTS)
+        }
+        if not values["axial_stiffness"]:
+            raise ValueError("axial_stiffness: the file has none; give axial_stiffness=..., N")
+        for label in chosen:
+            if label not in values["axial_stiffness"]:
+                raise ValueError(
+                    f"axial_stiffness: group {label!r} has none; give axial_stiffness=..., N"
+                )
+        elements: Any = {
+            label: self._group(label, mask, values, label in bars) for label, mask in chosen.items()
+        }
         stated: dict[str, Any] = {
-            name: {label: values[name][mask] for label, mask in chosen.items()}
+            name: {label: values[name].get(label) for label in chosen}
             for name in STATEMENTS
-            if name in values
+            if values[name]
         }
         if list(elements) == [""]:
             elements = elements[""]
@@ -117,38 +149,183 @@ class Net:
         structure = Structure(self.nodes, elements, self._supports(anchors))
         return Scene(structure, phases or [Phase()])
 
-    def _filled(self, name, given):
-        """Values of a property, [n_elem]: from the file, else `given`; None if there are none."""
-        values = self.values.get(name)
-        if values is None and given is None:
-            return None
-        values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
-        if given is not None:
-            values = np.where(np.isnan(values), float(given), values)
-        if np.isnan(values).any():
-            k = int(np.isnan(values).argmax())
-            raise ValueError(f"{name}: link {k} has none; give {name}=... for those without")
-        return values
+    def split(
+        self,
+        groups: Sequence[str] | None = None,
+        *,
+        tolerance: float = 1e-6,
+        gap: float = crossings.GAP,
+    ) -> Net:
+        """The net with nodes where its links cross in plan, and where a node lies on a link.
 
-    def _group(self, label, mask, values):
+        The node of a crossing has the mean of the heights of all links there, each taken straight
+        from end to end. At a T-joint the node that is there stays where it is, and the link goes
+        through it; a node above or below the link only if it is an end that nothing holds. Pieces
+        keep group, kind and properties of their link, its pretension and its prestrain; they share
+        its unstressed length, and force densities grow so that the force is kept. Of pieces that
+        lie on each other the one of the first link is left. Nodes keep their numbers, new ones
+        follow; they are free and without load.
+
+        Args:
+            groups: names of the groups that take part; None for all. Leave out what crosses in plan
+                without being joined, such as stays below a net.
+
+        Options:
+            tolerance: distance in plan within which a node lies on a link, m; of chords in place of
+                arcs at least their sagitta.
+            gap: largest height between two links, over the length of the shorter one, at which they
+                are joined; with nodes, their shortest link counts. What is left is counted in an
+                `InputWarning`.
+
+        Returns:
+            `Net`.
+
+        Raises:
+            ValueError: an unknown group, a negative number.
+
+        Example:
+            Two cables of 2 m, one 0.2 m above the other where they cross:
+
+            >>> net = jc.files.Net(
+            ...     np.array([[-1.0, 0, 0], [1, 0, 0], [0, -1, 0.2], [0, 1, 0.2]]),
+            ...     np.array([[0, 1], [2, 3]]),
+            ...     np.zeros((4, 3), bool),
+            ... )
+            >>> found = net.split()
+            >>> found.links.tolist(), found.nodes[4].tolist()
+            ([[0, 4], [4, 1], [2, 4], [4, 3]], [0.0, 0.0, 0.1])
+        """
+        if not 0 <= tolerance < np.inf or not 0 <= gap < np.inf:
+            raise ValueError(f"tolerance = {tolerance}, gap = {gap}: expected positive numbers")
+        part = np.ones(len(self.links), bool)
+        if groups is not None:
+            names = self.groups or ()
+            _known(groups, dict.fromkeys(names), "groups")
+            part = np.array([name in groups for name in names])
+        if not part.any():
+            return self
+        chosen, rest = np.flatnonzero(part), np.flatnonzero(~part)
+        # a node that others hold, too, has its height for a reason
+        held: np.ndarray = np.array(np.any(self.fixed, axis=1))
+        held[self.links[rest].ravel()] = True
+        found = crossings.crossings(self.nodes, self.links[chosen], held, tolerance, gap)
+        if found.apart:
+            checks.suspect(
+                f"split: {found.apart} places where links cross or touch in plan are left: their "
+                f"heights differ by more than {gap:g} of the shorter link"
+            )
+        made = crossings.split(self.nodes, self.links[chosen], found, tolerance)
+        origin = np.concatenate([chosen[made.origin], rest])
+        order = np.argsort(origin, kind="stable")
+        links = np.concatenate([made.links, self.links[rest]])[order]
+        share, origin = np.concatenate([made.share, np.ones(len(rest))])[order], origin[order]
+        values = {name: value[origin] for name, value in self.values.items()}
+        for name, power in (("rest_length", 1.0), ("force_density", -1.0)):
+            if name in values:
+                values[name] = values[name] * share**power
+        more = len(made.nodes) - len(self.nodes)
+        zero = np.zeros((more, 3))
+        return dataclasses.replace(
+            self,
+            nodes=made.nodes,
+            links=links,
+            fixed=np.concatenate([self.fixed, zero > 0]),
+            loads=None if self.loads is None else np.concatenate([self.loads, zero]),
+            values=values,
+            kinds=tuple(self.kinds[k] for k in origin) if self.kinds else (),
+            groups=None if self.groups is None else tuple(self.groups[k] for k in origin),
+            names=(*self.names, *[""] * more) if self.names else (),
+        )
+
+    def _filled(self, name, given, chosen):
+        """Values of a property by group: from the file, else `given`; groups without are missing.
+
+        Args:
+            chosen: dict from names of groups to their elements, [n_elem] bool.
+        """
+        values = self.values.get(name)
+        values = np.full(len(self.links), np.nan) if values is None else np.asarray(values, float)
+        if isinstance(given, Mapping):
+            _known(given, chosen, name)
+        by_group = given if isinstance(given, Mapping) else dict.fromkeys(chosen, given)
+        found = {}
+        for label, mask in chosen.items():
+            own, number = values[mask], by_group.get(label)
+            if number is not None:
+                own = np.where(np.isnan(own), float(number), own)
+            missing = np.isnan(own)
+            if missing.any() and not missing.all():
+                k = int(np.flatnonzero(mask)[missing.argmax()])
+                raise ValueError(f"{name}: link {k} has none; give {name}=... for those without")
+            if not missing.any():
+                found[label] = own
+        return found
+
+    def _group(self, label, mask, values, bars):
         """The element group of a label: `Cables` or `Bars` of the elements in a mask, [n_elem]."""
         kinds = {self.kinds[k] for k in np.flatnonzero(mask)} if self.kinds else {"cable"}
+        kinds = {"bar"} if bars else kinds
         if len(kinds) > 1:
             raise ValueError(f"groups: {label!r} has cables and bars; give them different groups")
-        properties = {name: values[name][mask] for name in PROPERTIES if name in values}
+        properties = {name: values[name][label] for name in PROPERTIES if label in values[name]}
         return KINDS[kinds.pop()](self.links[mask], **properties)
 
     def _supports(self, anchors):
-        """`Supports`: those of the file, and anchors."""
+        """`Supports`: those of the file, and anchors; tells what is doubtful in the net."""
         fixed = self.fixed.copy()
-        if isinstance(anchors, str):
-            if anchors != "ends":
-                raise ValueError(f'anchors = {anchors!r}: expected node numbers or "ends"')
+        words = [anchors] if isinstance(anchors, str) else anchors
+        ends = False
+        if isinstance(words, list | tuple):
+            for word in words:
+                if isinstance(word, str) and word != "ends":
+                    raise ValueError(f'anchors = {word!r}: expected node numbers or "ends"')
+            numbers = [word for word in words if not isinstance(word, str)]
+            words, ends = numbers, len(numbers) < len(words)
+        if words is not None:
+            fixed |= pinned(checks.integers(words, "anchors")).fixed(len(self.nodes))[:, :3]
+        if ends:
+            self._refuse_gaps(fixed)
             fixed[np.bincount(self.links.ravel(), minlength=len(self.nodes)) == 1] = True
-        elif anchors is not None:
-            fixed |= pinned(checks.integers(anchors, "anchors")).fixed(len(self.nodes))[:, :3]
         if not fixed.any():
             raise ValueError('anchors: the file names no supports; give node numbers or "ends"')
+        self._require_joined(fixed.any(axis=1))
         if (fixed.all(axis=1) == fixed.any(axis=1)).all():
             return pinned(np.flatnonzero(fixed.any(axis=1)))
         return Supports(mask=fixed)
+
+    def _refuse_gaps(self, fixed):
+        """Raise ValueError for an end that is no anchor but lies at another node or link."""
+        gaps = doubts.loose_ends(self.nodes, self.links)
+        gaps = [gap for gap in gaps if not fixed[gap.node].any()]
+        if gaps:
+            gap = min(gaps, key=lambda gap: gap.distance)
+            raise ValueError(
+                f"anchors: {len(gaps)} of the ends meet another node or link, or nearly, and are "
+                f"no anchors then: node {gap.node} at {doubts.place(self.nodes[gap.node])} is "
+                f"{1e3 * gap.distance:.3g} mm off {gap.other}; join them (larger tolerance, --tol; "
+                'Net.split, --split), or name them by their numbers, beside "ends"'
+            )
+
+    def _require_joined(self, held):
+        """Raise ValueError unless links join every node to one of those held; tell of doubts."""
+        told = doubts.doubts(self.nodes, self.links, held)
+        graph = coo_matrix((np.ones(len(self.links)), self.links.T), shape=(len(self.nodes),) * 2)
+        part = connected_components(graph, directed=False)[1]
+        adrift = ~np.isin(part, part[held])
+        adrift &= np.bincount(self.links.ravel(), minlength=len(held)) > 0
+        if adrift.any():
+            node = int(adrift.argmax())
+            hint = "; ".join(told) or "support it, or join it to the rest"
+            raise ValueError(
+                f"anchors: {int((part == part[node]).sum())} nodes, with node {node} at "
+                f"{doubts.place(self.nodes[node])}, reach no support by links: {hint}"
+            )
+        for text in told:
+            checks.suspect(text)
+
+
+def _known(names, groups, what):
+    """Raise ValueError if one of the names is no group."""
+    for name in names:
+        if name not in groups:
+            raise ValueError(f"{what}: no group {name!r}; there are {', '.join(groups) or 'none'}")

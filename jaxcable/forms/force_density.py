@@ -36,7 +36,7 @@ from ..numerics import implicit
 from ..spaces import Translations
 from ..spaces.freedoms import number_freedoms
 from .along import OnForm, carries, split, touched
-from .members import check_members, stated, total, verdict
+from .members import argument, check_members, group_words, stated, total, verdict
 from .strings import Strings, StringState
 
 _FIRST = 5  # iterations, each with the loads of the form before, ahead of Newton's method
@@ -86,6 +86,40 @@ def force_density(
         >>> positions = jc.force_density(structure, 100.0, loads)
         >>> print(jnp.round(positions[:, 2], 9))
         [ 0.  -1.5 -2.  -1.5  0. ]
+
+        A net with edge cables between two masts with guys and two blocks. Forces in masts and guys
+        follow from the net: first its force densities (edges about ten times the net) with the
+        heads of the masts held, then `find_form` with the lengths of masts and guys as drawn:
+
+        >>> nodes = [[0.0, 0, 0], [8, 0, 4], [8, 8, 0], [0, 8, 4], [4, 4, 2]]  # corners, middle
+        >>> nodes += [[4, 0, 2], [8, 4, 2], [4, 8, 2], [0, 4, 2]]  # middles of the edges
+        >>> nodes += [[9, -1, 0], [15, -3, 0], [11, -7, 0]]  # foot of a mast, feet of its guys
+        >>> nodes += [[-1, 9, 0], [-3, 15, 0], [-7, 11, 0]]
+        >>> elements = {
+        ...     "NET": jc.Cables([[5, 4], [4, 7], [6, 4], [4, 8]], 1e6),
+        ...     "EDGE": jc.Cables(
+        ...         [[0, 5], [5, 1], [1, 6], [6, 2], [2, 7], [7, 3], [3, 8], [8, 0]], 1e7
+        ...     ),
+        ...     "MAST": jc.Bars([[9, 1], [12, 3]], 1e9),
+        ...     "GUY": jc.Cables([[1, 10], [1, 11], [3, 13], [3, 14]], 1e7),
+        ... }
+        >>> ground = jc.pinned([0, 2, 9, 10, 11, 12, 13, 14])
+        >>> roof = jc.Structure(nodes, elements, ground)
+        >>> held = jc.replace(roof, supports=ground + jc.pinned([1, 3]))
+        >>> q = {"NET": 1e3, "EDGE": 10e3, "MAST": 0.0, "GUY": 0.0}
+        >>> shape = jc.replace(roof, nodes=jc.force_density(held, q))
+        >>> def lengths(name):
+        ...     ends = shape.nodes[np.asarray(elements[name].links)]
+        ...     return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        >>> form = jc.find_form(
+        ...     shape,
+        ...     tension={k: q[k] * lengths(k) if q[k] else None for k in q},
+        ...     length={k: None if q[k] else lengths(k) for k in q},
+        ... )
+        >>> print(jc.describe(form.status))
+        converged
+        >>> print({k: round(float(form.tension[k][0]) / 1e3, 1) for k in q}, "kN")
+        {'NET': 3.8, 'EDGE': 44.8, 'MAST': -97.5, 'GUY': 55.8} kN
     """
     check_members(structure)
     plausibility.precision(structure.nodes)
@@ -97,12 +131,13 @@ def force_density(
     ):
         if not meant.all():
             raise ValueError(
-                f"q: element {int((~meant).argmax())} of group {k} has no force density; "
-                "every element needs one"
+                f"q: element {int((~meant).argmax())} of {group_words(structure)[k]} has no force "
+                "density; every element needs one"
             )
         if group.tension_only:
+            name = argument("q", structure, k)
             densities[k] = or_nan(
-                not_negative("q", given, "a cable carries tension only; use Bars")
+                not_negative(name, given, "a cable carries tension only; use Bars")
             )
     fixed = Fixed(structure.held())
     links = tuple(group.links for group in structure.groups)

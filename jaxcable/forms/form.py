@@ -37,6 +37,8 @@ class Form:
         relative_residual: `residual` over its scale: the largest, over nodes, of the sum of the
             absolute end forces plus the load.
         iterations: number of linear solves, or of time steps of a relaxation.
+        nearest: node numbers of the element that has shortened most in the search, by its ratio,
+            [2]; the nodes that have met, if the status says so. Known of failed forms, too.
 
     Example:
         A saddle of four cables with 500 N each, whose middle ends halfway, from any start:
@@ -62,6 +64,21 @@ class Form:
     residual: Float[Array, ""]
     relative_residual: Float[Array, ""]
     iterations: Int[Array, ""]
+    nearest: Int[Array, " 2"]
+
+
+def nearest(
+    groups: Sequence[Straight],
+    start: Float[Array, "n_node 3"],
+    positions: Float[Array, "n_node 3"],
+) -> Int[Array, " 2"]:
+    """Node numbers of the element whose length is smallest over that at the start, [2]."""
+    links = jnp.concatenate([jnp.asarray(group.links) for group in groups])
+    before, after = (
+        jnp.sum((x[links[:, 1]] - x[links[:, 0]]) ** 2, axis=1) for x in (start, positions)
+    )
+    ratio = jnp.where((before > 0) & jnp.isfinite(after), after / before, jnp.inf)
+    return links[jnp.argmin(ratio)]
 
 
 def make_form(
@@ -73,6 +90,7 @@ def make_form(
     scale: Float[Array, ""],
     iterations: Int[Array, ""],
     parameters: PyTree[Array],
+    met: Int[Array, " 2"],
     rests: Sequence[Float[Array, " n_elem"]] | None = None,
 ) -> Form:
     """The `Form` of a shape and its forces, with lists per group in place of the elements' shape.
@@ -87,6 +105,7 @@ def make_form(
         residual, scale: largest unbalanced force, and the force that it is compared with, N.
         iterations: number of linear solves or time steps.
         parameters: everything that the form depends on.
+        met: node numbers of the element that has shortened most, see `nearest`.
         rests: unstressed lengths per group, [n_elem], m, if they are known; else they follow from
             the tensions.
     """
@@ -108,7 +127,7 @@ def make_form(
     positions, tensions, lengths, rests, densities = implicit.nan_unless(ok, values, parameters)
     relative = scaled.relative(residual, scale)
     arrays = positions, tensions, lengths, rests, densities
-    return Form(*arrays, code, residual, relative, iterations)
+    return Form(*arrays, code, residual, relative, iterations, met)
 
 
 def arranged(form: Form, structure: Structure) -> Form:
@@ -117,6 +136,13 @@ def arranged(form: Form, structure: Structure) -> Form:
     lists = {name: structure.arrange(getattr(form, name)) for name in names}
     others = {
         name: getattr(form, name)
-        for name in ("positions", "status", "residual", "relative_residual", "iterations")
+        for name in (
+            "positions",
+            "status",
+            "residual",
+            "relative_residual",
+            "iterations",
+            "nearest",
+        )
     }
     return Form(**lists, **others)

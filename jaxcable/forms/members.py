@@ -16,6 +16,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..elements.element import Element
 from ..elements.straight import Straight
 from ..loads import NodalLoads
+from ..model.parts import groups_by_name
 from ..model.structure import Structure, place_rules
 
 
@@ -29,6 +30,21 @@ def check_members(structure: Structure) -> None:
                 f"elements: group {k} ({type(group).__name__}) is not made of straight members "
                 "with two ends; form finding takes Cables and Bars"
             )
+
+
+def group_words(structure: Structure) -> list[str]:
+    """What messages call every group: ``group 'MAST'``; ``group 0`` in a list or alone."""
+    names = [name for name, _ in groups_by_name(structure)]
+    return [
+        f"group {name!r}" if name and not name.isdigit() else f"group {k}"
+        for k, name in enumerate(names)
+    ]
+
+
+def argument(name: str, structure: Structure, k: int) -> str:
+    """An argument and the group that it is for, as a user writes it: ``q['MAST']``, or ``q``."""
+    label = groups_by_name(structure)[k][0]
+    return f"{name}[{int(label) if label.isdigit() else label!r}]" if label else name
 
 
 def verdict(

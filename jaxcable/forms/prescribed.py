@@ -37,8 +37,8 @@ from ..spaces.freedoms import number_freedoms
 from . import lengths
 from .along import OnForm, split, touched
 from .force_density import number_axes, shape
-from .form import Form, arranged, make_form
-from .members import check_members, stated, total, verdict
+from .form import Form, arranged, make_form, nearest
+from .members import argument, check_members, group_words, stated, total, verdict
 from .strings import Strings, StringState
 
 _DRAPING = 5  # iterations by force densities before Newton's method
@@ -68,6 +68,11 @@ def find_form(
     NOT_CONVERGED, NONFINITE or MECHANISM. If it is not unique (a node whose elements all lie in one
     line may slide) the form found depends on the start, and the derivatives of such a node are NaN.
     With struts or lengths there can be several forms; the form found is near the start.
+
+    Equal tensions all along an edge cable are mostly not in balance with a net that pulls along it,
+    and nodes meet then. For nets with edge cables begin with `force_density`, edges at ten to
+    fifteen times the net, and give ``tension = q l`` of that shape, if at all; help(force_density)
+    has an example with masts and guys.
 
     Args:
         structure: `Structure` of cables and bars; its nodes are the supports and the start.
@@ -155,6 +160,7 @@ def statements(structure, tension, stress, length):
         strict=True,
     )
     tensions, given = [], []
+    words = group_words(structure)
     for k, group in enumerate(structure.groups):
         has = np.stack([masks[k] for masks in chosen])
         count = has.sum(axis=0)
@@ -162,25 +168,28 @@ def statements(structure, tension, stress, length):
             e = int((count != 1).argmax())
             twice = ", ".join(n for n, mask in zip(names, has, strict=True) if mask[e])
             raise ValueError(
-                f"{twice}: element {e} of group {k} has more than one of them; give one"
+                f"{twice}: element {e} of {words[k]} has more than one of them; give one"
                 if count[e]
-                else f"tension: element {e} of group {k} has neither tension, stress nor length"
+                else f"tension: element {e} of {words[k]} has neither tension, stress nor length"
             )
         forces = jnp.zeros(len(group.links))
         if has[0].any():
-            pulls = _pulling(values[0][k], has[0], group, "tension")
+            pulls = _pulling(values[0][k], has[0], group, argument("tension", structure, k))
             forces = jnp.where(has[0], pulls, 0.0)
         if has[1].any():
             area = group._section()[2]
             if area is None:
-                raise ValueError(f"stress: group {k} has no area; give tension")
-            stresses = _pulling(values[1][k], has[1], group, "stress")
+                raise ValueError(f"stress: {words[k]} has no area; give tension")
+            stresses = _pulling(values[1][k], has[1], group, argument("stress", structure, k))
             forces = jnp.where(has[1], stresses * area, forces)
         tensions.append(forces)
         wanted = values[2][k]
         if wanted is not None:
             rule = Rule(
-                "length", (wanted, has[2]), lambda v, mask: mask & (v <= 0), "must be positive"
+                argument("length", structure, k),
+                (wanted, has[2]),
+                lambda v, mask: mask & (v <= 0),
+                "must be positive",
             )
             wanted = or_nan(rule)
             wanted = jnp.where(has[2], wanted, 1.0), has[2]
@@ -215,6 +224,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         valid = code == status.OK
         attached = system(implicit.gate(valid, data))
         tol, worth = newton.adjoint_effort(method, attached, dtype)
+        reached = found.x
         motion, *_ = implicit.attach_apart(attached, found.x, valid, factored, tol, worth)
         forces = [state.force for state in attached.states]
     else:
@@ -225,6 +235,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         code = status.first_failure(allowed, code)
         valid = code == status.OK
         saddle = _saddle(system, implicit.gate(valid, data), extra)
+        reached = saddle.motion(z)
         z = lengths.attach(saddle, z, valid)
         forces, motion = saddle.forces(z), saddle.motion(z)
         attached = saddle.system
@@ -238,7 +249,8 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
     slack = jnp.any(jnp.stack([jnp.zeros((), bool), *pushing]))
     code = status.first_failure(code, jnp.where(slack, status.NOT_CONVERGED, status.OK))
     worst = jnp.max(jnp.abs(residual), initial=0.0)
-    return make_form(groups, positions, forces, code, worst, scale, steps, parameters)
+    met = nearest(groups, frozen[0], frozen[0] + lax.stop_gradient(reached))
+    return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)
 
 
 def _system(groups, data, freedoms, convex, stiffness=None):

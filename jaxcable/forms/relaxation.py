@@ -36,7 +36,7 @@ from ..model import plausibility
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
 from .along import split
-from .form import Form, arranged, make_form
+from .form import Form, arranged, make_form, nearest
 from .members import check_members, stated, total, verdict
 
 _AWAY = 1e3  # displacement over the size of the structure that supports would never allow
@@ -334,7 +334,8 @@ def _ended(members, rests, end, code, parameters):
         cut.append(rest)
     groups = [m.group for m in members]
     residual = jnp.max(jnp.abs(end.force))
-    form = make_form(groups, end.x, forces, code, residual, end.scale, end.steps, (), cut)
+    met = nearest(groups, lax.stop_gradient(parameters[0]), end.x)
+    form = make_form(groups, end.x, forces, code, residual, end.scale, end.steps, (), met, cut)
     names = ("positions", "tension", "length", "rest_length", "force_density")
     values = {name: getattr(form, name) for name in names}
     return copy(form, **implicit.undifferentiated(values, parameters))

@@ -27,9 +27,10 @@ def net_faces(
 ) -> Int[np.ndarray, "n_face 4"]:
     """Faces of a net as seen in plan: its meshes, and those between free ends at its border.
 
-    The meshes are those of the planar graph of the links in the x-y plane. Nodes are in
-    anticlockwise order, so that normals point up. Meshes with more than four corners, and meshes
-    that are not convex, are split into triangles.
+    Give the links of the net alone: nodes that none of them touches, such as feet of masts and
+    anchors of stays, are left out. The meshes are those of the planar graph of the links in the
+    x-y plane. Nodes are in anticlockwise order, so that normals point up. Meshes with more than
+    four corners, and meshes that are not convex, are split into triangles.
 
     Where links close the border, no face lies outside of them, whether the border is convex or not.
     A net without edge cables has free ends instead: nodes with a single link. Corners of its border
@@ -53,9 +54,9 @@ def net_faces(
         `FacePressure`.
 
     Raises:
-        ValueError: wrong links, two linked nodes at one place in plan, a node without link, links
-            or lines between free ends that cross, a part of the net inside a mesh of another part,
-            an unknown `border`, another `largest`, or no face at all.
+        ValueError: wrong links, two linked nodes at one place in plan (a vertical mast: give the
+            links of the net alone), links or lines between free ends that cross, a part of the net
+            inside a mesh of another part, an unknown `border`, another `largest`, no face at all.
 
     Warns:
         InputWarning: `border` is not given, and there is area outside of all links.
@@ -70,6 +71,18 @@ def net_faces(
         ((9, 4), 4)
         >>> jc.net_faces(structure.nodes, structure.elements.links, border="links").shape
         (1, 4)
+
+        Of a structure with masts and stays, the groups of the net and its edges:
+
+        >>> nodes = [[0.0, 0, 3], [2, 0, 3], [2, 2, 3], [0, 2, 3], [0, 0, 0], [-2, -2, 0]]
+        >>> elements = {
+        ...     "EDGE": jc.Cables([[0, 1], [1, 2], [2, 3], [3, 0]], 1e6),
+        ...     "MAST": jc.Bars([[4, 0]], 1e8),
+        ...     "STAY": jc.Cables([[0, 5]], 1e6),
+        ... }
+        >>> links = np.concatenate([elements[name].links for name in ("EDGE",)])
+        >>> jc.net_faces(nodes, links).tolist()
+        [[0, 1, 2, 3]]
     """
     if border not in BORDERS:
         raise ValueError(f"border = {border!r}: expected None, 'ends' or 'links'")
@@ -81,7 +94,7 @@ def net_faces(
         k = int((links >= len(plan)).any(axis=1).argmax())
         raise ValueError(f"links[{k}] = {links[k].tolist()}: there are nodes 0 to {len(plan) - 1}")
     edges = {tuple(sorted(link)) for link in links.tolist()}
-    nothing = _NOTHING * np.ptp(plan, axis=0).max() ** 2
+    nothing = _NOTHING * np.ptp(plan[np.unique(links)], axis=0).max(initial=0.0) ** 2
     rings = _rings(plan, edges)
     _require_plane(plan, edges, rings, nothing)
     if border != "links":
@@ -116,10 +129,13 @@ def _rings(plan, edges):
     following = {}
     for i, others in enumerate(spokes):
         if not others:
-            raise ValueError(f"nodes[{i}]: no link touches it")
+            continue
         directions = plan[others] - plan[i]
         if (directions == 0).all(axis=1).any():
-            raise ValueError(f"nodes[{i}]: a linked node has the same place in plan")
+            raise ValueError(
+                f"nodes[{i}]: a linked node has the same place in plan; give the links of the net "
+                "alone, without vertical masts"
+            )
         order = np.argsort(np.arctan2(directions[:, 1], directions[:, 0]))
         around = [others[k] for k in order]
         for before, after in zip(around, [*around[1:], around[0]], strict=True):
@@ -142,7 +158,8 @@ def _require_plane(plan, edges, rings, nothing):
     graph = coo_array((np.ones(len(edges)), ends), shape=(len(plan), len(plan)))
     count, part = connected_components(graph, directed=False)
     # Euler's formula: the number of rings if no links cross, one around each part included
-    if len(rings) != len(edges) - len(plan) + 2 * count:
+    alone = len(plan) - len(np.unique(ends))  # nodes without links, each a part by itself
+    if len(rings) != len(edges) - (len(plan) - alone) + 2 * (count - alone):
         raise ValueError("links: some cross in plan; put a node where they do")
     meshes = [ring for ring in rings if _area(plan, ring) > nothing]
     covering = np.isin(part, [part[ring[0]] for ring in meshes])
@@ -301,7 +318,7 @@ def _require_apart(plan, lines, edges):
     """Raise ValueError if a line between free ends crosses a link or another such line."""
     links = np.array(sorted(edges | lines))
 
-    tiny = 1e-9 * np.ptp(plan, axis=0).max() ** 2
+    tiny = 1e-9 * np.ptp(plan[links.ravel()], axis=0).max() ** 2
     first, second = plan[links[:, 0]], plan[links[:, 1]]
     for i, j in sorted(lines):
         a, b = plan[i], plan[j]

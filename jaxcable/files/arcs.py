@@ -1,0 +1,67 @@
+"""Arcs of drawings as chords."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+_MOST = 1000  # chords of an arc
+
+
+def chords(
+    points: Sequence[tuple[float, float, float]], closed: bool, sagitta: float
+) -> list[tuple[float, float]]:
+    """Points in a plane along a polyline, a list of (x, y), with arcs as equal chords.
+
+    Args:
+        points: x, y and bulge of its points: the tangent of a quarter of the angle of the arc to
+            the next point, positive anticlockwise; zero for a straight piece.
+        closed: whether it goes on to its first point.
+        sagitta: largest distance of an arc from its chords; at most 1000 chords are made of an arc.
+    """
+    way: list[tuple[float, float]] = []
+    following = [*points[1:], *points[:1]] if closed else points[1:]
+    for (x, y, bulge), (x_next, y_next, _) in zip(points, following, strict=False):
+        way.append((x, y))
+        length = float(np.hypot(x_next - x, y_next - y))
+        if bulge == 0 or length == 0 or not np.isfinite([bulge, length]).all():
+            continue
+        angle = 4.0 * float(np.arctan(bulge))
+        radius = length / (2.0 * abs(float(np.sin(0.5 * angle))))
+        step = 2.0 * float(np.arccos(max(1.0 - sagitta / radius, -1.0)))
+        count = int(min(np.ceil(abs(angle) / step), _MOST)) if step > 0 else _MOST
+        # the centre lies to the left of the middle of the chord, for a positive bulge below 1
+        half = 0.5 * complex(x_next - x, y_next - y)
+        centre = complex(x, y) + half * (1.0 + 1j / float(np.tan(0.5 * angle)))
+        for k in range(1, count):
+            point = centre + (complex(x, y) - centre) * np.exp(1j * angle * k / count)
+            way.append((point.real, point.imag))
+    last = points[0] if closed else points[-1]
+    return [*way, (last[0], last[1])]
+
+
+def curve(entity: Any, sagitta: float) -> list[tuple[float, float, float]]:
+    """Points in space along an ARC, or a POLYLINE or LWPOLYLINE in a plane, a list of (x, y, z).
+
+    Args:
+        entity: of ezdxf.
+        sagitta: largest distance of an arc from its chords, in units of the drawing.
+    """
+    kind = entity.dxftype()
+    if kind == "ARC":
+        (x, y, height), radius = entity.dxf.center, entity.dxf.radius
+        first, last = np.radians([entity.dxf.start_angle, entity.dxf.end_angle])
+        bulge = float(np.tan(0.25 * ((last - first) % (2 * np.pi))))
+        ends = [(x + radius * np.cos(a), y + radius * np.sin(a)) for a in (first, last)]
+        points, closed = [(*ends[0], bulge), (*ends[1], 0.0)], False
+    elif kind == "LWPOLYLINE":
+        points, closed = list(entity.get_points("xyb")), entity.closed
+        height = entity.dxf.elevation
+    else:
+        places = [(vertex.dxf.location, vertex.dxf.bulge) for vertex in entity.vertices]
+        points, closed = [(at.x, at.y, bulge) for at, bulge in places], entity.is_closed
+        height = entity.dxf.elevation.z
+    plane = [(x, y, height) for x, y in chords(points, closed, sagitta)]
+    return [tuple(point) for point in entity.ocs().points_to_wcs(plane)]
