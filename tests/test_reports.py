@@ -155,7 +155,7 @@ def test_text_csv_and_dict_say_the_same(written, tmp_path):
             assert row == ["" if v is None else str(v) for v in meant]
     assert "force (N)" in written.csv()["members"]
     paths = written.save(tmp_path / "net.csv")
-    assert sorted(p.name for p in paths)[0] == "net-cutting_list.csv"
+    assert sorted(p.name for p in paths)[0] == "net-cables.csv"
     assert json.loads(written.save(tmp_path / "net.json")[0].read_text()) == data
     assert written.save(tmp_path / "net.txt")[0].read_text() == written.text() == str(written)
     with pytest.raises(ValueError, match=r"path = .*expected a name with .txt, .csv or .json"):

@@ -227,12 +227,12 @@ def test_command_writes_and_opens_it(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("webbrowser.open", opened.append)
     scene, out = tmp_path / "net.json", tmp_path / "seen.html"
     jc.save_scene(scene, jc.scenes.flat_net())
-    assert main(["view", str(scene), "--out", str(out)]) == 0
+    assert main(["view", str(scene), "--save", str(out)]) == 0
     assert opened == [out.resolve().as_uri()] and f"wrote {out}" in capsys.readouterr().out
-    assert main(["view", str(scene), "--out", str(out), "--no-open", "--quiet"]) == 0
+    assert main(["view", str(scene), "--save", str(out), "--no-open", "--quiet"]) == 0
     assert len(opened) == 1 and capsys.readouterr().out == ""
-    assert main(["view", str(scene), "--out", str(tmp_path / "x.png")]) == 2
-    assert "--out" in capsys.readouterr().err
+    assert main(["view", str(scene), "--save", str(tmp_path / "x.png")]) == 2
+    assert "--save" in capsys.readouterr().err
 
 
 @pytest.mark.slow

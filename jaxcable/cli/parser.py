@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from importlib import metadata
 
 import jax
 
@@ -39,6 +40,8 @@ def parser() -> argparse.ArgumentParser:
         epilog=f"example: jaxcable solve net.json --plot net.png --report\n{_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    version = f"jaxcable {metadata.version('jaxcable')}"
+    top.add_argument("--version", action="version", version=version)
     commands = top.add_subparsers(
         title="commands", dest="command", required=True, metavar="COMMAND"
     )
@@ -159,10 +162,10 @@ def _plot(commands):
 
 def _view(commands):
     text = "analyse a scene and open a page in which it turns, with its phases and results"
-    command = _command(commands, "view", view, text, "net.json --out net.html")
+    command = _command(commands, "view", view, text, "net.json --save net.html")
     _reads(command)
     text = "page to write (default: the name of the scene, .html, in this folder)"
-    command.add_argument("--out", metavar="FILE", help=text)
+    command.add_argument("--save", metavar="FILE", help=text)
     command.add_argument("--no-open", action="store_true", help="write the page, open no browser")
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +18,8 @@ from ..files.opensees import require_exportable
 from ..reporting import report
 from . import inputs, outputs
 from .guard import Refused, require_writable, say
+
+_STAGED = "no balance of work and energy: elements come or go"
 
 
 def run(options: Namespace) -> int | None:
@@ -33,9 +37,13 @@ def run(options: Namespace) -> int | None:
                 require_exportable(structure)
         solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
         # energies take time: they are computed for a report only
-        findings = report(structure, solution, phases, energy=options.report is not None)
+        staged = any(phase.adds is not None or phase.removes is not None for phase in phases)
+        energy = options.report is not None and not staged
+        findings = report(structure, solution, phases, energy=energy)
     except ValueError as error:
         raise Refused(f"{options.scene}: {error}") from None
+    if options.report is not None and staged:
+        findings = replace(findings, summary=(*findings.summary, _STAGED))
     wrote = _write(options, structure, solution, findings)  # before printing: the reader may end
     print(findings.text() if options.report == "-" else "\n".join(findings.summary))
     print("\n".join([*highlights(solution), *(f"wrote {path}" for path in wrote)]))
@@ -64,14 +72,20 @@ def _method(options):
 
 
 def highlights(solution: Solution) -> list[str]:
-    """Lines of text with the largest displacement of the last phase and the range of forces."""
+    """Lines of text with the largest displacements, since the last phase began and in all."""
     if int(solution.status) != status.OK:
         return []
-    moved = np.linalg.norm(np.asarray(solution.phases[-1].displacement), axis=1)
-    node = int(moved.argmax())
-    where = f"{inputs.short(float(moved[node]))} m at node {node}"
-    name = "in phase 1" if len(solution.phases) == 1 else f"in phase {len(solution.phases)}"
+    parts: dict[str, Any] = {"in phase 1": solution}
+    if len(solution.phases) > 1:
+        last = f"in phase {len(solution.phases)}"
+        parts = {last: solution.phases[-1], "in all phases": solution}
+    moved = []
+    for name, part in parts.items():
+        size = np.linalg.norm(np.asarray(part.displacement), axis=1)
+        node = int(size.argmax())
+        where = f"{inputs.short(float(size[node]))} m at node {node}"
+        moved.append(f"largest displacement {name}: {where}")
     return [
-        f"largest displacement {name}: {where}",
+        *moved,
         f"forces: {inputs.spread(solution.peak_tension)} N",
     ]

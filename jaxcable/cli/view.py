@@ -14,8 +14,8 @@ from .guard import require_writable
 
 def run(options: Namespace) -> int | None:
     """Write and open the page; returns the exit status, 1 if the analysis fails."""
-    out = Path(options.scene).with_suffix(".html").name if options.out is None else options.out
-    outputs.check_suffix(out, outputs.PAGES, "--out")
+    out = Path(options.scene).with_suffix(".html").name if options.save is None else options.save
+    outputs.check_suffix(out, outputs.PAGES, "--save")
     require_writable(out)
     title = Path(options.scene).stem
     solution, page = shown(

@@ -1,32 +1,139 @@
-"""The cutting list of a report: unstressed lengths of all elements."""
+"""The lengths of a report: of all elements, and of the cables that run through them."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 
 from ..analysis import solution as results
+from ..common.types import Float, Int
+from ..elements import Cables, SlidingCables
 from ..model.parts import first_and_last, groups_by_name, per_group
 from ..model.structure import Structure
 from .table import Table
 
+_STRAIGHT = -0.5  # cosine between two elements at a node up to which a cable runs through: 60 deg
+_WARMTH = "at the temperature before the first phase"
+
 
 def cutting_list(structure: Structure, solution: results.Solution) -> Table:
-    """Unstressed lengths of all elements, at the temperature before the first phase."""
-    lengths = per_group(structure, solution.last.rest_length)
-    warmth = [state.warmth for state in solution.last.carry.states]
-    lengths = [
-        length if length is None or warm is None else length / np.asarray(warm)
-        for length, warm in zip(lengths, warmth, strict=True)
-    ]
-    notes = ["at the temperature before the first phase"]
-    rows = []
-    for (label, group), length in zip(groups_by_name(structure), lengths, strict=True):
-        if length is None:  # a group without unstressed lengths
-            continue
+    """Unstressed lengths of all elements, at the temperature before the first phase.
+
+    Where cables run through several elements (see `cables`), these tell the number of their cable
+    in the group, and its unstressed length up to their first and last node: where its clamps are to
+    be marked.
+    """
+    notes, rows, chained = [_WARMTH], [], False
+    for label, group, length, cable in _lengths(structure, solution):
         ends = first_and_last(group).tolist()
-        rows += [[label, k, *ends[k], float(length[k])] for k in range(len(ends))]
+        marks = np.full((len(ends), 2), np.nan)
+        number = np.full(len(ends), -1)
+        for k, (elements, turned) in enumerate(cable):
+            chained = chained or len(elements) > 1
+            along = np.cumsum([0.0, *length[elements]])
+            span = np.column_stack([along[:-1], along[1:]])
+            marks[elements] = np.where(turned[:, None], span[:, ::-1], span)
+            number[elements] = k
+        for k, pair in enumerate(ends):
+            own = [int(number[k]), *marks[k].tolist()] if number[k] >= 0 else [None] * 3
+            rows.append([label, k, *pair, float(length[k]), *own])
         notes.append(
             f"{label or 'all'}: {len(ends)} pieces, {float(np.sum(length)):.3f} m in total"
         )
-    columns = ("group", "element", "first", "last", "unstressed length")
-    return Table("Cutting list", columns, ("", "", "", "", "m"), rows, tuple(notes))
+    columns = "group", "element", "first", "last", "unstressed length", "cable", "from", "to"
+    units = "", "", "", "", "m", "", "m", "m"
+    shown = len(columns) if chained else columns.index("cable")
+    if chained:
+        notes.append("from, to: where the first and last node are along the cable")
+    rows = [row[:shown] for row in rows]
+    return Table("Cutting list", columns[:shown], units[:shown], rows, tuple(notes))
+
+
+def cables(structure: Structure, solution: results.Solution) -> dict[str, Table]:
+    """Unstressed lengths of whole cables, each a chain of elements of its group: ``cables``.
+
+    There is no such table where every cable is a single element.
+
+    A cable runs through a node from one element to another of its group if they turn by 60 degrees
+    at most; of several pairs at a node the straightest come first.
+    """
+    rows = []
+    for label, group, length, found in _lengths(structure, solution):
+        ends = first_and_last(group)
+        for k, (elements, turned) in enumerate(found):
+            nodes = np.where(turned[:, None], ends[elements][:, ::-1], ends[elements])
+            total = float(length[elements].sum())
+            rows.append([label, k, len(elements), int(nodes[0, 0]), int(nodes[-1, 1]), total])
+    columns = ("group", "cable", "elements", "first", "last", "unstressed length")
+    notes = (_WARMTH, "a cable: elements of a group that go on from node to node within 60 degrees")
+    if all(row[2] == 1 for row in rows):
+        return {}
+    return {"cables": Table("Cables", columns, ("", "", "", "", "", "m"), rows, notes)}
+
+
+def _lengths(structure, solution):
+    """Label, group, lengths [n_elem] and chains of every group that has unstressed lengths."""
+    lengths = per_group(structure, solution.last.rest_length)
+    warmth = [state.warmth for state in solution.last.carry.states]
+    positions = np.asarray(solution.last.positions, float)
+    found = []
+    parts = zip(groups_by_name(structure), lengths, warmth, strict=True)
+    for (label, group), length, warm in parts:
+        if length is not None:
+            length = length if warm is None else length / np.asarray(warm)
+            runs = isinstance(group, Cables) and not isinstance(group, SlidingCables)
+            chained = chains(first_and_last(group), positions) if runs else []
+            found.append((label, group, length, chained))
+    return found
+
+
+def chains(
+    ends: Int[np.ndarray, "n_elem 2"], positions: Float[np.ndarray, "n_node 3"]
+) -> list[tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]]:
+    """Elements that follow each other along cables.
+
+    Args:
+        ends: first and last node of every element, [n_elem, 2].
+        positions: of the nodes, m.
+
+    Returns:
+        For each cable its elements in order, and whether each is turned, so that its last node
+        comes first; two arrays [n]. A cable begins with its element of the lowest number, at an end
+        if it has one.
+    """
+    chord = positions[ends[:, 1]] - positions[ends[:, 0]]
+    chord = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-300)
+    meeting: dict[int, list[tuple[int, int]]] = {}
+    for k, pair in enumerate(ends.tolist()):
+        for side, node in enumerate(pair):
+            meeting.setdefault(node, []).append((k, side))
+    beyond: dict[tuple[int, int], tuple[int, int]] = {}  # element and end that follow an end
+    for here in meeting.values():
+        out = np.array([chord[k] if side == 0 else -chord[k] for k, side in here])
+        cosine = out @ out.T
+        pairs = [p for p in itertools.combinations(range(len(here)), 2) if cosine[p] <= _STRAIGHT]
+        for a, b in sorted(pairs, key=lambda p: cosine[p]):
+            if here[a] not in beyond and here[b] not in beyond:
+                beyond[here[a]], beyond[here[b]] = here[b], here[a]
+    found, used = [], np.zeros(len(ends), bool)
+    for start in range(len(ends)):
+        if used[start]:
+            continue
+        at = start, 0
+        while at in beyond and beyond[at][0] != start:  # back to where the cable begins
+            k, side = beyond[at]
+            at = k, 1 - side
+        if at in beyond:  # closed: it begins here
+            at = start, 0
+        elements, turned = [], []
+        while not used[at[0]]:
+            used[at[0]] = True
+            elements.append(at[0])
+            turned.append(at[1] == 1)
+            leave = at[0], 1 - at[1]
+            if leave not in beyond:
+                break
+            at = beyond[leave]
+        found.append((np.array(elements), np.array(turned)))
+    return found

@@ -22,7 +22,7 @@ from ..model.topology import require_same
 from . import stability, states
 from .energies import energy as energies
 from .internal_forces import internal_forces
-from .lengths import cutting_list
+from .lengths import cables, cutting_list
 from .members import members, others
 from .reactions import equilibrium, reactions
 from .slackness import loose, slack
@@ -47,7 +47,8 @@ class Report:
               of `section_forces`; without those that are zero everywhere;
             - ``stresses``, ``stress_envelope``: lowest and highest stress of fibres, and of bars
               and cables with an area, at the end and over all converged increments;
-            - ``cutting_list``, ``slack``, ``loose``; other results of elements by their names;
+            - ``cutting_list``, of all elements; ``cables``, of chains of them, if there are any;
+            - ``slack``, ``loose``; other results of elements by their names;
             - ``energy`` if it was asked for.
 
     Example:
@@ -136,9 +137,10 @@ def report(
 
     Options:
         cases: `Solution` with a leading axis [n_case], as from `design.solve_cases`, for envelopes
-            over these cases; default: envelopes over the ends of the phases. Failed cases are named
-            and left out.
-        names: names of the cases; default "case 0", "case 1" and so on.
+            over these cases, in which `solution` itself does not count; default: envelopes over the
+            ends of the phases. Failed cases are named and left out.
+        names: names of the cases, default "case 0", "case 1" and so on; without cases those of the
+            phases, default "phase 1", "phase 2" and so on.
         buckling: True to add to the summary the factor on its loads at which the state would buckle
             (`stiffness.buckling_factor`, an eigenproblem); or the `Solution` or `State` of the
             prestress, to which the factor does not apply.
@@ -157,7 +159,7 @@ def report(
 
     Raises:
         ValueError: `solution` is no `Solution`, a batch, or belongs to another structure; another
-            number of names than of cases; errors of `stiffness.buckling_factor` and of
+            number of names than of cases or phases; errors of `stiffness.buckling_factor` and of
             `energy_balance` if these are asked for.
 
     Example:
@@ -206,7 +208,7 @@ def report(
     state, end = solution.last, states.last_of(solution)
     if cases is None:
         good = None
-        counted, failed = states.of_phases(solution)
+        counted, failed = states.of_phases(solution, names)
     else:
         good, failed = states.each_case(cases, names)
         counted = states.of_cases(good)
@@ -225,6 +227,7 @@ def report(
         **internal_forces(structure, end, counted if several else {}, kind),
         **stresses(structure, solution, good),
         "cutting_list": cutting_list(structure, solution),
+        **cables(structure, solution),
         "slack": slack(structure, every),
         "loose": loose(structure, every),
         **others(structure, state),

@@ -47,12 +47,19 @@ def last_of(solution: results.Solution) -> State:
     return state_of(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
 
 
-def of_phases(solution: results.Solution) -> tuple[dict[str, State], dict[str, int]]:
-    """Ends of phases that have converged, and status codes of the others, dicts by name."""
+def of_phases(
+    solution: results.Solution, names: Sequence[str] | None
+) -> tuple[dict[str, State], dict[str, int]]:
+    """Ends of phases that have converged, and status codes of the others, dicts by name.
+
+    Raises:
+        ValueError: a wrong number of names, or names that are not apart.
+    """
+    names = _checked(names, len(solution.phases), "phase", 1)
     good, failed = {}, {}
     pairs = zip(solution.phases, solution.last.fixed[1:], strict=True)
-    for number, (phase, fixed) in enumerate(pairs, 1):
-        name, code = f"phase {number}", int(phase.status)
+    for name, (phase, fixed) in zip(names, pairs, strict=True):
+        code = int(phase.status)
         if code == status.OK:
             good[name] = state_of(phase, fixed)
         else:
@@ -71,11 +78,7 @@ def each_case(
     codes = np.asarray(cases.status)
     if codes.ndim != 1:
         raise ValueError(f"cases: expected a leading axis [n_case], got shape {codes.shape}")
-    names = [f"case {k}" for k in range(len(codes))] if names is None else list(map(str, names))
-    if len(names) != len(codes):
-        raise ValueError(f"names: {len(names)} of them, but {len(codes)} cases")
-    if len({*names, "end"}) <= len(names):
-        raise ValueError('names: each case needs a name of its own, other than "end"')
+    names = _checked(names, len(codes), "case", 0)
     cases = jax.tree.map(np.asarray, cases)
     good, failed = {}, {}
     for k, (name, code) in enumerate(zip(names, codes.tolist(), strict=True)):
@@ -84,6 +87,18 @@ def each_case(
         else:
             failed[name] = code
     return good, failed
+
+
+def _checked(names, count, kind, first):
+    """The names of cases or phases, a list; those by number if there are none."""
+    if names is None:
+        return [f"{kind} {k}" for k in range(first, first + count)]
+    names = list(map(str, names))
+    if len(names) != count:
+        raise ValueError(f"names: {len(names)} of them, but {count} {kind}s")
+    if len({*names, "end"}) <= len(names):
+        raise ValueError(f'names: each {kind} needs a name of its own, other than "end"')
+    return names
 
 
 def of_cases(cases: dict[str, results.Solution]) -> dict[str, State]:

@@ -44,9 +44,19 @@ class Table:
 
 
 def headed(table: Table) -> list[str]:
-    """The header of a table: names of columns with their units, a list."""
-    pairs = zip(table.columns, table.units, strict=True)
-    return [f"{c.strip()} ({u})" if u else c.strip() for c, u in pairs]
+    """The header of a table: names of columns with their units, a list.
+
+    A name that occurs several times follows the column that it belongs to: "lowest in".
+    """
+    names = [column.strip() for column in table.columns]
+    found, owner = [], ""
+    for name, unit in zip(names, table.units, strict=True):
+        if names.count(name) == 1:
+            owner = name
+        else:
+            name = f"{owner} {name}".strip()
+        found.append(f"{name} ({unit})" if unit else name)
+    return found
 
 
 def finite(value: Cell) -> Cell:
