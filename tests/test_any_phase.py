@@ -1,0 +1,165 @@
+"""Section forces at the end of any phase: between stored places, in diagrams, in pictures."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.results.between import forces_between
+
+SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
+SPAN, LOAD = 6.0, 1e3  # m, N/m
+
+
+@pytest.fixture(scope="module")
+def propped():
+    """A beam clamped at its left end and propped at the right under q, which then is doubled."""
+    ends = jc.clamped([0]) + jc.restrained([1], "yz")
+    beam = jc.Beams([[0, 1]], section=SECTION)
+    structure = jc.Structure([[0.0, 0, 0], [SPAN, 0, 0]], beam, supports=ends)
+    half = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -LOAD)))
+    solution = jc.solve(structure, [half, half])
+    assert int(solution.status) == 0
+    return structure, solution
+
+
+def drawn(figure, axes=0):
+    return [float(text.get_text()) for text in figure.axes[axes].texts]
+
+
+def test_a_propped_cantilever_in_each_phase(propped):
+    """q L^2/8 at the clamp, 9 q L^2/128 at 3/8 of the span from the prop, 5/8 q L of shear.
+
+    Linear theory: deflections of 1e-3 of the span change moments by 1e-5 of themselves.
+    """
+    structure, solution = propped
+    for k, phase in enumerate(solution.phases, 1):
+        forces = jc.section_forces(structure, phase, places=[0.0, 0.3, 0.625, 1.0])[0]
+        size = k * LOAD * SPAN**2
+        x = SPAN * np.array([0.0, 0.3, 0.625, 1.0])
+        moment = k * LOAD * (-(SPAN**2) / 8 + 5 / 8 * SPAN * x - x**2 / 2)
+        np.testing.assert_allclose(forces[:, 4], -moment, atol=1e-4 * size)
+        shear = k * LOAD * (5 / 8 * SPAN - x)
+        np.testing.assert_allclose(forces[:, 2], -shear, atol=1e-4 * size / SPAN)
+    assert float(jnp.abs(forces).max()) > 4e3  # there are forces to compare
+
+
+@pytest.mark.parametrize("name", ["guyed_mast", "cable_stayed_bridge"])
+def test_forces_between_stored_places_are_those_of_equilibrium(name):
+    """Against `section_forces` of the last state, which integrates loads along the beam.
+
+    The note of the docstring: 1e-4 of the largest; measured 2e-5 and less.
+    """
+    structure, phases = getattr(jc.scenes, name)()
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    exact = jax.tree.leaves(jc.section_forces(structure, solution, 101))
+    found = jax.tree.leaves(jc.section_forces(structure, solution.phases[-1], 101))
+    assert len(exact) == len(found) > 0
+    for a, b in zip(exact, found, strict=True):
+        for kind in (slice(0, 3), slice(3, 6)):
+            size = float(jnp.abs(a[..., kind]).max())
+            np.testing.assert_allclose(b[..., kind], a[..., kind], atol=1e-4 * size)
+    # a control: straight lines between the stored places miss by far more
+    stored = jax.tree.leaves(solution.section_forces)[0]
+    wrong = np.stack([np.interp(np.linspace(0, 1, 101), [0, 0.5, 1], m) for m in stored[..., 4]])
+    assert np.abs(wrong - exact[0][..., 4]).max() > 1e-3 * np.abs(exact[0][..., 4]).max()
+
+
+@pytest.mark.parametrize("count", [3, 5, 9])
+def test_polynomials_through_gauss_lobatto_points(count):
+    """Moments up to degree 2 n - 1 with their slopes are met; cubics beyond six points."""
+    points = 0.5 + 0.5 * np.sort(
+        np.r_[-1, np.polynomial.Legendre.basis(count - 1).deriv().roots(), 1]
+    )
+    degree = 3 if count > 6 else 2 * count - 1
+    length, x = 2.5, np.linspace(0, 1, 41)
+    moment = np.polynomial.Polynomial(np.random.default_rng(count).normal(size=degree + 1))
+    slope = moment.deriv()
+    at = np.zeros((1, count, 6))
+    at[0, :, 4], at[0, :, 2] = moment(points), slope(points) / length
+    at[0, :, 5], at[0, :, 1] = moment(points), -slope(points) / length
+    found = np.asarray(forces_between(jnp.asarray(at), jnp.array([length]), x))[0]
+    size = np.abs(moment(x)).max()
+    for k in (4, 5):  # rounding of interpolation up to degree 9
+        np.testing.assert_allclose(found[:, k], moment(x), atol=1e-11 * size)
+    np.testing.assert_allclose(found[:, 2], slope(x) / length, atol=1e-10 * size)
+    np.testing.assert_allclose(found[:, 1], -slope(x) / length, atol=1e-10 * size)
+
+
+def test_forces_of_a_phase_have_derivatives(propped):
+    structure, _ = propped
+
+    def moment(load):  # at 0.3 of the span at the end of the first of two phases, N m
+        first = jc.Phase(loads=jc.LineLoads(jnp.array([0.0, 0.0, -1.0]) * load))
+        second = jc.Phase(loads=jc.LineLoads((0.0, 0.0, -LOAD)))
+        solution = jc.solve(structure, [first, second])
+        return jc.section_forces(structure, solution.phases[0], places=[0.3])[0, 0, 4]
+
+    slope = float(jax.grad(moment)(LOAD))
+    expected = -(SPAN**2) * (-1 / 8 + 5 / 8 * 0.3 - 0.3**2 / 2)
+    assert slope == pytest.approx(expected, rel=1e-3)  # of linear theory
+
+
+def test_what_is_refused(propped):
+    structure, solution = propped
+    with pytest.raises(ValueError, match="state: has 1 elements in group 0, the structure 2"):
+        nodes = [[0.0, 0, 0], [SPAN, 0, 0], [2 * SPAN, 0, 0]]
+        two = jc.replace(
+            structure, nodes=nodes, elements=jc.Beams([[0, 1], [1, 2]], section=SECTION)
+        )
+        jc.section_forces(two, solution.phases[0])
+    for phase, message in ((2, "phases 0 to 1"), (True, "whole number"), ("a", "whole number")):
+        with pytest.raises(ValueError, match=message):
+            jc.plots.diagram(solution, structure=structure, phase=phase)
+    with pytest.raises(ValueError, match="state, phase: give one"):
+        jc.plots.net(solution, structure=structure, phase=0, state=solution.last)
+    with pytest.raises(ValueError, match="give the number, phase="):
+        jc.plots.net(solution, structure=structure, state=solution.phases[0])
+    with pytest.raises(ValueError, match="of = 'M'"):
+        jc.plots.sequence(solution, structure=structure, diagram="M")
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_diagram_of_each_phase(propped, known):
+    structure, solution = propped
+    for k, phase in enumerate((0, -1), 1):
+        figure = jc.plots.diagram(
+            solution, phase=phase, structure=structure if known else None, view="elevation"
+        )
+        assert drawn(figure)[0] == pytest.approx(k * LOAD * SPAN**2 / 8, rel=1e-3)
+
+
+def test_diagrams_of_all_phases_have_one_scale(propped):
+    structure, solution = propped
+    figure = jc.plots.sequence(solution, structure=structure, diagram="My", view="elevation")
+    high, numbers = [], []
+    for k in (0, 1):
+        areas = [
+            path.vertices
+            for part in figure.axes[k].collections
+            if type(part).__name__ == "PolyCollection"
+            for path in part.get_paths()
+        ]
+        high.append(max(abs(v[:, 1]).max() for v in areas))
+        numbers.append(max(map(abs, drawn(figure, k))))
+    assert high[1] / high[0] == pytest.approx(2.0, rel=1e-2)
+    assert numbers == pytest.approx([LOAD * SPAN**2 / 8, LOAD * SPAN**2 / 4], rel=1e-3)
+    assert figure.legends[0].get_texts()[0].get_text() == "My (N m)"
+
+
+def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
+    """Positions, forces and loads of the stayed bridge after two of its stages."""
+    structure, phases = jc.scenes.cable_stayed_bridge()
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    shown = jc.plots.stages.state_of(solution, None, 2, structure)
+    end = solution.phases[2]
+    assert int(shown.phase) == 2 and float(shown.load_factor) == 1.0
+    for name in ("positions", "load", "reactions"):
+        np.testing.assert_array_equal(getattr(shown, name), getattr(end, name))
+    moved = np.asarray(end.positions) - np.asarray(structure.nodes)
+    np.testing.assert_allclose(shown.displacement, moved, atol=1e-12)  # of 60 m
+    figure = jc.plots.net(solution, phase=2, structure=structure)
+    assert figure.axes[-2].get_title() == "After phase 3 of 7"
