@@ -256,7 +256,7 @@ def test_nothing_is_compiled_or_traced_again(monkeypatch):
     monkeypatch.setattr(compilation, "_compiled", None)  # what would trace, lower and compile
     nodes = np.asarray(structure.nodes) * 1.01
     other = Target("positions", 0.002, at=(1, 0), phase=1, within=2e-4)
-    elsewhere = Target("positions", 0.002, at=(1, 0), phase=2, within=1e-4)
+    elsewhere = Target("tension", 60e3, at=[0], on="stays", phase=2, within=100.0)
     stages = [jc.Phase(pretension={"mast": None, "stays": np.array([45e3, 41e3])}), *STAGES[1:]]
     for again in (
         (structure, STAGES, unknowns, [UPRIGHT]),

@@ -18,6 +18,8 @@ Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[Arra
 Index: TypeAlias = "Part | tuple[Part, ...]"
 """Index of an array: a number, a slice, numbers or booleans, or a tuple of these."""
 
+_USUAL = "displacement", "positions", "tension", "peak_tension"
+
 
 @dataclasses.dataclass(frozen=True)
 class Target:
@@ -73,18 +75,20 @@ class Target:
             raise ValueError(f"at: {error}; the result has shape {shape}") from None
         return jnp.ravel(found[self.at])
 
-    @property
-    def concerns(self) -> tuple[str, ...]:
-        """Names of the results of a phase that it is made of."""
-        if self.of == "peak_tension":  # of groups that have none it is the tension
-            return "peak_tension", "tension"
-        return (self.of,) if self.of in PER_PHASE else (*PER_PHASE, "began")
-
     def deviation(self, solution: Solution) -> Float[Array, " n"]:
         """How much more than the value these numbers are, [n]."""
         measured = self.measured(solution)
         value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
         return measured - (value if value.size > 1 else value.reshape(()))
+
+
+def concerns(targets: Sequence[Target]) -> tuple[str, ...]:
+    """Names of the results of phases that targets may be made of: the usual ones, or all.
+
+    Derivatives of fewer results compile faster; between usual ones targets can be exchanged.
+    """
+    usual = all(target.of in _USUAL for target in targets)
+    return _USUAL if usual else (*PER_PHASE, "began")
 
 
 def _index(at):

@@ -27,7 +27,7 @@ from ..model.structure import Structure
 from .fit import fit, searched
 from .levenberg import Evaluation
 from .sensitivity import sensitivity
-from .targets import Target, require_targets
+from .targets import Target, concerns, require_targets
 
 _SAME = 1e-3  # of what a target allows
 _MANY = 256  # unknowns: beyond, derivatives of targets (reverse mode) are taken
@@ -98,8 +98,13 @@ def tune(
 
     Targets are met exactly where that is possible, else in the sense of least squares, weighed by
     what they allow (`Target.within`). With fewer targets than unknowns the values stay near those
-    that the phases state, which are the start. This is `fit` with exact derivatives through all
-    phases, and hence through stages in which elements come and go.
+    that the phases state, which are the start. This is the search of `fit` with exact derivatives
+    through all phases, and hence through stages in which elements come and go.
+
+    The first call compiles a program of results and derivatives, two to four times as long as
+    `solve` does; other numbers, and other targets of displacements, positions and tensions, do not
+    compile it again. (Inside of jit and vmap, and with more than 256 unknowns, it is `fit`, which
+    is compiled at each call.)
 
     Args:
         structure, phases: as for `solve`.
@@ -221,7 +226,7 @@ def tune(
 def _seeking(put, values, targets, bounds, method, start, options):
     """The search: a function of a structure and the values to begin with that returns a `Fit`."""
     steps, tol, listen = options
-    names = tuple(sorted({name for target in targets for name in target.concerns}))
+    names = concerns(targets)
 
     def measure(solution):
         return jnp.concatenate([t.deviation(solution) / t.within for t in targets])
