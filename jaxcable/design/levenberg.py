@@ -85,7 +85,7 @@ class LevenbergMarquardt:
         steps: int,
         box: Box,
         sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
-        tol: Float[Array, ""],
+        tol: Float[Array, ""] | float,
     ):
         self.steps, self.box, self.sizes, self.tol = steps, box, sizes, tol
 

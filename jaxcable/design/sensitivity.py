@@ -52,6 +52,7 @@ def sensitivity(
         x: the numbers, [n].
     """
     task: Any = None
+    tree: Any
     moving: tuple[int, ...] = ()
 
     def moved(x):

@@ -101,7 +101,7 @@ def tune(
     that the phases state, which are the start. This is the search of `fit` with exact derivatives
     through all phases, and hence through stages in which elements come and go.
 
-    The first call compiles a program of results and derivatives, two to four times as long as
+    The first call compiles a program of results and derivatives, about three times as long as
     `solve` does; other numbers, and other targets of displacements, positions and tensions, do not
     compile it again. (Inside of jit and vmap, and with more than 256 unknowns, it is `fit`, which
     is compiled at each call.)
