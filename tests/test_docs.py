@@ -23,8 +23,8 @@ PLACES = [jc, jc.loads, jc.sections, jc.elements]
 PLACES += [place for place in map(jc.__dict__.get, jc.__all__) if inspect.ismodule(place)]
 
 METHODS = {
-    jc.Section: "disc ring rectangle i_shape polygon mesh composite shifted centred centroid "
-    "inertia stiffness torsional_stiffness axial fibre_stress forces strains interaction",
+    jc.Section: "disc ring rectangle i_shape box polygon mesh composite shifted centred "
+    "centroid inertia stiffness torsional_stiffness axial fibre_stress forces strains interaction",
     jc.files.Net: "scene split",
     jc.forms.SelfStress: "describe unbalanced mechanism_stiffness stiffens",
     jc.paths.TracedPath: "failure_load",

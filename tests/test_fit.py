@@ -198,6 +198,20 @@ def test_batches_float32_and_units():
     assert int(scaled.steps) == int(fits.steps[0])
 
 
+def test_progress_is_that_of_the_history():
+    reports = []
+    fit = jc.fit(rosenbrock, jnp.array([-1.2, 1.0]), progress=reports.append)
+    jax.effects_barrier()
+    reports.sort(key=lambda news: news.number)
+    n = int(fit.steps)
+    assert [news.number for news in reports] == list(range(n + 1))
+    assert [news.misfit for news in reports] == fit.history.misfit[: n + 1].tolist()
+    assert [news.accepted for news in reports] == fit.history.accepted[: n + 1].tolist()
+    assert str(reports[0]).startswith("trial 0 of 100: misfit ")
+    refused = next(news for news in reports if not news.accepted)
+    assert str(refused).endswith(", not accepted")
+
+
 def test_wrong_arguments():
     x = jnp.array([-1.2, 1.0])
     with pytest.raises(ValueError, match="residuals: expected a function"):

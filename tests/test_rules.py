@@ -455,7 +455,7 @@ OTHERWISE = {
     "sections/arrays.py:stack": "no rule: which library computes",
     "sections/arrays.py:concatenate": "no rule: which library computes",
     "sections/shapes.py:_float": "no rule: which library computes",
-    "sections/shapes.py:_outline": "traced outlines are refused",
+    "sections/outlines.py:corners": "traced outlines are refused",
     "sections/composites.py:_summed": "NaN where it is traced",
     "model/structure.py:__post_init__": "warnings; the rules of places are asked in any case",
     "design/box.py:check": "bounds that are traced end in the status OUTSIDE (`Box.holds`)",

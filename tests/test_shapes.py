@@ -108,6 +108,31 @@ def test_i_shape():
     assert section.counts == (section.n_fibre,) and len(section.cells) == section.n_fibre
 
 
+def test_box():
+    b, h, web, flange = 1.2, 0.5, 0.012, 0.02
+    inner_b, inner_h = b - 2 * web, h - 2 * flange
+    i_y, i_z = (b * h**3 - inner_b * inner_h**3) / 12, (h * b**3 - inner_h * inner_b**3) / 12
+    errors = []
+    for n in (2, 4, 8, 16):
+        section = Section.box(b, h, web, ONE, flange=flange, shape=(2 * n, n, 3 * n))
+        assert section.n_fibre == 2 * (2 * n * n + n * 3 * n)
+        assert section.area.sum() == pytest.approx(b * h - inner_b * inner_h, rel=1e-14)
+        assert np.allclose(section.inertia(), [i_y, i_z, 0], rtol=EXACT, atol=EXACT * i_y)
+        second = fibre_sums(section)
+        errors.append([abs(second[0] - i_y) / i_y, abs(second[1] - i_z) / i_z])
+        assert abs(second[2]) <= 1e-14 * i_y  # two axes of symmetry
+    assert np.abs(order(np.array(errors)) - 2).max() < 0.1, errors
+    wide, tall = b - web, h - flange  # of the middle line; Bredt: 4 A^2 / sum(l / t)
+    bredt = 4 * (wide * tall) ** 2 / (2 * wide / flange + 2 * tall / web)
+    assert float(section.torsion[0]) == pytest.approx(bredt, rel=1e-14)
+    assert section.placed and section.counts == (section.n_fibre,)
+    # one thickness all around, in the closed form of a square tube, t a^3
+    square = Section.box(0.2, 0.2, 0.01, ONE)
+    assert float(square.torsion[0]) == pytest.approx(0.01 * 0.19**3, rel=1e-14)
+    slope = jax.grad(lambda t: Section.box(0.2, 0.2, t, ONE).total_area)(0.01)
+    assert float(slope) == pytest.approx(4 * (0.2 - 2 * 0.01), rel=1e-12)  # of 4 t (a - t)
+
+
 def polygon_moments(points):
     """Area and second moments of a polygon by Green's theorem, signed by its direction."""
     (y, z), (v, w) = np.transpose(points), np.transpose(np.roll(points, -1, axis=0))
@@ -454,6 +479,17 @@ BAD = {
     ),
     "i web": (lambda: Section.i_shape(0.4, 0.2, 0.0, 0.01, ONE), "web = 0.0: must be positive"),
     "i flange": (lambda: Section.i_shape(0.4, 0.2, 0.01, 0.2, ONE), "flange"),
+    "box web": (lambda: Section.box(0.2, 0.4, 0.1, ONE), "thickness = 0.1: twice is too thick"),
+    "box flange": (
+        lambda: Section.box(0.4, 0.2, 0.01, ONE, flange=0.1),
+        "flange = 0.1: twice is too thick",
+    ),
+    "low box": (lambda: Section.box(0.4, 0.02, 0.01, ONE), "thickness = 0.01: twice is too thick"),
+    "box height": (lambda: Section.box(0.4, 0.0, 0.01, ONE), "height = 0.0: must be positive"),
+    "box shape": (
+        lambda: Section.box(0.4, 0.2, 0.01, ONE, shape=(4, 4)),
+        r"shape = \(4, 4\): expected 3 integers",
+    ),
     "i shape": (
         lambda: Section.i_shape(0.4, 0.2, 0.01, 0.01, ONE, (4, 4)),
         r"shape = \(4, 4\): expected 3 integers",

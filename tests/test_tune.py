@@ -1,12 +1,18 @@
 """`design.tune`: prestress in any phases that makes results of any phases what they shall be."""
 
+import importlib
+import time
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcable as jc
-from jaxcable.design import Target, tune
+from jaxcable.analysis import solver
+from jaxcable.common import compilation, status
+from jaxcable.common.progress import Printer, compiling, hearing
+from jaxcable.design import Target, sensitivity, tune
 
 TIGHT = jc.Newton(tol=1e-13)
 
@@ -178,3 +184,132 @@ def test_what_is_refused(unknowns, targets, said):
 def test_targets_that_are_none(options, said):
     with pytest.raises(ValueError, match=said):
         Target("tension", **options)
+
+
+@pytest.mark.parametrize(
+    "at, said",
+    [
+        (0.5, "at = 0.5: expected an index"),
+        ("all", "at = 'all': expected an index"),
+        ([[0.0, 1.0]], r"at = \[\[0.0, 1.0\]\]: expected an index"),
+    ],
+)
+def test_indices_that_are_none(at, said):
+    with pytest.raises(ValueError, match=said):
+        Target("tension", at=at)
+
+
+@pytest.mark.parametrize("at", [[0, 1], np.array([0, 1]), [True, True], (slice(0, 2),), ...])
+def test_an_index_may_be_a_list(at):
+    structure = mast()
+    solution = jc.solve(structure, STAGES)
+    target = Target("tension", at=at, on="stays")
+    np.testing.assert_array_equal(target.measured(solution), solution.tension["stays"])
+
+
+def test_an_index_that_is_not_there():
+    """jax would take the nearest number that is there."""
+    with pytest.raises(ValueError, match=r"at: index 2 is out .* the result has shape \[2\]"):
+        tune(mast(), STAGES, [(0, "pretension")], Target("tension", at=[0, 2], on="stays"))
+
+
+def test_one_value_for_some_elements_is_one_unknown():
+    structure = mast()
+    pair = jc.Phase(pretension={"mast": None, "stays": jc.only([0, 1], 40e3)})
+    force = Target("tension", 60e3, at=[0, 1], on="stays", within=1.0)
+    found = tune(structure, pair, [(0, "pretension")], force)
+    assert found.influence.shape == (2, 1) and int(found.status) == 0
+    assert jnp.shape(found.values[0]["stays"].values) == ()
+    np.testing.assert_allclose(found.solution.tension["stays"], 60e3, rtol=1e-8)
+    each = jc.Phase(pretension={"mast": None, "stays": jc.only([0, 1], [40e3, 40e3])})
+    assert tune(structure, each, [(0, "pretension")], force).influence.shape == (2, 2)
+
+
+def test_the_search_is_that_of_fit():
+    """Same design and influence as by one program of everything, which `fit` compiles."""
+    structure = mast()
+    force = Target(lambda phase: phase.peak_tension["stays"][1], 70e3, phase=1, within=10.0)
+    targets = [UPRIGHT, force, Target("reactions", 0.0, at=(0, 0), phase=1, within=1e3)]
+
+    def residuals(values):
+        phases = [jc.Phase(pretension={"mast": None, "stays": values}), STAGES[1]]
+        solution = jc.solve(structure, phases, TIGHT)
+        return [t.deviation(solution) / t.within for t in targets], solution
+
+    unknowns = [(0, "pretension")]
+    found = tune(structure, STAGES[:2], unknowns, targets, method=TIGHT, smooth=False)
+    whole = jc.fit(residuals, jnp.array([40e3, 40e3]))
+    assert int(found.status) == int(whole.status) == 0 and int(found.steps) == int(whole.steps)
+    np.testing.assert_allclose(found.values[0]["stays"], whole.params, rtol=1e-9)
+    scale = np.array([1e-4, 10.0, 1e3])[:, None]
+    # both by exact derivatives at points that differ by rounding
+    np.testing.assert_allclose(found.influence, whole.jacobian * scale, rtol=1e-8, atol=1e-12)
+
+
+def test_nothing_is_compiled_or_traced_again(monkeypatch):
+    """Not by other numbers of structure, phases and targets, nor by the same call."""
+    structure, unknowns = mast(), [(0, "pretension")]
+    tune(structure, STAGES, unknowns, [UPRIGHT])
+    fit = importlib.import_module("jaxcable.design.fit")  # beside the function of that name
+    programs = [solver._analyse, sensitivity._pushed, fit._advanced]
+    before = [set(run.known) for run in programs]
+    monkeypatch.setattr(compilation, "_compiled", None)  # what would trace, lower and compile
+    nodes = np.asarray(structure.nodes) * 1.01
+    other = Target("positions", 0.002, at=(1, 0), phase=1, within=2e-4)
+    elsewhere = Target("tension", 60e3, at=[0], on="stays", phase=2, within=100.0)
+    stages = [jc.Phase(pretension={"mast": None, "stays": np.array([45e3, 41e3])}), *STAGES[1:]]
+    for again in (
+        (structure, STAGES, unknowns, [UPRIGHT]),
+        (structure, STAGES, unknowns, [other]),
+        (structure, stages, unknowns, [elsewhere]),
+        (jc.replace(structure, nodes=nodes), STAGES, unknowns, [UPRIGHT]),
+    ):
+        found = tune(*again)
+        assert int(found.status) == 0 and bool(found.met[0])
+    assert [set(run.known) for run in programs] == before
+
+
+def test_a_search_that_passes_forces_that_no_cable_has():
+    """Bars in place of cables take a force below zero; the cables themselves are asked then."""
+    structure = mast()
+    force = Target("tension", -5e3, at=1, on="stays", phase=0, within=1e3)
+    less = Target("tension", 1e3, at=1, on="stays", phase=0, within=1e3)
+    found = tune(structure, STAGES[:1], [(0, "pretension")], [force, less])
+    # below zero is refused as a trial: the search stays where cables are taut
+    assert float(found.values[0]["stays"][1]) >= 0 and not all(bool(met) for met in found.met)
+
+
+def test_paths_have_no_derivatives():
+    """A target on the path has none: its derivative is NaN, not silently zero."""
+    target = Target(lambda phase: phase.path.displacement[-1, 1, 0], 0.0, phase=1)
+    found = tune(mast(), STAGES[:2], [(0, "pretension")], target, smooth=False)
+    assert int(found.status) == status.BAD_START
+    assert int(found.steps) == 0
+
+
+def test_progress_is_told(capsys):
+    reports = []
+    found = tune(mast(), STAGES[:2], [(0, "pretension")], UPRIGHT, progress=reports.append)
+    assert [news.number for news in reports] == list(range(int(found.steps) + 1))
+    assert reports[0].count == 100 and reports[0].first and not reports[-1].first
+    misfits = [news.misfit for news in reports if news.accepted]
+    assert misfits == sorted(misfits, reverse=True) and misfits[-1] < 1e-5
+    with hearing(Printer(pause=0.0)), compiling(None):
+        time.sleep(0.1)
+    assert capsys.readouterr().err == "compiling\n"
+    with compiling(None):
+        time.sleep(0.1)
+    assert not capsys.readouterr().err
+
+
+def test_cables_that_are_nearly_slack_are_said():
+    structure = mast()
+    force = Target("tension", 300.0, at=1, on="stays", phase=1, within=1.0)
+    found = tune(structure, STAGES[:2], [(0, "pretension")], [UPRIGHT, force])
+    assert int(found.status) == 0 and all(bool(met) for met in found.met)
+    # the other stay has as much and what holds the pull of 10 kN, 10 kN / 0.6
+    assert found.remarks == (
+        "stays: 1 of 2 nearly slack; the least is element 1, 300 N at the end of phase 1",
+    )
+    more = Target("tension", 30e3, at=1, on="stays", phase=1, within=1.0)
+    assert tune(structure, STAGES[:2], [(0, "pretension")], [UPRIGHT, more]).remarks == ()

@@ -330,7 +330,8 @@ def _checked(value, group, name):
     count = len(group.links)
     if isinstance(value, Only):
         chosen = value.chosen(count, name)
-        given, value = value.values, value.spread(np.zeros(count))
+        given = checks.per_element(value.values, len(value.elements), name)
+        value = value.spread(np.zeros(count))
     else:
         chosen = None
         value = given = checks.per_element(value, count, name)

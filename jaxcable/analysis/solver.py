@@ -115,6 +115,12 @@ def _analyse(thawed, arrays, method, code, differentiate_path, listen, bundles, 
     return through(thawed, arrays, method, code)
 
 
+def analysed(thawed, arrays, method, code, bundles):
+    """The compiled core as a part of another program, with derivatives of the ends of phases."""
+    given = {"differentiate_path": False, "listen": None, "bundles": bundles}
+    return _analyse(thawed, arrays, method, code, **given, size=0)
+
+
 def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
     """The phases of an analysis, in one loop."""
     parameters = fill(thawed, arrays)

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
 from typing import IO, Any, NamedTuple
 
 import jax
@@ -18,9 +19,10 @@ import numpy as np
 from . import foreign, status
 from .types import Array, Float
 
-__all__ = ["Increment", "Printer", "Step"]
+__all__ = ["Increment", "Printer", "Step", "Trial"]
 
 _PAUSE = 0.5  # seconds between two printed lines, and before the first line
+_HEARS: ContextVar[Callable[[Any], object] | None] = ContextVar("_HEARS", default=None)
 
 
 class Increment(NamedTuple):
@@ -103,6 +105,42 @@ class Step(NamedTuple):
         return self.number == 0
 
 
+class Trial(NamedTuple):
+    """A trial point of `fit` or `tune` that has just been evaluated.
+
+    Attributes:
+        number, count: number of the point, 0 at the start, and number of points allowed.
+        misfit: Euclidean norm of the residuals there; NaN where the analysis failed.
+        accepted: 1 if the point was accepted, else 0.
+        status: code of the inner analysis at the point.
+
+    Example:
+        >>> reports = []
+        >>> found = jc.fit(lambda x: x - 2.0, jnp.array([0.0]), progress=reports.append)
+        >>> jax.effects_barrier()
+        >>> min(reports).number, min(reports).misfit
+        (0, 2.0)
+    """
+
+    number: int
+    count: int  # type: ignore[assignment]  # of tuples: a method
+    misfit: float
+    accepted: int
+    status: int
+
+    def __str__(self) -> str:
+        taken = "" if self.accepted else ", not accepted"
+        return (
+            f"trial {self.number} of {self.count}: misfit {self.misfit:.6g}{taken}"
+            f"{_failed(self.status)}"
+        )
+
+    @property
+    def first(self) -> bool:
+        """Whether the work has just begun."""
+        return self.number == 0
+
+
 def _failed(code: int) -> str:
     """The text of a failure, to be appended to a line; empty if there is none."""
     return f", {status.describe(code)}" if code != status.OK else ""
@@ -129,8 +167,8 @@ class Printer:
         self.last: float | None = None
         self.count = 0  # reports so far
 
-    def __call__(self, news: Increment | Step) -> None:
-        """Print `news`, an `Increment` or a `Step`, unless a line was printed within the pause."""
+    def __call__(self, news: Increment | Step | Trial) -> None:
+        """Print `news`, such as an `Increment`, unless a line was printed within the pause."""
         self.count += 1
         now = time.monotonic()
         if news.first or self.last is None:
@@ -175,8 +213,19 @@ def listener(progress: bool | Callable[[Any], object] | None) -> Callable[[Any],
 
 
 @contextlib.contextmanager
+def hearing(listen: Callable[[Any], object] | None) -> Iterator[None]:
+    """Whatever is compiled meanwhile is said to a listener, too, by `compiling`."""
+    token = _HEARS.set(listen)
+    try:
+        yield
+    finally:
+        _HEARS.reset(token)
+
+
+@contextlib.contextmanager
 def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
     """Where progress is printed, say "compiling" if that takes long: until a report, or the end."""
+    listen = _HEARS.get() if listen is None else listen
     if not isinstance(listen, Printer):
         yield
         return
@@ -197,15 +246,15 @@ def compiling(listen: Callable[[Any], object] | None) -> Iterator[None]:
 
 def tell(
     listen: Callable[[Any], object],
-    kind: type[Increment] | type[Step],
+    kind: type[Increment] | type[Step] | type[Trial],
     known: Mapping[str, Any],
     traced: Mapping[str, Float[Array, ""]],
 ) -> None:
-    """Call `listen` with an `Increment` or a `Step` from inside of a compiled program.
+    """Call `listen` with a report of a `kind` from inside of a compiled program.
 
     Args:
         listen: the function to call.
-        kind: class of the report, `Increment` or `Step`.
+        kind: class of the report, `Increment`, `Step` or `Trial`.
         known: the field of the report that is known when the program is compiled, an integer, as a
             dict.
         traced: fields that the program computes, a dict of scalars.
@@ -233,5 +282,5 @@ def _teller(listen, kind, known, names):
 @foreign.family
 def show(kind, field, number, *names):
     """The function that prints news, see `tell`."""
-    kinds = {cls.__name__: cls for cls in (Increment, Step)}
+    kinds = {cls.__name__: cls for cls in (Increment, Step, Trial)}
     return _teller(SHOW, kinds[kind], {field: int(number)}, names)

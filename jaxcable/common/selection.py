@@ -50,14 +50,14 @@ class Only:
     """
 
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
-    values: Float[ArrayLike, " n"]
+    values: Float[ArrayLike, ""] | Float[ArrayLike, " n"]
     count: int | None = None
 
     def __post_init__(self):
         _number(self)
-        object.__setattr__(
-            self, "values", checks.per_element(self.values, len(self.elements), "values")
-        )
+        checks.per_element(self.values, len(self.elements), "values")
+        # one value for all stays one: a search then has one unknown (`design.tune`)
+        object.__setattr__(self, "values", checks.floats(self.values, "values"))
 
     def chosen(self, n_elem: int, name: str) -> Bool[np.ndarray, " n_elem"]:
         """Mask of the elements, [n_elem] bool, NumPy; ValueError if the group lacks one of them."""
@@ -91,7 +91,7 @@ class Named:
 
 def only(
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"],
-    values: Float[ArrayLike, " n"] | None = None,
+    values: Float[ArrayLike, ""] | Float[ArrayLike, " n"] | None = None,
 ) -> Selection | Only:
     """Some elements of a group, and values for them: ``Phase(pretension=only([0, 3], 200.0))``.
 

@@ -18,7 +18,8 @@ from .objectives import (
     total_prestress,
 )
 from .reports import Envelope, envelope, solve_cases, utilisation
-from .tune import Target, Tuned, tune
+from .targets import Target
+from .tune import Tuned, tune
 
 __all__ = [
     "Confidence",

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
-from ..common import status
+from ..common import checks, status
+from ..common.compilation import program
+from ..common.progress import Trial, compiling, listener, tell
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .box import Box, checked_call, default_tol, make_box, numbers
-from .levenberg import LevenbergMarquardt
+from .levenberg import Evaluation, LevenbergMarquardt, State, evaluated
 from .outcome import split_residuals
 from .programs import Programs, underivable
 
@@ -91,6 +96,7 @@ def fit(
     steps: int = 100,
     tol: float | None = None,
     args: tuple[Any, ...] = (),
+    progress: bool | Callable[[Trial], Any] | None = None,
 ) -> Fit:
     """Minimise the sum of squared residuals, within bounds.
 
@@ -116,6 +122,8 @@ def fit(
             in float64, 1e-3 in float32.
         args: tuple of further arguments of the residuals; pass here what changes from call to call
             (see `minimize`).
+        progress: True to show progress on stderr (trial, misfit); or a function of a
+            `progress.Trial`, called at the start and after every trial point.
 
     Returns:
         `Fit`. Works under jit and vmap; differentiating it is an error.
@@ -139,10 +147,12 @@ def fit(
     args = checked_call(residuals, args, steps, "residuals")
     params = numbers(params)
     tol = default_tol(params) if tol is None else tol
-    return _programs(residuals, int(steps))(params, args, make_box(bounds, params), tol)
+    box, listen = make_box(bounds, params), listener(progress)
+    with compiling(listen):  # most of the time before the first report
+        return _programs(residuals, int(steps), listen)(params, args, box, tol)
 
 
-def _make(reference, steps):
+def _make(reference, steps, listen):
     """The compiled program for the function of residuals that `reference()` returns."""
 
     @jax.jit
@@ -162,22 +172,86 @@ def _make(reference, steps):
                 raise ValueError("residuals: expected arrays of floats")
             return vector.astype(x.dtype), code
 
-        end = LevenbergMarquardt(flattened, steps, flat, sizes, tol).run(start)
-        blocked = flat.blocked(end.x, end.residual @ end.jacobian)
-        return underivable(
-            Fit(
-                params=back(end.x),
-                residual=end.residual,
-                jacobian=end.jacobian,
-                misfit=jnp.linalg.norm(end.residual),
-                free=jax.tree.map(lambda f: f > 0.5, back((~blocked).astype(start.dtype))),
-                history=FitHistory(*end.trials),
-                status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
-                steps=jnp.maximum(end.n, 0),
-            )
-        )
+        search = LevenbergMarquardt(steps, flat, sizes, tol)
+        count = jax.eval_shape(flattened, start)[0].size
+
+        def iterate(state):
+            state = search.advance(state, evaluated(flattened, state.trial, count))
+            if listen is not None:
+                tell(listen, Trial, {"count": steps}, trial_of(state))
+            return state
+
+        end = lax.while_loop(lambda s: s.running, iterate, search.begin(start, count))
+        return underivable(fit_of(end, params, box))
 
     return run
+
+
+def searched(
+    evaluate: Callable[[Float[Array, " n"]], Evaluation],
+    params: PyTree[Float[ArrayLike, " ..."]],
+    bounds: tuple[Any, Any] | None,
+    steps: int,
+    tol: float | None,
+    listen: Callable[[Trial], Any] | None,
+) -> Fit:
+    """`fit`, with residuals and their Jacobian by a function that is called, and not compiled.
+
+    Args:
+        evaluate: function of the flattened parameters to an `Evaluation`.
+        params, bounds, steps, tol: as for `fit`.
+        listen: function of a `progress.Trial`, or None.
+    """
+    checks.whole(steps, "steps")
+    params = numbers(params)
+    box, tol = make_box(bounds, params), default_tol(params) if tol is None else tol
+    start, _ = ravel_pytree(params)
+    flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+    given = {"steps": int(steps), "counts": tuple(leaf.size for leaf in jax.tree.leaves(params))}
+    found = evaluate(start)
+    state = LevenbergMarquardt(int(steps), flat, jnp.abs, tol).begin(start, found.residual.size)
+    while True:
+        state = _advanced(state, found, flat, tol, **given, size=start.size)
+        if listen is not None:
+            told = {name: np.asarray(value).item() for name, value in trial_of(state).items()}
+            listen(Trial(count=int(steps), **told))
+        if not state.running:
+            return fit_of(state, params, box)
+        found = evaluate(state.trial)
+
+
+@functools.partial(program, static=("steps", "counts"))
+def _advanced(state, found, box, tol, steps, counts):
+    """The state after `found`; `counts` are the numbers of parameters of every array."""
+
+    def sizes(x):
+        parts = jnp.split(x, np.cumsum(counts)[:-1])
+        return jnp.concatenate([jnp.full_like(part, jnp.linalg.norm(part)) for part in parts])
+
+    return LevenbergMarquardt(steps, box, sizes, tol).advance(state, found)
+
+
+def trial_of(s: State) -> dict[str, Array]:
+    """The numbers of `progress.Trial`, of the trial point that was evaluated last."""
+    misfit, accepted, _, code = (entries[s.n] for entries in s.trials)
+    return {"number": s.n, "misfit": misfit, "accepted": accepted, "status": code}
+
+
+def fit_of(end: State, params: PyTree[Float[Array, " ..."]], box: Box) -> Fit:
+    """The `Fit` of the last state of a search from `params` within a box of their shape."""
+    start, back = ravel_pytree(params)
+    flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+    blocked = flat.blocked(end.x, end.residual @ end.jacobian)
+    return Fit(
+        params=back(end.x),
+        residual=end.residual,
+        jacobian=end.jacobian,
+        misfit=jnp.linalg.norm(end.residual),
+        free=jax.tree.map(lambda f: f > 0.5, back((~blocked).astype(start.dtype))),
+        history=FitHistory(*end.trials),
+        status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+        steps=jnp.maximum(end.n, 0),
+    )
 
 
 _programs = Programs(_make)

@@ -1,4 +1,4 @@
-"""The loop of `fit`: Levenberg-Marquardt on a flat vector, a trial point an iteration."""
+"""The search of `fit` and `tune`: Levenberg-Marquardt on a flat vector, from point to point."""
 
 from __future__ import annotations
 
@@ -29,6 +29,14 @@ class Trials(NamedTuple):
     accepted: Int[Array, " steps+1"]
     damping: Float[Array, " steps+1"]
     status: Int[Array, " steps+1"]
+
+
+class Evaluation(NamedTuple):
+    """Residuals [n_residual], their Jacobian [n_residual, n], and the status, at a point."""
+
+    residual: Float[Array, " n_residual"]
+    jacobian: Float[Array, "n_residual n"]
+    code: Int[Array, ""]
 
 
 class State(NamedTuple):
@@ -63,10 +71,9 @@ class State(NamedTuple):
 
 
 class LevenbergMarquardt:
-    """The loop for one problem.
+    """The search for one problem: from a state and what was evaluated at its trial to the next one.
 
     Args:
-        residuals: function of the flat parameters that returns (residuals [n_residual], code).
         steps: largest number of trial points after the start.
         box: `Box` of flat bounds.
         sizes: function of the flat parameters that returns their sizes, to which `tol` is relative.
@@ -75,27 +82,22 @@ class LevenbergMarquardt:
 
     def __init__(
         self,
-        residuals: Callable[
-            [Float[Array, " n"]], tuple[Float[Array, " n_residual"], Int[Array, ""]]
-        ],
         steps: int,
         box: Box,
         sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
-        tol: Float[Array, ""],
+        tol: Float[Array, ""] | float,
     ):
-        self.residuals, self.steps, self.box = residuals, steps, box
-        self.sizes, self.tol = sizes, tol
+        self.steps, self.box, self.sizes, self.tol = steps, box, sizes, tol
 
-    def run(self, x: Float[Array, " n"]) -> State:
-        """Iterate from `x`, [n]."""
-        shape, _ = jax.eval_shape(self.residuals, x)
+    def begin(self, x: Float[Array, " n"], count: int) -> State:
+        """The state before the start `x`, [n], is evaluated; `count` is the number of residuals."""
         one, none = jnp.ones((), x.dtype), jnp.int32(0)
         real, whole = jnp.full(self.steps + 1, jnp.nan * one), jnp.full(self.steps + 1, none - 1)
-        state = State(
+        return State(
             trial=x,
             x=x,
-            residual=jnp.full(shape.shape, jnp.nan * one),
-            jacobian=jnp.full((shape.size, x.size), jnp.nan * one),
+            residual=jnp.full(count, jnp.nan * one),
+            jacobian=jnp.full((count, x.size), jnp.nan * one),
             size=jnp.zeros_like(x),
             damping=_DAMPING * one,
             growth=2 * one,
@@ -106,11 +108,12 @@ class LevenbergMarquardt:
             code=none,
             running=jnp.ones((), bool),
         )
-        return lax.while_loop(lambda s: s.running, self.iterate, state)
 
-    def iterate(self, s: State) -> State:
-        """Evaluate the trial point, accept it or not, and find the next one."""
-        residual, jacobian, code = self.evaluate(s.trial)
+    def advance(self, s: State, found: Evaluation) -> State:
+        """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
+        residual, jacobian, code = found
+        finite = jnp.all(jnp.isfinite(residual)) & jnp.all(jnp.isfinite(jacobian))
+        code = jnp.where((code == status.OK) & ~finite, status.NONFINITE, code)
         sound, begun = code == status.OK, s.n >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
@@ -192,23 +195,23 @@ class LevenbergMarquardt:
         move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
         return self.box.project(x + move)
 
-    def evaluate(
-        self, x: Float[Array, " n"]
-    ) -> tuple[Float[Array, " n_residual"], Float[Array, "n_residual n"], Int[Array, ""]]:
-        """Residuals, Jacobian and status; NONFINITE if one of their numbers is not finite."""
-        shape, _ = jax.eval_shape(self.residuals, x)
-        if x.size <= shape.size:
-            # not `linearize`: forward and linear part apart would be a program half as long again
-            def push(direction):
-                return jax.jvp(self.residuals, (x,), (direction,), has_aux=True)
 
-            out = None, 1, None  # values are those of every direction
-            residual, jacobian, code = jax.vmap(push, out_axes=out)(jnp.eye(x.size, dtype=x.dtype))
-        else:
-            residual, pull, code = jax.vjp(self.residuals, x, has_aux=True)
-            jacobian = jax.vmap(pull)(jnp.eye(shape.size, dtype=shape.dtype))[0]
-        sound = jnp.all(jnp.isfinite(residual)) & jnp.all(jnp.isfinite(jacobian))
-        return residual, jacobian, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
+def evaluated(
+    residuals: Callable[[Float[Array, " n"]], tuple[Float[Array, " n_residual"], Int[Array, ""]]],
+    x: Float[Array, " n"],
+    count: int,
+) -> Evaluation:
+    """What a function that returns (residuals [count], code) is at `x`: an `Evaluation`."""
+    if x.size <= count:
+        # not `linearize`: forward and linear part apart would be a program half as long again
+        def push(direction):
+            return jax.jvp(residuals, (x,), (direction,), has_aux=True)
+
+        out = None, 1, None  # values are those of every direction
+        return Evaluation(*jax.vmap(push, out_axes=out)(jnp.eye(x.size, dtype=x.dtype)))
+    residual, pull, code = jax.vjp(residuals, x, has_aux=True)
+    jacobian = jax.vmap(pull)(jnp.eye(count, dtype=residual.dtype))[0]
+    return Evaluation(residual, jacobian, code)
 
 
 def damped_step(

@@ -2,91 +2,40 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Callable, Sequence
-from types import EllipsisType
-from typing import Any, TypeAlias
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
-from ..analysis.phase_results import PhaseResult
 from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..common import checks, status
+from ..common import status
+from ..common.compilation import by_itself
+from ..common.progress import Trial, hearing, listener
 from ..common.tree import copy, pytree, replace
-from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..model.parts import groups_by_name, per_group
 from ..model.structure import Structure
-from .fit import fit
-
-Part: TypeAlias = "int | slice | Int[ArrayLike, ' n']"
-Index: TypeAlias = "Part | EllipsisType | tuple[Part, ...]"
-"""Index of an array: a number, a slice, numbers, or a tuple of these."""
+from .fit import fit, searched
+from .levenberg import Evaluation
+from .sensitivity import sensitivity
+from .targets import Target, concerns, require_targets
 
 _SAME = 1e-3  # of what a target allows
+_MANY = 256  # unknowns: beyond, derivatives of targets (reverse mode) are taken
+_LITTLE = 0.05  # of the largest force of a group: a cable with less is nearly slack
 _STATEMENTS = (*ABSOLUTE, *INCREMENTS)
 
 
-@dataclasses.dataclass(frozen=True)
-class Target:
-    """What a result of a phase shall be; see `tune`.
-
-    Args:
-        of: name of a result of a phase: "positions", "displacement", "tension", "reactions",
-            "section_forces" and so on; or a function of the result of the phase,
-            `results.PhaseResult`, to an array.
-        value: what it shall be, a number or an array, m, N or N m.
-        at: index of the numbers that are meant, as of a NumPy array: ``(slice(1, 9), 2)`` or
-            ``np.s_[1:9, 2]`` are the z of nodes 1 to 8. Default all.
-        on: key of the group in the structure's elements, for results of elements.
-        phase: number of the phase, from 0, or from the end as -1, the default.
-        within: deviation that is as good as none, in the unit of the result; targets that cannot be
-            met all at once are weighed by it.
-
-    Raises:
-        ValueError: `within` is not positive, `phase` is no integer, the value is no number.
-
-    Example:
-        >>> level = jc.design.Target("positions", 0.0, at=np.s_[1:9, 2], within=1e-4)
-        >>> level.phase
-        -1
-    """
-
-    of: str | Callable[[PhaseResult], Array]
-    value: Float[ArrayLike, " ..."] = 0.0
-    at: Index = ...
-    on: str | int | None = None
-    phase: int = -1
-    within: float = 1.0
-
-    def __post_init__(self):
-        checks.floats(self.value, "value")
-        if isinstance(self.phase, bool) or not isinstance(self.phase, int | np.integer):
-            raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
-        if not self.within > 0:
-            raise ValueError(f"within = {self.within!r}: must be positive")
-
-    def measured(self, solution: Solution) -> Float[Array, " n"]:
-        """The numbers that are meant, of a solution, [n]."""
-        result = solution.phases[self.phase]
-        found = self.of(result) if callable(self.of) else getattr(result, self.of)
-        found = found if self.on is None else found[self.on]
-        return jnp.ravel(jnp.asarray(found)[self.at])
-
-    def deviation(self, solution: Solution) -> Float[Array, " n"]:
-        """How much more than the value these numbers are, [n]."""
-        measured = self.measured(solution)
-        value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
-        return measured - (value if value.size > 1 else value.reshape(()))
-
-
-@pytree
+@pytree(static=("remarks",))
 class Tuned:
     """Result of `tune`.
 
@@ -101,6 +50,10 @@ class Tuned:
         free: which values no bound stops, in the shape of `values`.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
+        remarks: a sentence for every group of cables of which some are nearly slack in the first
+            phase with a target or later: with less than 5 % of the largest force that the group
+            has in any phase. A tuple of str, empty under jit and vmap. What can be done is in the
+            second example of `tune`.
 
     Example:
         By how much a bar of 2 m is to be shortened so that its end rises by 1 mm:
@@ -124,6 +77,7 @@ class Tuned:
     free: list[PyTree[Bool[Array, " ..."]]]
     status: Int[Array, ""]
     steps: Int[Array, ""]
+    remarks: tuple[str, ...] = ()
 
 
 def tune(
@@ -138,19 +92,26 @@ def tune(
     smooth: bool = True,
     steps: int = 100,
     tol: float | None = None,
+    progress: bool | Callable[[Trial], Any] | None = None,
 ) -> Tuned:
     """Find prestress, stated in any phases, at which results of any phases are as they shall be.
 
     Targets are met exactly where that is possible, else in the sense of least squares, weighed by
     what they allow (`Target.within`). With fewer targets than unknowns the values stay near those
-    that the phases state, which are the start. This is `fit` with exact derivatives through all
-    phases, and hence through stages in which elements come and go.
+    that the phases state, which are the start. This is the search of `fit` with exact derivatives
+    through all phases, and hence through stages in which elements come and go.
+
+    The first call compiles a program of results and derivatives, about three times as long as
+    `solve` does; other numbers, and other targets of displacements, positions and tensions, do not
+    compile it again. (Inside of jit and vmap, and with more than 256 unknowns, it is `fit`, which
+    is compiled at each call.)
 
     Args:
         structure, phases: as for `solve`.
         unknowns: pairs (number of a phase, name of a statement in it) such as ``(0, "pretension")``
             or ``(3, "jacking")``. Every number that the statement has is an unknown: one for all
-            elements if it is a scalar, those of some elements by ``only(elements, values)``.
+            elements if it is a scalar, an array [n_elem] one each; of some elements one for all by
+            ``only(elements, 18e3)``, one each by ``only(elements, [18e3, 18e3])``.
         targets: one `Target`, or a list.
         bounds: (lower, upper) of the unknowns, each None, a number, or a prefix pytree of the list
             of statements.
@@ -160,7 +121,7 @@ def tune(
         smooth: whether to begin with cables that also press, where beams or bars are beside them.
             Where cables go slack results have kinks, at which a search that starts from far ends;
             from where all cables are taut at last, it is the same without them.
-        steps, tol: as for `fit`.
+        steps, tol, progress: as for `fit`; "compiling" is said, too, where progress is printed.
 
     Returns:
         `Tuned`.
@@ -188,11 +149,35 @@ def tune(
         converged [True, True]
         >>> print(tuned.solution.tension["stays"].round(1))  # N
         [76665.5 60000. ]
+
+        A deck that is exactly level may leave a cable nearly slack, as `Tuned.remarks` says then.
+        Level and least force are targets beside each other; `within` says what gives way:
+
+        >>> nodes = [[x, 0.0, 0.0] for x in (0.0, 4.0, 8.0, 9.6)]
+        >>> nodes += [[x, 0.0, 9.0] for x in (4.0, 8.0, 9.6)]
+        >>> tube = jc.Section.box(0.6, 0.3, 0.01, jc.Elastic(210e9))
+        >>> deck = jc.Beams([[0, 1], [1, 2], [2, 3]], section=tube)
+        >>> hangers = jc.Cables([[1, 4], [2, 5], [3, 6]], axial_stiffness=4e7)
+        >>> supports = jc.pinned([4, 5, 6]) + jc.clamped([0])
+        >>> bridge = jc.Structure(nodes, {"deck": deck, "hangers": hangers}, supports=supports)
+        >>> weight = jc.LineLoads((0.0, 0.0, -3e3), on="deck")
+        >>> jacks = {"deck": None, "hangers": np.array([8e3, 8e3, 8e3])}
+        >>> stage = jc.Phase(jacking=jacks, loads=weight)
+        >>> level = jc.design.Target("positions", 0.0, at=([1, 2, 3], 2), within=5e-4)
+        >>> tuned = jc.design.tune(bridge, stage, [(0, "jacking")], level)
+        >>> print(*tuned.remarks)
+        hangers: 1 of 3 nearly slack; the least is element 2, 505 N at the end of phase 0
+        >>> keep = jc.design.Target("tension", 3e3, at=[2], on="hangers", within=500.0)
+        >>> tuned = jc.design.tune(bridge, stage, [(0, "jacking")], [level, keep])
+        >>> print([bool(met) for met in tuned.met], tuned.solution.tension["hangers"].round(-1))
+        [True, True] [14830.  5960.  3000.]
+        >>> print(f"{1e3 * abs(tuned.deviation[0]).max():.2f} mm", tuned.remarks)
+        0.07 mm ()
     """
     phases = [phases] if isinstance(phases, Phase) else list(phases)
     targets = [targets] if isinstance(targets, Target) else list(targets)
     values = _stated(phases, unknowns)
-    _require_targets(targets, len(phases))
+    require_targets(targets, len(phases))
 
     def put(values):
         found = list(phases)
@@ -200,29 +185,29 @@ def tune(
             found[k] = replace(found[k], **{name: value})
         return found
 
-    def residuals(structure, values):
-        solution = solve(structure, put(values), method, start=start)
-        return [t.deviation(solution) / t.within for t in targets], solution
-
-    found, spent = None, jnp.int32(0)
+    listen, solution, spent = listener(progress), None, jnp.int32(0)
+    seeks = _seeking(put, values, targets, bounds, method, start, (steps, tol, listen))
     pressing = _pressing(structure) if smooth and start is None else None
-    if pressing is not None:
-        found = fit(functools.partial(residuals, pressing), values, bounds, steps=steps, tol=tol)
-        reached, spent = found.status == status.OK, found.steps
-        values = jax.tree.map(lambda a, b: jnp.where(reached, a, b), found.params, values)
-    solution = None if found is None else solve(structure, put(values), method, start=start)
-    if solution is None or not _same(targets, solution, found):
-        own = functools.partial(residuals, structure)
-        found = fit(own, values, bounds, steps=steps, tol=tol)
-        found = copy(found, steps=spent + found.steps)
-        solution = solve(structure, put(found.params), method, start=start)
-    tuned = put(found.params)
+    with hearing(listen):
+        if pressing is not None:
+            found = seeks(pressing, values)
+            reached, spent = found.status == status.OK, found.steps
+            stated, solution = values, None
+            values = jax.tree.map(lambda a, b: jnp.where(reached, a, b), found.params, values)
+            try:
+                solution = solve(structure, put(values), method, start=start)
+            except ValueError:  # forces below zero, which bars take
+                values = stated
+        if solution is None or not _same(targets, solution, found):
+            found = seeks(structure, values)
+            found = copy(found, steps=spent + found.steps)
+            solution = solve(structure, put(found.params), method, start=start)
     deviation = [target.deviation(solution) for target in targets]
     within = np.concatenate(
         [np.full(len(own), target.within) for own, target in zip(deviation, targets, strict=True)]
     )
     return Tuned(
-        phases=tuned,
+        phases=put(found.params),
         values=found.params,
         solution=solution,
         deviation=deviation,
@@ -234,7 +219,60 @@ def tune(
         free=found.free,
         status=found.status,
         steps=found.steps,
+        remarks=_nearly_slack(structure, solution, min(t.phase % len(phases) for t in targets)),
     )
+
+
+def _seeking(put, values, targets, bounds, method, start, options):
+    """The search: a function of a structure and the values to begin with that returns a `Fit`."""
+    steps, tol, listen = options
+    names = concerns(targets)
+
+    def measure(solution):
+        return jnp.concatenate([t.deviation(solution) / t.within for t in targets])
+
+    def residuals(structure, values):
+        solution = solve(structure, put(values), method, start=start)
+        return measure(solution), solution
+
+    def seek(structure, values):
+        flat, back = ravel_pytree(values)
+        given = structure, put(values), [t.value for t in targets], bounds, start
+        if not by_itself(jax.tree.leaves(given)) or flat.size > _MANY:
+            own = functools.partial(residuals, structure)
+            return fit(own, values, bounds, steps=steps, tol=tol, progress=listen)
+
+        def evaluate(x):
+            def phases(x):
+                return put(back(x))
+
+            given = measure, names, x, method, start
+            return Evaluation(*sensitivity(structure, phases, *given))
+
+        return searched(evaluate, values, bounds, steps, tol, listen)
+
+    return seek
+
+
+def _nearly_slack(structure, solution, first):
+    """Cables that are nearly slack in a phase from `first` on, in words; () while traced."""
+    if isinstance(solution.status, jax.core.Tracer) or solution.status != status.OK:
+        return ()
+    stages = [per_group(structure, phase.tension) for phase in solution.phases]
+    words = []
+    for k, (name, group) in enumerate(groups_by_name(structure)):
+        if not group.tension_only:
+            continue
+        force = np.stack([forces[k] for forces in stages])  # [n_phase, n_elem]
+        bears = np.where(force[first:] > 0, force[first:], np.inf)  # what is absent is no matter
+        least, small = bears.min(), (bears < _LITTLE * force.max()).any(axis=0)
+        if small.any():
+            number, i = np.unravel_index(bears.argmin(), bears.shape)
+            words.append(
+                f"{name or 'cables'}: {small.sum()} of {len(small)} nearly slack; the least is "
+                f"element {i}, {least:.3g} N at the end of phase {first + number}"
+            )
+    return tuple(words)
 
 
 def _pressing(structure):
@@ -286,18 +324,3 @@ def _stated(phases, unknowns):
             )
         values.append(jax.tree.map(lambda x: jnp.asarray(x, float), value))
     return values
-
-
-def _require_targets(targets, count):
-    """Raise ValueError for something else than targets of phases that there are."""
-    if not targets:
-        raise ValueError("targets: none")
-    for number, target in enumerate(targets):
-        if not isinstance(target, Target):
-            raise ValueError(
-                f"targets[{number}]: expected a Target, got {checks.kind(target, 'Target(...)')}"
-            )
-        if not -count <= target.phase < count:
-            raise ValueError(
-                f"targets[{number}].phase = {target.phase}: there are phases 0 to {count - 1}"
-            )

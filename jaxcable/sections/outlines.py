@@ -1,4 +1,4 @@
-"""Faults of the outlines of a section: edges that cross, holes outside, outlines without area."""
+"""Outlines of a section, and their faults: edges that cross, holes outside, no area."""
 
 from __future__ import annotations
 
@@ -6,7 +6,28 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..common.types import Float
+from ..common import checks
+from ..common.types import ArrayLike, Float
+
+
+def corners(points: Float[ArrayLike, "n 2"], name: str) -> Float[np.ndarray, "n 2"]:
+    """Corners of a polygon, checked, NumPy [n, 2]."""
+    if checks.concrete(points) is None:
+        raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
+    points = checks.floats(points, name)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise ValueError(f"{name}: expected shape [n, 2] with n >= 3, got {points.shape}")
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        k = int(finite.argmin())
+        raise ValueError(f"{name}[{k}] = {points[k].tolist()}: must be finite")
+    return np.asarray(points)
+
+
+def signed_area(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, ""]:
+    """Area of a polygon, positive if it is anticlockwise."""
+    y, z = points.T
+    return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))
 
 
 def crossed(outline: Float[np.ndarray, "n 2"]) -> str | None:

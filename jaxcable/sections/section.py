@@ -23,9 +23,9 @@ class Section(Fibres):
     """A cross-section made of fibres; the constructors below make its mesh.
 
     Fibres of one law follow each other. The axis of an element goes through the origin of the
-    coordinates. `disc`, `ring`, `rectangle` and `i_shape` put the origin at the centre of their
-    shape; `polygon`, `mesh` and `composite` leave it at the origin of their points or parts, and
-    `centred` moves it to the centroid.
+    coordinates. `disc`, `ring`, `rectangle`, `i_shape` and `box` put the origin at the centre of
+    their shape; `polygon`, `mesh` and `composite` leave it at the origin of their points or parts,
+    and `centred` moves it to the centroid.
 
     The axis also counts as the shear centre: an element twists about it, and loads through it cause
     no torsion. In an L or a channel the centroid and the shear centre are apart, which is not
@@ -115,6 +115,7 @@ class Section(Fibres):
     ring = classmethod(shapes.ring)
     rectangle = classmethod(shapes.rectangle)
     i_shape = classmethod(shapes.i_shape)
+    box = classmethod(shapes.box)
     polygon = classmethod(shapes.polygon)
     mesh = classmethod(shapes.mesh)
     composite = classmethod(composites.composite)

@@ -17,9 +17,10 @@ from ..materials.law import Law
 from . import meshes, outlines
 from .arrays import stack
 from .composites import Made, composite
-from .torsion import rectangle_torsion
+from .torsion import bredt_torsion, rectangle_torsion
 
 _CELLS = ("quadrilaterals", "triangles")
+_CORNERS = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 _AXES = np.array([1.0, 1.0, 0.0])  # 1 for the second moments about the axes, 0 for the product
 
 
@@ -175,6 +176,57 @@ def i_shape(
     return composite(cls, [top.shifted(z=z), middle, top.shifted(z=-z)], torsion).shifted()
 
 
+def box(
+    cls: type[Made],
+    width: Float[ArrayLike, ""],
+    height: Float[ArrayLike, ""],
+    thickness: Float[ArrayLike, ""],
+    law: Law,
+    flange: Float[ArrayLike, ""] | None = None,
+    shape: tuple[int, int, int] = (8, 2, 8),
+) -> Made:
+    """Rectangular hollow section with sharp corners, doubly symmetric.
+
+    The torsion constant is Bredt's, ``4 A^2 / sum(l / t)`` of the middle line of the walls.
+
+    Args:
+        width, height: of the whole section, along y and z, scalars, m.
+        thickness: of the two webs, and of the flanges unless they have their own, scalar, m.
+        law: uniaxial law.
+        flange: thickness of the upper and the lower wall, scalar, m; default that of the webs.
+        shape: number of cells along a flange, through a wall, and along a web, a triple.
+
+    Returns:
+        `Section`.
+
+    Raises:
+        ValueError: a length that is not positive, walls that are too thick, or an impossible mesh.
+
+    Example:
+        The deck of a footbridge:
+
+        >>> section = jc.Section.box(1.2, 0.5, 0.012, jc.Elastic(210e9))
+        >>> print(f"{1e4 * section.total_area:.2f} cm2")  # 2 t (b + h - 2 t)
+        402.24 cm2
+        >>> print(f"{1e4 * section.torsion[0]:.2f} dm4")  # 2 t (b - t)^2 (h - t)^2 / (b + h - 2 t)
+        48.13 dm4
+    """
+    numbers = {"width": width, "height": height, "thickness": thickness}
+    numbers["flange"] = thickness if flange is None else flange
+    width, height, web, plate = (_positive(value, name) for name, value in numbers.items())
+    web = _within(web, 2 * web >= width, "thickness", "twice is too thick")
+    name = "thickness" if flange is None else "flange"
+    plate = _within(plate, 2 * plate >= height, name, "twice is too thick")
+    along, through, tall = _shape(shape, (1, 1, 1))
+    lying = rectangle(cls, width, plate, law, (along, through))
+    standing = rectangle(cls, web, height - 2 * plate, law, (through, tall))
+    y, z = (width - web) / 2, (height - plate) / 2
+    middle = _CORNERS * stack(y, z)[None, :]
+    torsion = bredt_torsion(middle, stack(plate, web, plate, web))
+    plates = [lying.shifted(z=z), lying.shifted(z=-z), standing.shifted(y), standing.shifted(-y)]
+    return composite(cls, plates, torsion).shifted()
+
+
 def polygon(
     cls: type[Made],
     points: Float[ArrayLike, "n 2"],
@@ -214,15 +266,16 @@ def polygon(
         >>> print(f"{section.centred().inertia()[0]:.6f} m4")  # (1 - 0.5^4) / 12
         0.078125 m4
     """
-    outline = _outline(points, "points")
-    holes = [_outline(hole, f"holes[{k}]") for k, hole in enumerate(holes or [])]
+    outline = outlines.corners(points, "points")
+    holes = [outlines.corners(hole, f"holes[{k}]") for k, hole in enumerate(holes or [])]
     _positive(size, "size")
     if size != size or not np.isfinite(size):
         raise ValueError(f"size = {size}: must be finite")
     made = meshes.polygon(outline, holes, float(size))
-    net = abs(_signed_area(outline)) - sum(abs(_signed_area(hole)) for hole in holes)
+    whole, *inner = (abs(outlines.signed_area(ring)) for ring in (outline, *holes))
+    net = whole - sum(inner)
     meshed = meshes.areas(*made).sum() if len(made[1]) else 0.0
-    if not abs(meshed - net) <= 1e-9 * abs(_signed_area(outline)) or meshed == 0:
+    if not abs(meshed - net) <= 1e-9 * whole or meshed == 0:
         raise ValueError(outlines.fault(outline, holes))
     quads = _cells(made[1], cells)
     # a strip that ends in a point has cells without area: leave them out
@@ -334,23 +387,3 @@ def _float(value):
     if value.ndim:
         raise ValueError(f"dimension: expected a scalar, got shape {value.shape}")
     return value if checks.concrete(value) is None else float(value)
-
-
-def _outline(points, name):
-    """Corners of a polygon, checked, NumPy [n, 2]."""
-    if checks.concrete(points) is None:
-        raise ValueError(f"{name}: cannot be traced; use Section.mesh(points, cells, laws)")
-    points = checks.floats(points, name)
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
-        raise ValueError(f"{name}: expected shape [n, 2] with n >= 3, got {points.shape}")
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        k = int(finite.argmin())
-        raise ValueError(f"{name}[{k}] = {points[k].tolist()}: must be finite")
-    return np.asarray(points)
-
-
-def _signed_area(points):
-    """Area of a polygon, positive if it is anticlockwise."""
-    y, z = points.T
-    return 0.5 * np.sum(y * np.roll(z, -1) - z * np.roll(y, -1))

@@ -1,0 +1,119 @@
+"""Targets of `tune`: what results of phases shall be."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from types import EllipsisType
+from typing import Any, TypeAlias
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..analysis.phase_results import PhaseResult
+from ..analysis.solution import PER_PHASE, Solution
+from ..common import checks
+from ..common.types import Array, ArrayLike, Bool, Float, Int
+
+Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[ArrayLike, ' n']"
+Index: TypeAlias = "Part | tuple[Part, ...]"
+"""Index of an array: a number, a slice, numbers or booleans, or a tuple of these."""
+
+_USUAL = "displacement", "positions", "tension", "peak_tension"
+
+
+@dataclasses.dataclass(frozen=True)
+class Target:
+    """What a result of a phase shall be; see `tune`.
+
+    Args:
+        of: name of a result of a phase: "positions", "displacement", "tension", "reactions",
+            "section_forces" and so on; or a function of the result of the phase,
+            `results.PhaseResult`, to an array.
+        value: what it shall be, a number or an array, m, N or N m.
+        at: index of the numbers that are meant, as of a NumPy array: ``[4, 5, 10]`` are those of
+            elements 4, 5 and 10, ``(slice(1, 9), 2)`` or ``np.s_[1:9, 2]`` the z of nodes 1 to 8.
+            Default all.
+        on: key of the group in the structure's elements, for results of elements.
+        phase: number of the phase, from 0, or from the end as -1, the default.
+        within: deviation that is as good as none, in the unit of the result; targets that cannot be
+            met all at once are weighed by it.
+
+    Raises:
+        ValueError: `within` is not positive, `phase` is no integer, the value is no number, `at` is
+            no index; once it is measured, an index that is not there.
+
+    Example:
+        >>> level = jc.design.Target("positions", 0.0, at=np.s_[1:9, 2], within=1e-4)
+        >>> level.phase
+        -1
+    """
+
+    of: str | Callable[[PhaseResult], Array]
+    value: Float[ArrayLike, " ..."] = 0.0
+    at: Index = ...
+    on: str | int | None = None
+    phase: int = -1
+    within: float = 1.0
+
+    def __post_init__(self):
+        checks.floats(self.value, "value")
+        if isinstance(self.phase, bool) or not isinstance(self.phase, int | np.integer):
+            raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
+        object.__setattr__(self, "at", _index(self.at))
+        if not self.within > 0:
+            raise ValueError(f"within = {self.within!r}: must be positive")
+
+    def measured(self, solution: Solution) -> Float[Array, " n"]:
+        """The numbers that are meant, of a solution, [n]."""
+        result = solution.phases[self.phase]
+        found = self.of(result) if callable(self.of) else getattr(result, self.of)
+        found = jnp.asarray(found if self.on is None else found[self.on])
+        try:
+            np.broadcast_to(0, found.shape)[self.at]  # jax would take the nearest number there is
+        except IndexError as error:
+            shape = list(found.shape)
+            raise ValueError(f"at: {error}; the result has shape {shape}") from None
+        return jnp.ravel(found[self.at])
+
+    def deviation(self, solution: Solution) -> Float[Array, " n"]:
+        """How much more than the value these numbers are, [n]."""
+        measured = self.measured(solution)
+        value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
+        return measured - (value if value.size > 1 else value.reshape(()))
+
+
+def concerns(targets: Sequence[Target]) -> tuple[str, ...]:
+    """Names of the results of phases that targets may be made of: the usual ones, or all.
+
+    Derivatives of fewer results compile faster; between usual ones targets can be exchanged.
+    """
+    usual = all(target.of in _USUAL for target in targets)
+    return _USUAL if usual else (*PER_PHASE, "began")
+
+
+def _index(at):
+    """An index whose lists are arrays; ValueError if it is none."""
+    if isinstance(at, tuple):
+        return tuple(map(_index, at))
+    if at is ... or at is None or isinstance(at, slice):
+        return at
+    array = np.asarray(at)
+    if array.dtype.kind not in "iub":
+        raise ValueError(f"at = {at!r}: expected an index: numbers, a slice, or a tuple of these")
+    return array if array.ndim else at
+
+
+def require_targets(targets: Sequence[Any], count: int) -> None:
+    """Raise ValueError for something else than targets of phases that there are."""
+    if not targets:
+        raise ValueError("targets: none")
+    for number, target in enumerate(targets):
+        if not isinstance(target, Target):
+            raise ValueError(
+                f"targets[{number}]: expected a Target, got {checks.kind(target, 'Target(...)')}"
+            )
+        if not -count <= target.phase < count:
+            raise ValueError(
+                f"targets[{number}].phase = {target.phase}: there are phases 0 to {count - 1}"
+            )
