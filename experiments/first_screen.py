@@ -7,8 +7,9 @@ Error      None.
 Command    python experiments/first_screen.py [tests]   (writes results/first_screen.txt,
            or first_screen_tests.txt with `tests`)
 
-The last commit is cloned into an empty folder. Nothing that was downloaded or compiled before is
-used: pip's cache is off, and the folder of kept programs is empty. Downloads are part of the time.
+The time to install is taken apart: `make demo` and `make test` do it themselves. The last commit is
+cloned into an empty folder. Nothing that was downloaded or compiled before is used: pip's cache is
+off, and the folder of kept programs is empty. Downloads are part of the time.
 """
 
 import os
@@ -63,16 +64,16 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         screen = Screen(folder, record)
         if tests:
-            said = screen("make test", "with the time to install")
+            said = screen("make test")
             for line in said.splitlines():
                 if " passed" in line:
                     record(f"          {line.strip('= ')}")
         else:
-            screen("make .venv/installed", "a part of make demo")
-            screen("make demo", "the first time")
+            screen("make .venv/installed")
+            screen("make demo", "first")
             screen("make demo", "again")
             screen(f".venv/bin/jaxcable new {MODEL}")
-            for note in ("the first time", "again"):
+            for note in ("first", "again"):
                 screen(f".venv/bin/jaxcable view {MODEL}.json --no-open", note)
     record.close()
 
