@@ -6,6 +6,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 from ..analysis.solution import Solution, State
@@ -32,7 +33,8 @@ def catenary_curves(
         n: number of positions per element, evenly along its unstressed length.
 
     Returns:
-        Positions in the shape of `elements`, each [n_elem, n, 3], m; None for other groups.
+        Positions in the shape of `elements`, each [n_elem, n, 3], m, NaN for elements that are not
+        there; None for other groups.
 
     Raises:
         ValueError: the structure has no catenaries.
@@ -51,7 +53,7 @@ def catenary_curves(
         >>> print(solution.status, f"{depth:.3f} m, {H / w * (np.cosh(w * x / H) - 1):.3f} m")
         0 8.807 m, 8.808 m
     """
-    return _of_catenaries(structure, solution, "curve", jnp.linspace(0.0, 1.0, n))
+    return _of_catenaries(structure, solution, "curve", np.nan, jnp.linspace(0.0, 1.0, n))
 
 
 def end_tensions(
@@ -64,7 +66,8 @@ def end_tensions(
         solution: `Solution` (its last converged state is used) or `State`.
 
     Returns:
-        Tensions in the shape of `elements`, each [n_elem, 2], N; None for other groups.
+        Tensions in the shape of `elements`, each [n_elem, 2], N, zero for elements that are not
+        there; None for other groups.
 
     Raises:
         ValueError: the structure has no catenaries.
@@ -81,19 +84,23 @@ def end_tensions(
         >>> print(solution.status, jnp.round(jc.forms.end_tensions(structure, solution)[0], 1))
         0 [6264.2 6000. ]
     """
-    return _of_catenaries(structure, solution, "end_tensions")
+    return _of_catenaries(structure, solution, "end_tensions", 0.0)
 
 
-def _of_catenaries(structure, solution, method, *arguments):
-    """Results of a method of the catenaries, in the shape of `elements`; None for other groups."""
+def _of_catenaries(structure, solution, method, absent, *arguments):
+    """Results of a method of the catenaries, in the shape of `elements`; None for other groups.
+
+    Args:
+        absent: value for elements that are not there.
+    """
     if not any(isinstance(group, Sagging) for group in structure.groups):
         raise ValueError("structure: has no catenaries")
     thawed, arrays, _ = prepared(structure, solution)
-    return structure.arrange(_of_groups(thawed, arrays, *arguments, method=method))
+    return structure.arrange(_of_groups(thawed, arrays, *arguments, method=method, absent=absent))
 
 
-@functools.partial(jax.jit, static_argnames=("method",))
-def _of_groups(thawed, arrays, *arguments, method):
+@functools.partial(jax.jit, static_argnames=("method", "absent"))
+def _of_groups(thawed, arrays, *arguments, method, absent):
     """The compiled core: results of a method for every group, or None."""
     nodes, groups, carry = filled(thawed, arrays)
     states = make_system(nodes, groups, carry, None, None, carry.nodal_load).states
@@ -108,7 +115,11 @@ def _of_groups(thawed, arrays, *arguments, method):
             )
         )
         ends, motion = nodes[group.links], motion_of(group, carry.motion)
-        results.append(call(group.properties(), state, ends, motion))
+        found = call(group.properties(), state, ends, motion)
+        if state.present is not None:
+            there = state.present.reshape(-1, *(1,) * (found.ndim - 1))
+            found = jnp.where(there, found, absent)
+        results.append(found)
     return results
 
 

@@ -87,5 +87,6 @@ def sagging_of(
         if shot.end is not last:
             motion = None if motion is None else motion[shot.number]
             state = state_at(last, structure, shot.phase, shot.end, motion)
-        found.append(sags(structure, state, moments.start + shot.moved, n)[1])
+        apart = sags(structure, state, moments.start + shot.moved, n)[1]
+        found.append(np.nan_to_num(apart))  # chords of what is not there
     return number, np.stack(found)

@@ -36,6 +36,7 @@ def sequence(
     *,
     colour: str = "tension",
     diagram: str | None = None,
+    high: float = _HIGH,
     structure: Structure | None = None,
     view: str | None = None,
     names: Sequence[str] | None = None,
@@ -60,6 +61,7 @@ def sequence(
         colour, structure: as of `net`.
         diagram: "N", "Vy", "Vz", "T", "My" or "Mz": draw this section force on the beams instead of
             colours, as `diagram` does, in one scale for all phases.
+        high: length of the largest value of a `diagram` over the extent of the structure.
         view: "plan", "elevation" or "space"; default elevation of a structure that lies in a
             vertical plane or is higher than half its width, else plan.
         names: titles, one for each phase; default "phase 1", "phase 2" and so on.
@@ -88,7 +90,7 @@ def sequence(
     if diagram is None:
         content: _Members | _Diagrams = _Members(stages, links)
     else:
-        content = _Diagrams(solution, stages, links, diagram, seen)
+        content = _Diagrams(solution, stages, links, (diagram, high), seen)
         everything = np.concatenate([everything, content.points()])
     ratio = seen.ratio(everything)
     if columns is None:
@@ -148,14 +150,15 @@ class _Members:
 class _Diagrams:
     """The pictures of a sequence, with a section force on the beams."""
 
-    def __init__(self, solution, stages, links, of, view):
-        check_force(of)
+    def __init__(self, solution, stages, links, asked, view):
+        check_force(*asked)
+        of, high = asked
         phases = solution.phases
         self.links, self.view, self.of = links, view, of
         self.along = [Along(solution, s, phases[k], of) for k, s in enumerate(stages)]
         self.largest = max(each.largest for each in self.along)
         extent = max(each.extent for each in self.along)
-        scale = _HIGH * extent / max(self.largest, 1e-300)
+        scale = high * extent / max(self.largest, 1e-300)
         self.tips = [each.tips(view, scale) for each in self.along]
 
     def points(self):

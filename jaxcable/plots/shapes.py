@@ -16,7 +16,7 @@ from ..common.types import Bool, Float, Int
 from ..elements.abilities import Bending, Sagging
 from ..elements.prestress import element
 from ..forms import catenary_curves
-from ..model.parts import first_and_last, per_group
+from ..model.parts import first_and_last, per_group, there
 from ..model.structure import Structure
 from ..stiffness.tangent import filled, prepared
 from .views import View
@@ -336,11 +336,14 @@ def state_at(
     ]
     then, now = (per_group(structure, x.rest_length) for x in (end, last))
     states = []
-    for state, a, b in zip(carry.states, then, now, strict=True):
+    masks = there(structure, end.present)
+    for state, a, b, present in zip(carry.states, then, now, masks, strict=True):
         if state.rest_length is not None:  # the sum of length and elongation stays
             length = np.asarray(state.rest_length) * (np.asarray(a) / np.asarray(b))
             longer = np.asarray(state.elongation) + (np.asarray(state.rest_length) - length)
             state = copy(state, rest_length=length, elongation=longer)
+        if state.present is not None:
+            state = copy(state, present=present)
         states.append(state)
     if motion is None:  # from the initial nodes, which an earlier analysis may have left
         moved = np.asarray(end.positions) - np.asarray(structure.nodes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from .curved import beams_of, sagging_of
 from .glyphs import supports
 from .moments import Moments, leaves
 from .page import Arrays, Page, write
-from .stages import shown
+from .stages import named, shown
 from .style import LOAD, REACTION, SLACK, colour_map
 
 
@@ -30,6 +31,7 @@ def view(
     structure: Structure | None = None,
     colour: str = "tension",
     title: str = "jaxcable",
+    names: Sequence[str] | None = None,
     frames: int = 40,
 ) -> Page:
     """Write a page in which a structure turns, with its phases and its results.
@@ -55,6 +57,7 @@ def view(
             is no utilisation, and elements with zero tension are drawn as slack.
         colour: values that colour elements at first, as for `net`; the page offers the others.
         title: title of the page.
+        names: names of the phases, one for each, as of `net`.
         frames: largest number of increments in the page, taken evenly from all of them; the ends
             of phases are kept whatever it is. Every one needs ``16 n_node + 7 n_elem`` bytes or
             more, and all positions and results are numbers of 32 bits.
@@ -64,7 +67,8 @@ def view(
 
     Raises:
         ValueError: another suffix, no converged increment, a batch, a `State` or a path (which
-            `path` draws), another structure than that of the solution, or an unknown option.
+            `path` draws), another structure than that of the solution, another number of names than
+            of phases, or an unknown option.
 
     >>> import pathlib, tempfile
     >>> import jax; jax.config.update("jax_enable_x64", True)
@@ -82,9 +86,12 @@ def view(
         raise ValueError(f"frames = {frames!r}: must be a positive integer")
     _require_solution(solution)
     colour = shown(solution, structure, colour)
+    named(solution, names)
     moments = Moments(solution, structure, frames)
     arrays = Arrays()
     told: dict[str, Any] = {"title": title, "note": _note(solution)}
+    count = len(solution.phases)
+    told["phases"] = [f"Phase {k}" for k in range(1, count + 1)] if names is None else [*names]
     _put_geometry(told, arrays, moments)
     _put_results(told, arrays, moments, colour)
     _put_nodes(told, arrays, moments)

@@ -87,9 +87,9 @@ def buckling_factor(
         `Buckling`. A factor is inf where the loads stiffen the structure, or change its stiffness
         by no more than rounding. It is below 1 where the state has buckled already. If the state is
         stable and the reference is not (such as a net without prestress), only factors above 1 are
-        found. Factors are NaN where neither is stable (mechanisms), and where cables are slack in
-        one of the two only, since the stiffness jumps in between. (Without a reference slack cables
-        are left out.)
+        found. Factors are NaN where neither is stable (mechanisms), and where cables are slack, or
+        elements there, in one of the two only, since the stiffness jumps in between. (Without a
+        reference slack cables and elements that are not there are left out.)
 
     Raises:
         ValueError: wrong arguments; following loads or nodal moments, whose tangent is not
@@ -138,6 +138,7 @@ def buckling_factor(
         before = tangent_at(reference_frame, reference_arrays, reference_freedoms)
         pairs = zip(_slack(reference_frame, reference_arrays), slack, strict=True)
         alike = jnp.all(jnp.stack([jnp.all(a == b) for a, b in pairs]))
+        alike &= _same_elements(reference_frame[2], thawed[2])
     symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
     if checks.concrete(symmetric) is not None and not symmetric:
         raise ValueError(
@@ -160,6 +161,16 @@ def _refuse_following(carry, name):
         )
 
 
+def _same_elements(first, second):
+    """Whether the same elements are there in two carries; None in a state means all of them."""
+    same: Bool[ArrayLike, ""] = True
+    for a, b in zip(first.states, second.states, strict=True):
+        if a.present is not None or b.present is not None:
+            there = [jnp.asarray(True if x is None else x) for x in (a.present, b.present)]
+            same &= jnp.all(there[0] == there[1])
+    return same
+
+
 @jax.jit
 def _slack(thawed, arrays):
     """Slack elements of a state, one boolean array [n_elem] per group."""
@@ -180,13 +191,14 @@ def _without_stress(thawed, arrays, slack):
 @jax.jit
 def _bare(thawed, arrays, slack):
     """`Carry` of the structure without stress and without loads."""
-    nodes, groups, _ = filled(thawed, arrays)
+    nodes, groups, carry = filled(thawed, arrays)
     bare = unloaded(nodes, groups)
     states = []
-    for group, state, is_slack in zip(groups, bare.states, slack, strict=True):
+    present = [state.present for state in carry.states]
+    for group, state, is_slack, there in zip(groups, bare.states, slack, present, strict=True):
         chord = group.chord(nodes[group.links])
         longer = jnp.where(is_slack, chord, 0.0)  # twice its chord, which is slack for certain
-        states.append(copy(state, rest_length=chord + longer, elongation=-longer))
+        states.append(copy(state, rest_length=chord + longer, elongation=-longer, present=there))
     return copy(bare, states=states)
 
 

@@ -260,11 +260,14 @@ function pickedLayer(look) {
 
 // --- time
 
+// a phase within a sentence: "phase 2", or its own name
+const named = phase => model.phases[phase - 1].replace(/^Phase (?=\d+$)/, "phase ");
+
 function showTime() {
   const { phase, number, factor } = model.shots[shown.shot];
   byId("shot").value = shown.shot;
   byId("phase").value = phase;
-  const text = `Phase ${phase}, increment ${number}, load factor ${factor.toFixed(2)}`;
+  const text = `${model.phases[phase - 1]}, increment ${number}, load factor ${factor.toFixed(2)}`;
   byId("when").textContent = text;
   byId("shot").setAttribute("aria-valuetext", text);
 }
@@ -409,10 +412,10 @@ function controls() {
   byId("colour").append(...model.columns.map(c => option(c.label, c.label.replace(/_/g, " "))));
   byId("colour").value = model.colour;
   const ends = model.shots.flatMap((s, k) => (s.end ? [[k, s]] : [])).slice(0, -1);
-  byId("reference").append(option(-1, "start"), ...ends.map(([k, s]) => option(k, `end of phase ${s.phase}`)));
+  byId("reference").append(option(-1, "start"), ...ends.map(([k, s]) => option(k, `end of ${named(s.phase)}`)));
   shown.reference = ends.length ? ends[0][0] : -1;
   byId("reference").value = shown.reference;
-  byId("phase").append(...model.shots.filter(s => s.end).map(s => option(s.phase, `Phase ${s.phase}`)));
+  byId("phase").append(...model.shots.filter(s => s.end).map(s => option(s.phase, model.phases[s.phase - 1])));
   byId("diagram").append(option("", "none"), ...Object.keys(DIAGRAMS).map(name => option(name, name)));
   for (const node of document.querySelectorAll("[data-beams]")) node.hidden = !model.get("beam");
   byId("shot").max = lastShot;

@@ -1,0 +1,96 @@
+"""What is left when an element has gone: shapes of the phases before, tensions, buckling."""
+
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.plots.shapes import Shapes
+
+WEIGHT, STIFFNESS, SPAN, SAG = 15.0, 30e6, 300.0, 6.75  # N/m, N, m, m
+
+
+@pytest.fixture(scope="module")
+def line():
+    """Three spans between strings of 3 m that swing; ice comes, the middle conductor breaks."""
+    at = SPAN * np.arange(4)
+    nodes = [[x, 0.0, 0.0] for x in at] + [[x, 0.0, 3.0] for x in at[1:3]]
+    groups = {
+        "conductor": jc.Catenaries([[0, 1], [1, 2], [2, 3]], STIFFNESS, weight=WEIGHT),
+        "string": jc.Bars([[4, 1], [5, 2]], axial_stiffness=1e8),
+    }
+    structure = jc.Structure(nodes, groups, supports=jc.pinned([0, 3, 4, 5]))
+    phases = [
+        jc.Phase(sag={"conductor": SAG}, loads=jc.SelfWeight()),
+        jc.Phase(loads=jc.LineLoads((0.0, 0.0, -10.0), on="conductor")),
+        jc.Phase(removes={"conductor": jc.only([1])}),
+    ]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    return structure, phases, solution
+
+
+def test_a_conductor_that_breaks_hangs_before(line):
+    """w L^2 / 8 H below its chord when strung; the same shapes as of the analysis so far."""
+    structure, phases, solution = line
+    shapes = Shapes(solution, structure)
+    for k in (0, 1):
+        curves = shapes.after(k)
+        middle = curves.apart[1, curves.apart.shape[1] // 2]
+        so_far = jc.solve(structure, phases[: k + 1])
+        assert int(so_far.status) == 0
+        count = curves.apart.shape[1]
+        expected = np.asarray(jc.forms.catenary_curves(structure, so_far, count)["conductor"])
+        found = curves.points(np.asarray(solution.phases[k].positions))
+        np.testing.assert_allclose(found, expected, atol=1e-6)  # of sags of metres
+        assert middle[2] < -0.9 * SAG
+    assert not shapes.after(2).known[1] and shapes.after(2).known[[0, 2]].all()
+
+
+def test_what_has_gone_has_no_tension_and_no_curve(line):
+    structure, _, solution = line
+    ends = np.asarray(jc.forms.end_tensions(structure, solution)["conductor"])
+    assert (ends[1] == 0.0).all() and (ends[[0, 2]] > 1e4).all()
+    curves = np.asarray(jc.forms.catenary_curves(structure, solution)["conductor"])
+    assert np.isnan(curves[1]).all() and np.isfinite(curves[[0, 2]]).all()
+    mean = np.asarray(solution.tension["conductor"])
+    np.testing.assert_allclose(ends.mean(axis=1), mean, rtol=1e-10, atol=0.0)
+
+
+def test_the_page_names_its_phases_and_has_numbers_only(line):
+    structure, _, solution = line
+    page = jc.plots.view(solution, None, structure=structure, names=["strung", "ice", "broken"])
+    assert '"phases":["strung","ice","broken"]' in re.sub(r'": ', '":', page.html).replace(
+        ", ", ","
+    )
+    with pytest.raises(ValueError, match="names: 1 of them, but 3 phases"):
+        jc.plots.view(solution, None, structure=structure, names=["strung"])
+
+
+def test_buckling_after_a_removal_is_without_the_element():
+    """A rigid strut of h = 2 m under P, held along y by springs k: it buckles at k h / P.
+
+    Two bars with EA / l = 1.25 kN/m each make k h / P = 2.5; with a tie of 25 kN/m it is 27.5.
+    """
+    nodes = [[0.0, 0, 0], [0, 0, 2], [-4, 0, 2], [4, 0, 2], [0, -4, 2], [0, 4, 2], [0, 8, 2]]
+    groups = {
+        "strut": jc.Bars([[0, 1]], axial_stiffness=1e12),
+        "plane": jc.Bars([[1, 2], [1, 3]], axial_stiffness=1e6),
+        "side": jc.Bars([[1, 4], [1, 5]], axial_stiffness=5e3),
+        "tie": jc.Bars([[1, 6]], axial_stiffness=2e5),
+    }
+    structure = jc.Structure(nodes, groups, supports=jc.pinned([0, 2, 3, 4, 5, 6]))
+    load = jc.NodalLoads([1], (0.0, 0.0, -2e3))
+    phases = [jc.Phase(loads=load), jc.Phase(removes="tie")]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    found = jc.stiffness.buckling_factor(structure, solution).factor
+    assert float(found[0]) == pytest.approx(2.5, rel=1e-6)
+    # a reference in which other elements are there says nothing of this state
+    before = jc.solve(structure, phases[:1])
+    assert int(before.status) == 0
+    assert jnp.isnan(jc.stiffness.buckling_factor(structure, solution, before).factor).all()
+    kept = jc.stiffness.buckling_factor(structure, before).factor
+    assert float(kept[0]) == pytest.approx(27.5, rel=1e-6)
