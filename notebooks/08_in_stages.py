@@ -100,6 +100,14 @@ apart = np.abs(np.asarray(erected.positions) - np.asarray(early.positions)).max(
 print(f"last states are {apart:.1e} m apart")
 
 # %% [markdown]
+# The moments of the second way, all in one scale, on the side that is in tension:
+
+# %%
+jc.plots.sequence(
+    early, structure=bridge, names=[names[0], names[-2], *names[1:-2], names[-1]], diagram="My"
+)
+
+# %% [markdown]
 # ## A roof that is lifted
 #
 # A ring in tension hangs 12 m below its place, and jacks pull it up by shortening the upper spokes.

@@ -151,15 +151,15 @@ MISTAKES = {
     ),
     "load unknown": (
         lambda r: _phase(loads=jc.NodalLoads([1, _beyond(r)], (0, 0, 1.0))),
-        r"^load nodes\[1\] = ",
+        r"^phases\[0\]\.loads\[0\]: load nodes\[1\] = ",
     ),
     "movement unknown": (
         lambda r: _phase(loads=jc.SupportMovement([_beyond(r)], (0, 0, 1.0))),
-        r"^moved nodes\[0\] = ",
+        r"^phases\[0\]\.loads\[0\]: moved nodes\[0\] = ",
     ),
     "movement free": (
         lambda r: _phase(loads=jc.SupportMovement([1], r.normal(size=3))),
-        r"^displacements\[0\]: node 1 is free",
+        r"^phases\[0\]\.loads\[0\]: displacements\[0\]: node 1 is free",
     ),
     "only unknown": (
         lambda r: _phase(pretension=jc.only([_beyond(r)], 1.0)),
@@ -173,7 +173,7 @@ MISTAKES = {
     "neither": (lambda r: jc.Cables(LINKS), "^axial_stiffness: missing"),
     "two statements": (
         lambda r: _phase(pretension=r.random(), prestrain=r.random()),
-        "^pretension, prestrain: both",
+        r"^phases\[0\]\.pretension, prestrain: both",
     ),
     "no supports": (lambda r: jc.Structure(NODES, _cables()), "^supports: missing"),
     "free supports": (lambda r: _structure(supports=jc.pinned([])), "^supports: "),
