@@ -9,8 +9,8 @@ Command    python experiments/first_screen.py [tests]   (writes results/first_sc
 
 The time to install is taken apart: `make demo` and `make test` do it themselves. The last commit is
 cloned into an empty folder. Nothing that was downloaded or compiled before is used: pip's cache is
-off, and the folder of kept programs is empty. Downloads are part of the time. The test of the README's
-figures is left out of the tests, because it awaits what is measured here.
+off, and the folder of kept programs is empty. Downloads are part of the time. The test of the
+README's figures is left out of the tests, because it awaits what is measured here.
 """
 
 import os
