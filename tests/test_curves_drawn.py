@@ -214,7 +214,7 @@ def test_arrows_are_a_modest_part_of_every_scene(name):
     for kind in ("elevation", "space"):
         view = views.choose(nodes, kind)
         size = np.ptp(view.project(nodes), axis=0)
-        room = 0.3 * np.maximum(size, (0.15 if view.flat else 0.2) * extent)
+        room = 0.3 * np.maximum(size, (0.15 if view.flat else 0.4) * extent)
         for forces in fields.values():
             arrows = glyphs.Arrows("loads", forces, nodes, view, nodes, links, push=True)
             longest = np.linalg.norm(arrows.vectors, axis=1).max()

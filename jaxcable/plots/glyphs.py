@@ -16,7 +16,7 @@ from .views import View
 
 _ARROW = 0.14  # length of the longest arrow over the extent of the structure, for few arrows
 _SHARE = 0.3  # what it takes of the structure's size in each direction of the picture, at most
-_LEAST = {True: 0.15, False: 0.2}  # least of these sizes over the extent, in flat views and space
+_LEAST = {True: 0.15, False: 0.4}  # least of these sizes over the extent, in flat views and space
 _MOST = 250  # arrows of a kind; of more, only the largest in each cell of a grid are drawn
 _ON = 0.9  # cosine between an arrow and an element from which on one lies on the other
 _AXIS = 0.05  # length of the axes of a section over the extent of the structure, at most
