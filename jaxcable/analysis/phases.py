@@ -45,7 +45,9 @@ class Phase:
     structure's elements: ``{"guys": 10e3}``. Groups that a dict leaves out, or that have None, have
     no statement. Absolute statements refer to the initial nodes; an element has one at most:
 
-    - pretension: axial force in the initial geometry, N.
+    - pretension: axial force in the initial geometry, N. In equilibrium it is another one, less
+      where beams and struts give way: `jacking` keeps a force, and `design.tune` finds what ends
+      in it.
     - force_density: pretension over initial length, N/m.
     - prestrain: strain in the initial geometry, on the unstressed length.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of

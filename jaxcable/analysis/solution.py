@@ -66,9 +66,10 @@ class State(Told):
             each (with beams 6, and more rows for hinged ends and inner numbers of elements).
         rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
         reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
-        section_forces: ``N, Vy, Vz, T, My, Mz`` at `points` places of beams from end to end, in the
-            shape of `elements`, each [n_elem, n_point, 6] or None for other groups, N and N m; None
-            without beams. `section_forces` has their signs, and gives them at any place.
+        section_forces: ``N, Vy, Vz, T, My, Mz`` at the `points` of beams from end to end
+            (Gauss-Lobatto points: the ends and the middle of 3), in the shape of `elements`, each
+            [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
+            `section_forces` has their signs, and gives them at any place.
         topology: `Topology` of the structure; a structure that starts from here must have the same.
 
     Example:

@@ -41,6 +41,9 @@ _LEANING = 0.1  # sine below which an element that is not upright needs `up`: it
 class Beams(Member, Prestressed, Bending, Rounding):
     """A group of beam elements; their nodes have rotations.
 
+    They are straight at first: a curved member takes several of them between its loads, or the
+    moment of the axial force at the rise of its arc is missing. `section_forces` has the signs.
+
     Args:
         links: node numbers, [n_elem, 2].
         section: `Section` of all elements of the group.
@@ -54,9 +57,10 @@ class Beams(Member, Prestressed, Bending, Rounding):
         hinges: True where an end turns against its node, [n_elem, 2] in all directions (ball and
             socket), or [n_elem, 2, 3] about the axes of the element: along it (torsion), and the
             section's y and z as they are initially, carried along by the node.
-        points: number of positions along an element, ends included, at which results are given;
-            also the number of integration points of sections that are not linear. Default 3, or 5
-            for sections that are not linear. With 3 the fibres of such sections see linear
+        points: number of positions along an element, ends included, at which results are given:
+            Gauss-Lobatto points, which are the ends and the middle of 3, and not evenly spaced of
+            more; also the number of integration points of sections that are not linear. Default 3,
+            or 5 for sections that are not linear. With 3 the fibres of such sections see linear
             curvatures, without the effect of loads along the element.
         springs: rotational stiffness of a joint where `hinges` is True (semi-rigid), scalar,
             [2, 3] or [n_elem, 2, 3], N m per radian; default none. It has no effect where `hinges`

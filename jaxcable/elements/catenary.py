@@ -32,8 +32,10 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     the two ends, which is at least half of the load on the element; `peak_tension` is the larger of
     the two, which strength is compared with; `forms.end_tensions` gives both. Prestress is stated
     as for cables: a tension is that of the straight element without load, a `sag` is that under the
-    whole weight along -z. A taut catenary without load takes its first load stiffly, not in
-    proportion: `Incremental` needs small first increments or corrections there.
+    whole weight along -z: a conductor that is strung with the horizontal force H has the sag
+    ``w l^2 / (8 H)``, but for the flatness of a parabola. A taut catenary without load takes its
+    first load stiffly, not in proportion: `Incremental` needs small first increments or corrections
+    there.
 
     Args:
         links: node numbers, [n_elem, 2].

@@ -146,7 +146,8 @@ def report(
             prestress, to which the factor does not apply.
         energy: True to add the balance of work and energy of every phase (`energy_balance`; it
             compiles another program, which takes a second for nets and some for beams); or the
-            `Solution` or `State` from which the analysis started. It needs `phases`.
+            `Solution` or `State` from which the analysis started. It needs `phases`, and is refused
+            where they add or remove elements.
 
     Returns:
         `Report`; `Report` has its tables. Forces and utilisation in ``members`` are by the largest
