@@ -1,4 +1,4 @@
-"""Lengths in reports: cables that run through several elements, and where clamps are marked."""
+"""Summaries in reports: groups, cables that run through several elements, where clamps are."""
 
 import csv
 import io
@@ -119,3 +119,40 @@ def test_names_of_columns_are_apart_in_csv():
         for name, text in jc.report(structure, solution).csv().items():
             head = next(csv.reader(io.StringIO(text)))
             assert len({*head}) == len(head), name
+
+
+def test_groups_have_their_extremes_and_what_governs():
+    """Against the forces of the phases themselves, by NumPy."""
+    structure, phases = jc.scenes.guyed_mast()
+    solution = jc.solve(structure, phases)
+    assert solution.status == 0
+    table = jc.report(structure, solution, names=["prestress", "wind"]).tables["groups"]
+    names = list(structure.elements)
+    assert sorted(column(table, "group")) == sorted(names)
+    for row in table.rows:
+        group, count, low, of, when, high, of_high, when_high = row[:8]
+        force = np.array([np.asarray(p.peak_tension[group]) for p in solution.phases])
+        assert count == force.shape[1]
+        assert (low, high) == (force.min(), force.max())
+        assert force[["prestress", "wind"].index(when), of] == low
+        assert force[["prestress", "wind"].index(when_high), of_high] == high
+    assert len({tuple(row[2:8]) for row in table.rows}) == len(names) > 1
+
+
+def test_groups_say_which_element_is_most_used():
+    nodes = [[0.0, 0, 0], [0, 0, -1], [0, 0, -2], [1, 0, 0], [1, 0, -1]]
+    parts = {
+        "rope": jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, strength=[1e3, 5e2]),
+        "wire": jc.Cables([[3, 4]], axial_stiffness=1e5),
+    }
+    structure = jc.Structure(nodes, parts, supports=jc.pinned([0, 3]))
+    load = jc.NodalLoads([1, 2, 4], [[0, 0, -100.0], [0, 0, -300.0], [0, 0, -50.0]])
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert solution.status == 0
+    rope, wire = jc.report(structure, solution).tables["groups"].rows
+    # 400 N of 1 kN above, 300 N of 500 N below: the lower one is used more
+    np.testing.assert_allclose([rope[2], rope[5], rope[8]], [300.0, 400.0, 0.6], rtol=1e-9)
+    assert (rope[3], rope[6], rope[9]) == (1, 0, 1)
+    assert wire[8:] == [None, None]
+    alone = jc.report(*jc.scenes.flat_net()[:1], jc.solve(*jc.scenes.flat_net()))
+    assert "groups" not in alone.tables

@@ -201,7 +201,7 @@ def test_a_cable_net_has_no_such_tables():
     told = jc.report(structure, jc.solve(structure, phases))
     assert list(told.tables) == [
         *("reactions", "equilibrium", "members"),
-        *("cutting_list", "slack", "loose"),
+        *("cutting_list", "cables", "slack", "loose"),
     ]
     assert told.tables["reactions"].columns[:6] == ("node", "Rx", "Ry", "Rz", "R", "largest R")
 

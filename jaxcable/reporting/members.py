@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..design import utilisation
 from ..elements.abilities import Sagging
 from ..elements.element import PRESENT
 from ..model.parts import columns, first_and_last, groups_by_name, per_group, there
-from .table import Table
+from .table import Cell, Table
 
 BUCKLING = (
     "utilisation in compression is force over strength, buckling is not in it: see "
@@ -66,6 +68,45 @@ def members(structure, state, states, several):
     return Table(
         title, columns, units, rows, tuple(notes), governing=10 if known else 4, details=details
     )
+
+
+def groups(table: Table) -> dict[str, Table]:
+    """The lowest and highest force of every group, and its most used element: ``groups``.
+
+    Args:
+        table: table of `members`, whose envelope counts where there is one, else its force.
+
+    Returns:
+        A dict with the table; empty of a single group.
+    """
+    parts: dict[Any, list[Any]] = {}
+    for row in table.rows:
+        parts.setdefault(row[0], []).append(row)
+    if len(parts) < 2:
+        return {}
+    rows: list[list[Cell]] = []
+    for label, members in parts.items():
+        low = [(x, row[1], row[6]) for row in members if (x := _first(row[5], row[4])) is not None]
+        high = [(x, row[1], row[8]) for row in members if (x := _first(row[7], row[4])) is not None]
+        used = [(x, row[1]) for row in members if (x := _first(row[10], row[9])) is not None]
+        row = [label, len(members)]
+        row += [*min(low, key=_size), *max(high, key=_size)] if low else [None] * 6
+        rows.append([*row, *(max(used, key=_size) if used else [None] * 2)])
+    columns = ("group", "elements", "lowest", "of", "in", "highest", "of ", "in ")
+    units = ("", "", "N", "", "", "N", "", "", "-", "")
+    title = "Groups: lowest and highest force, tension positive"
+    several = any(row[4] is not None for row in rows)
+    details = () if several else (4, 7)
+    return {"groups": Table(title, (*columns, "most used", "of  "), units, rows, (), None, details)}
+
+
+def _first(value, otherwise):
+    """The value, or another one if there is none."""
+    return otherwise if value is None else value
+
+
+def _size(item):
+    return item[0]
 
 
 def _forces(structure, state):

@@ -23,7 +23,7 @@ from . import stability, states
 from .energies import energy as energies
 from .internal_forces import internal_forces
 from .lengths import cables, cutting_list
-from .members import members, others
+from .members import groups, members, others
 from .reactions import equilibrium, reactions
 from .slackness import loose, slack
 from .stresses import stresses
@@ -42,6 +42,7 @@ class Report:
         tables: dict from name to `Table`:
 
             - ``reactions`` and ``equilibrium``: of the supports on the structure, along x, y, z;
+            - ``groups``: lowest and highest force of every group, if there are several;
             - ``members``: axial force, utilisation and envelope of every element;
             - ``N``, ``Vy``, ``Vz``, ``T``, ``My``, ``Mz``: section forces of beams, with the signs
               of `section_forces`; without those that are zero everywhere;
@@ -221,10 +222,12 @@ def report(
     every = counted if ended else {"end": end, **counted}
     several = len(every) > 1
     kind = "ends of phases" if cases is None else "cases"
+    forces = members(structure, state, counted, several)
     tables = {
+        **groups(forces),
         "reactions": reactions(structure, state, end.fixed, counted, several),
         "equilibrium": equilibrium(structure, state),
-        "members": members(structure, state, counted, several),
+        "members": forces,
         **internal_forces(structure, end, counted if several else {}, kind),
         **stresses(structure, solution, good),
         "cutting_list": cutting_list(structure, solution),
