@@ -1,21 +1,18 @@
 """How long do the commands of the README's first screen take?
 
 Question   Seconds from a fresh checkout to the picture of the demo, with and without what is
-           installed first; from a command to a page that turns; of all tests if they are asked for.
+           installed first; from a command to a page that turns.
 Reference  None: times of whole commands, as a newcomer has them.
 Error      None.
-Command    python experiments/first_screen.py [tests]   (writes results/first_screen.txt,
-           or first_screen_tests.txt with `tests`)
+Command    python experiments/first_screen.py   (writes experiments/results/first_screen.txt)
 
-The time to install is taken apart: `make demo` and `make test` do it themselves. The last commit is
-cloned into an empty folder. Nothing that was downloaded or compiled before is used: pip's cache is
-off, and the folder of kept programs is empty. Downloads are part of the time. The test of the
-README's figures is left out of the tests, because it awaits what is measured here.
+The time to install is taken apart: `make demo` does it itself. The last commit is cloned into an
+empty folder. Nothing that was downloaded or compiled before is used: pip's cache is off, and the
+folder of kept programs is empty. Downloads are part of the time.
 """
 
 import os
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -56,27 +53,18 @@ class Screen:
         if run.returncode:
             raise RuntimeError(f"{command}: {run.stdout[-3000:]}{run.stderr[-3000:]}")
         self.record(f"{seconds:8.1f}  {command}{'  # ' + note if note else ''}")
-        return run.stdout
 
 
 def main():
-    tests = sys.argv[1:] == ["tests"]
-    record = Record("first_screen_tests" if tests else "first_screen")
+    record = Record("first_screen")
     with tempfile.TemporaryDirectory() as folder:
         screen = Screen(folder, record)
-        if tests:
-            screen.environment["PYTEST_ADDOPTS"] = "--deselect tests/test_claims.py"
-            said = screen("make test")
-            for line in said.splitlines():
-                if " passed" in line:
-                    record(f"          {line.strip('= ')}")
-        else:
-            screen("make .venv/installed")
-            screen("make demo", "first")
-            screen("make demo", "again")
-            screen(f".venv/bin/jaxcable new {MODEL}")
-            for note in ("first", "again"):
-                screen(f".venv/bin/jaxcable view {MODEL}.json --no-open", note)
+        screen("make .venv/installed")
+        screen("make demo", "first")
+        screen("make demo", "again")
+        screen(f".venv/bin/jaxcable new {MODEL}")
+        for note in ("first", "again"):
+            screen(f".venv/bin/jaxcable view {MODEL}.json --no-open", note)
     record.close()
 
 

@@ -171,7 +171,7 @@ def test_a_bridge_in_stages_and_at_once(stages):
     for k, phase in enumerate(solution.phases[:m]):
         there = np.asarray(phase.tension["stays"]) > 0
         assert there.sum() == 2 * (k + 1) and there[: 2 * (k + 1)].all()
-        jacked = float(phases[k].jacking["stays"].values[0])
+        jacked = float(phases[k].jacking["stays"].values)
         np.testing.assert_allclose(phase.tension["stays"][2 * k : 2 * k + 2], jacked, rtol=1e-9)
         assert not np.asarray(phase.section_forces["deck"])[2 * (k + 1) :].any()
         assert not np.asarray(phase.reactions)[-2:].any()
