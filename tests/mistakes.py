@@ -151,11 +151,11 @@ MISTAKES = {
     ),
     "load unknown": (
         lambda r: _phase(loads=jc.NodalLoads([1, _beyond(r)], (0, 0, 1.0))),
-        r"^phases\[0\]\.loads\[0\]: load nodes\[1\] = ",
+        r"^(phases\[0\]\.loads\[0\]: )?load nodes\[1\] = ",
     ),
     "movement unknown": (
         lambda r: _phase(loads=jc.SupportMovement([_beyond(r)], (0, 0, 1.0))),
-        r"^phases\[0\]\.loads\[0\]: moved nodes\[0\] = ",
+        r"^(phases\[0\]\.loads\[0\]: )?moved nodes\[0\] = ",
     ),
     "movement free": (
         lambda r: _phase(loads=jc.SupportMovement([1], r.normal(size=3))),
