@@ -17,6 +17,7 @@ from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements.abilities import Prestressable
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
+from ..linear import unbatched
 from ..loads import NodalLoads, as_list
 from ..model.structure import Structure
 
@@ -247,7 +248,7 @@ def adjustment(
         raise ValueError(
             f"change: has {wanted.size} numbers, the influence matrix is on {matrix.shape[0]}"
         )
-    flat = jnp.linalg.lstsq(matrix, wanted.astype(matrix.dtype), rcond=rcond)[0]
+    flat = unbatched.lstsq(matrix, wanted.astype(matrix.dtype), rcond)
     leaves, shape = jax.tree.flatten(like)
     ends = [sum(jnp.size(x) for x in leaves[:k]) for k in range(len(leaves) + 1)]
     parts = [

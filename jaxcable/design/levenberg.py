@@ -11,6 +11,7 @@ from jax import lax
 
 from ..common import status
 from ..common.types import Array, Bool, Float, Int
+from ..linear import unbatched
 from .box import Box
 
 _DAMPING = 1e-3  # at the start; columns of the scaled Jacobian have norms of at most 1
@@ -228,5 +229,5 @@ def damped_step(
     size = jnp.where(size > 0, size, 1.0)
     scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])
     damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
-    q, r = jnp.linalg.qr(jnp.concatenate([scaled, damper]))
-    return jax.scipy.linalg.solve_triangular(r, -(residual @ q[: residual.size])) / size
+    q, r = unbatched.qr(jnp.concatenate([scaled, damper]))
+    return unbatched.solve_triangular(r, -(residual @ q[: residual.size]), lower=False) / size

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import or_nan, positive
@@ -219,7 +220,7 @@ def _chain(chord, sag, weight, stiffness, n):
 
         def iterate(s):
             u, before, _, count = s
-            change = jnp.linalg.solve(jax.jacfwd(f)(u), f(u))
+            change = linear.solve_general(jax.jacfwd(f)(u), f(u))[0]
             return u - change, jnp.max(jnp.abs(change)), before, count + 1
 
         far = jnp.full((), jnp.inf, u.dtype)
@@ -231,7 +232,7 @@ def _chain(chord, sag, weight, stiffness, n):
         mismatch,
         lax.stop_gradient(start / scale),
         newton,
-        lambda g, y: jnp.linalg.solve(jax.jacfwd(g)(jnp.zeros_like(y)), y),
+        lambda g, y: linear.solve_general(jax.jacfwd(g)(jnp.zeros_like(y)), y)[0],
     )
     piece = pieces(scaled * scale)
     sums = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)])

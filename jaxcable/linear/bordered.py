@@ -17,14 +17,13 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 import numpy as np
 import scipy.sparse as sp
 from jax import lax
 
 from ..common import foreign
 from ..common.types import Array, ArrayLike, Bool, Float
-from . import host, sparse
+from . import host, sparse, unbatched
 from .pattern import Matrix, Sparse
 from .solver import named
 
@@ -76,11 +75,11 @@ def _whole(matrix, column, row, corner, rhs, last, loose):
             [(row / size / height)[None, :], (corner / width / height).reshape(1, 1)],
         ]
     )
-    lu, pivot = jsl.lu_factor(bordered)
+    lu, order = unbatched.lu_factor(bordered)
     pivots = jnp.abs(jnp.diagonal(lu))
     limit = (n + 1) * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
     regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
-    solution = jsl.lu_solve((lu, pivot), jnp.append(rhs / size, last / height))
+    solution = unbatched.lu_solve(lu, order, jnp.append(rhs / size, last / height), False)
     return solution[:-1] / size, solution[-1] / width, regular
 
 

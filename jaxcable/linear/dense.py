@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any, NoReturn
 
 import jax.numpy as jnp
-import jax.scipy.linalg as jsl
 import numpy as np
 from jax import lax
 
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float, Int
-from . import solver
+from . import solver, unbatched
 from .direct import Direct
 
 _MOST = 150  # unknowns up to which dense matrices are faster, see experiments/scaling.py
@@ -67,12 +66,12 @@ def solve_definite(
         Solution [n], and whether the matrix is (numerically) positive definite; if not, the
         solution is meaningless.
     """
-    factor = jnp.linalg.cholesky(lax.stop_gradient(matrix))
+    factor = unbatched.cholesky(lax.stop_gradient(matrix))
     pivots = diagonal(factor)
     definite = jnp.all(jnp.isfinite(pivots)) & jnp.all(pivots > 0)
 
     def back_substitute(_, b):
-        return jsl.cho_solve((factor, True), b)
+        return unbatched.cho_solve(factor, b)
 
     x = lax.custom_linear_solve(lambda v: matrix @ v, rhs, solve=back_substitute, symmetric=True)
     return x, definite
@@ -83,13 +82,13 @@ class Factor(Direct):
     """LU factor of a general matrix scaled to unit diagonal; made by `factorize`.
 
     Attributes:
-        lu, pivot: LU factor of the scaled matrix.
+        lu, order: LU factors of the scaled matrix, and the order of its rows.
         size, loose, regular: see `Direct`.
         scaled: the matrix, scaled to unit diagonal, [n, n].
     """
 
     lu: Float[Array, "n n"]
-    pivot: Int[Array, " n"]
+    order: Int[Array, " n"]
     size: Float[Array, " n"]
     loose: Bool[Array, " n"]
     regular: Bool[Array, ""]
@@ -97,7 +96,7 @@ class Factor(Direct):
 
     def substituted(self, b: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
-        return jsl.lu_solve((self.lu, self.pivot), b, int(transposed))
+        return unbatched.lu_solve(self.lu, self.order, b, transposed)
 
     def product(self, x: Float[Array, " n"], transposed: bool) -> Float[Array, " n"]:
         """See `Direct`."""
@@ -109,7 +108,7 @@ class Factor(Direct):
         return copy(
             self,
             lu=jnp.where(self.regular, self.lu, jnp.eye(n, dtype=self.lu.dtype)),
-            pivot=jnp.where(self.regular, self.pivot, jnp.arange(n, dtype=self.pivot.dtype)),
+            order=jnp.where(self.regular, self.order, jnp.arange(n, dtype=self.order.dtype)),
             size=jnp.where(self.regular, self.size, 1.0),
             regular=jnp.ones((), bool),
             scaled=jnp.where(self.regular, self.scaled, jnp.eye(n, dtype=self.lu.dtype)),
@@ -130,8 +129,8 @@ def factorize(matrix: Float[Array, "n n"], loose: Bool[Array, " n"] | None = Non
     size = jnp.sqrt(jnp.abs(diagonal(matrix)))
     size = jnp.where(size > 0, size, 1.0)
     scaled = matrix / size[:, None] / size[None, :]
-    lu, pivot = jsl.lu_factor(scaled)
+    lu, order = unbatched.lu_factor(scaled)
     pivots = jnp.abs(diagonal(lu))
     limit = n * jnp.finfo(matrix.dtype).eps * jnp.max(pivots, initial=0.0)
     regular = jnp.all(pivots > limit) & jnp.all(jnp.isfinite(pivots))
-    return Factor(lu, pivot, size, loose, regular, scaled)
+    return Factor(lu, order, size, loose, regular, scaled)

@@ -19,7 +19,7 @@ from jax import lax
 
 from ..common import foreign
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from . import sparse
+from . import sparse, unbatched
 from .pattern import Matrix, Sparse
 
 _FEW = 40  # unknowns up to which a sparse matrix is treated as dense on the host
@@ -89,7 +89,7 @@ def is_symmetric(matrix: Float[Array, "n n"]) -> Bool[Array, ""]:
 
 def _by_eigenvalues(matrix, sure):
     """`spectrum` of a dense symmetric matrix; `sure` times the largest eigenvalue is zero."""
-    values, vectors = jnp.linalg.eigh(0.5 * (matrix + matrix.T))
+    values, vectors = unbatched.eigh(0.5 * (matrix + matrix.T))
     nearest = jnp.argmin(jnp.abs(values))
     number = jnp.sum(values < -sure * jnp.max(jnp.abs(values))).astype(jnp.int32)
     vector = vectors[:, nearest]
@@ -98,9 +98,9 @@ def _by_eigenvalues(matrix, sure):
 
 def _by_singular_values(matrix, sure):
     """`spectrum` of a dense unsymmetric matrix; its eigenvalues are computed on the host."""
-    left, values, right = jnp.linalg.svd(matrix)
+    left, values, right = unbatched.svd(matrix)
     if len(matrix) > _COUNTED:
-        number, sign = jnp.int32(NOT_COUNTED), jnp.linalg.slogdet(matrix)[0]
+        number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
         number, sign = foreign.call(["count"], shapes, matrix, sure)

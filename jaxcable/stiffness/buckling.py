@@ -13,6 +13,7 @@ from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
+from ..linear import unbatched
 from ..mechanics.carry import make_system, unloaded
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
@@ -205,7 +206,7 @@ def _bare(thawed, arrays, slack):
 @jax.jit
 def _stable(matrix):
     """Whether a symmetric matrix is positive definite beyond its rounding."""
-    values = jnp.linalg.eigvalsh(jax.lax.stop_gradient(matrix))
+    values = unbatched.eigvalsh(jax.lax.stop_gradient(matrix))
     return values[0] > 4 * len(values) * jnp.finfo(matrix.dtype).eps * values[-1]
 
 
@@ -223,11 +224,11 @@ def _solve(before, after, n):
     known = first | second
     metric = jnp.where(first, before, jnp.where(second, after, identity))
     change = jnp.where(known, change, identity)
-    root = jnp.linalg.cholesky(metric)
-    half = jax.scipy.linalg.solve_triangular(root, change, lower=True)
-    standard = jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
-    kappa, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
-    modes = jax.scipy.linalg.solve_triangular(root.T, vectors[:, :n], lower=False)
+    root = unbatched.cholesky(metric)
+    half = unbatched.solve_triangular(root, change)
+    standard = unbatched.solve_triangular(root, half.T)
+    kappa, vectors = unbatched.eigh(0.5 * (standard + standard.T))
+    modes = unbatched.solve_triangular(root, vectors[:, :n], transposed=True)
     kappa = kappa[:n]
     # the change of stiffness is a difference of two sums, each with rounding errors
     size = jnp.abs(jax.lax.stop_gradient(modes))

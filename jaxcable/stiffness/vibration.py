@@ -18,6 +18,7 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
 from ..elements.prestress import element
+from ..linear import unbatched
 from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each, motion_of
 from ..model.structure import Structure
@@ -232,9 +233,9 @@ def _solve(stiffness, mass, moved, n):
 
     def standardised(shift):
         """Cholesky factor of K + s M, and M transformed by it, whose eigenvalues are mu."""
-        root = jnp.linalg.cholesky(stiffness + shift * mass)
-        half = jax.scipy.linalg.solve_triangular(root, mass, lower=True)
-        return root, jax.scipy.linalg.solve_triangular(root, half.T, lower=True)
+        root = unbatched.cholesky(stiffness + shift * mass)
+        half = unbatched.solve_triangular(root, mass)
+        return root, unbatched.solve_triangular(root, half.T)
 
     def indefinite(shift):  # or a mechanism: its large mu would spoil the accuracy of the others
         fine = jnp.trace(standardised(shift)[1]) * size * _SLOW < 1
@@ -245,11 +246,11 @@ def _solve(stiffness, mass, moved, n):
 
     shift = lax.stop_gradient(lax.while_loop(indefinite, more, jnp.zeros_like(size)))
     root, standard = standardised(shift)
-    mu, vectors = jnp.linalg.eigh(0.5 * (standard + standard.T))
+    mu, vectors = unbatched.eigh(0.5 * (standard + standard.T))
     mu, vectors = mu[::-1][:n], vectors[:, ::-1][:, :n]
     massive = ~(mu <= _MASSLESS * jnp.finfo(mu.dtype).eps * mu[0])
     squared = jnp.where(massive, 1 / jnp.where(massive, mu, 1.0) - shift, jnp.inf)
-    modes = jax.scipy.linalg.solve_triangular(root.T, vectors, lower=False)
+    modes = unbatched.solve_triangular(root, vectors, transposed=True)
     shapes = unit_shapes(jnp.moveaxis(jnp.tensordot(moved, modes, 1), -1, 0), modes.T)
     positive = squared > 0
     frequency = jnp.sqrt(jnp.where(positive, squared, 1.0)) / (2 * jnp.pi)
