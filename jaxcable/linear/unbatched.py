@@ -177,9 +177,8 @@ def lstsq(
             max(m, n) eps.
     """
     left, size, right = _thin_svd(matrix)
-    if rcond is None:
-        rcond = max(matrix.shape) * jnp.finfo(matrix.dtype).eps
-    counts = size > rcond * jnp.max(size, initial=0.0)
+    part = max(matrix.shape) * jnp.finfo(matrix.dtype).eps if rcond is None else rcond
+    counts = size > part * jnp.max(size, initial=0.0)
     return right.T @ jnp.where(counts, left.T @ rhs / jnp.where(counts, size, 1.0), 0.0)
 
 
