@@ -25,7 +25,8 @@ _APART = {"__main__", "cli", "files", "plots", "reporting", "scenes"}
 _RELIED_ON = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "scipy"}
 _RELIED_ON |= (sys.stdlib_module_names | {"builtins"}) - {"unittest", "__main__"}
 _GENERATED = "_cython", "namedtuple_"  # modules that are none
-_PLAIN = bool, int, float, complex, str, bytes, type(None), np.generic, np.dtype
+_PLAIN = {bool, int, float, complex, str, bytes, type(None)}
+_SCALARS = np.generic, np.dtype
 _DEFINED = types.FunctionType, type
 _MODULE_OWN = {"__builtins__", "__cached__", "__doc__", "__file__", "__loader__", "__path__"}
 _MODULE_OWN |= {"__spec__"}
@@ -47,13 +48,19 @@ def code_digest() -> str:
         ForeignError: a function or class in the package is replaced by one defined elsewhere.
     """
     words: list[Any] = []
+    once: dict[int, Any] = {}  # what many modules import
     for module in filter(is_described, sorted(sys.modules)):
         names = dict(vars(sys.modules[module]))  # another thread may import meanwhile
         for name in sorted(names.keys() - _MODULE_OWN):
             value = names[name]
             at_home = isinstance(value, _DEFINED) and value.__module__ == module
-            words += name, _defined(value, []) if at_home else _described(value, [])
-    return _hashed(repr(words))
+            if at_home:
+                words += name, _defined(value, [])
+                continue
+            if id(value) not in once:
+                once[id(value)] = _described(value, [])
+            words += name, once[id(value)]
+    return _hashed(repr(words).encode())
 
 
 def is_described(module: str) -> bool:
@@ -62,13 +69,14 @@ def is_described(module: str) -> bool:
     return package == PACKAGE and bool(rooms) and rooms[0] not in _APART
 
 
-def _hashed(text):
-    return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+def _hashed(*parts):
+    """Digest of bytes."""
+    return hashlib.blake2b(b"|".join(parts), digest_size=16).hexdigest()
 
 
 def _described(value: Any, above: list[int]) -> Any:
     """What a value is, in words; `above` has the addresses of what it is found in."""
-    if isinstance(value, _PLAIN):
+    if type(value) in _PLAIN or isinstance(value, _SCALARS):
         return repr(value)  # tells 1, 1.0 and True apart
     if isinstance(value, types.ModuleType):
         return value.__name__
@@ -103,7 +111,7 @@ def _is_at_home(value):
 def _collected(values):
     """Sorted contents of a set or dictionary of constants; None if there is anything else."""
     parts = [*values, *values.values()] if isinstance(values, dict) else values
-    if all(isinstance(part, _PLAIN) for part in parts):
+    if all(type(part) in _PLAIN or isinstance(part, _SCALARS) for part in parts):
         return sorted(map(repr, values.items() if isinstance(values, dict) else values)) or None
     return None
 
@@ -169,11 +177,11 @@ def _of_code(code):
     if id(code) not in _known:
         constants = [_of_constant(constant) for constant in code.co_consts]
         words = (
-            *(code.co_name, code.co_argcount, code.co_kwonlyargcount, code.co_flags, code.co_code),
-            *(code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars, constants),
-            getattr(code, "co_exceptiontable", b""),
+            *(code.co_name, code.co_argcount, code.co_kwonlyargcount, code.co_flags, constants),
+            *(code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars),
         )
-        _known[id(code)] = code, _hashed(repr(words))
+        parts = code.co_code, code.co_exceptiontable, repr(words).encode()
+        _known[id(code)] = code, _hashed(*parts)
     return _known[id(code)][1]
 
 
