@@ -32,7 +32,7 @@ import jaxcable as jc
 jc.fuse_loops()
 import jax
 loop = jax.jit(lambda x: jax.lax.fori_loop(0, 9, lambda k, y: 0.5 * y.sum() + y[::-1], x))
-print("small_call" in loop.lower(jax.numpy.ones(4000)).compile().as_text())
+print("small_call" in loop.lower(jax.numpy.ones(20_000)).compile().as_text())
 """
 
 

@@ -30,7 +30,7 @@ _SCALARS = np.generic, np.dtype
 _DEFINED = types.FunctionType, type
 _MODULE_OWN = {"__builtins__", "__cached__", "__doc__", "__file__", "__loader__", "__path__"}
 _MODULE_OWN |= {"__spec__"}
-_CLASS_OWN = {"__annotations__", "__dict__", "__doc__", "__weakref__", "_abc_impl"}
+_METHODS = types.FunctionType, staticmethod, classmethod, property
 _known: dict[int, tuple[types.CodeType, str]] = {}  # by address, which the code keeps occupied
 
 
@@ -125,12 +125,13 @@ def _defined(value, above):
             raise ForeignError(f"{module}.{name}")
         return module, name
     if isinstance(value, type):
-        own = vars(value)
+        # of Python's own names the methods: it adds and orders others as it likes
+        own = {n: v for n, v in vars(value).items() if n[:2] != "__" or isinstance(v, _METHODS)}
         bases = [_described(base, above) for base in value.__bases__]
         return (
             name,
             bases,
-            [(n, _described(own[n], above)) for n in sorted(own.keys() - _CLASS_OWN)],
+            [(n, _described(own[n], above)) for n in sorted(own)],
         )
     words = [name, _of_code(value.__code__)]
     given = value.__defaults__, value.__kwdefaults__
