@@ -133,12 +133,12 @@ def _kind(x):
 
 def settings() -> tuple[Any, ...]:
     """What a program depends on of jax's settings."""
-    return tuple(getattr(jax.config, name) for name in _SETTINGS)
+    return tuple(getattr(jax.config, name, None) for name in _SETTINGS)
 
 
 def _step_by_step():
     """Whether jax is to run every operation by itself, or to check it."""
-    return any(getattr(jax.config, name) for name in _CHECKS)
+    return any(getattr(jax.config, name, False) for name in _CHECKS)
 
 
 @contextlib.contextmanager

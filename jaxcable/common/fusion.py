@@ -8,6 +8,7 @@ spends half of its time between functions. The limit is a flag of XLA, read when
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
 
@@ -51,7 +52,8 @@ def ask() -> bool:
     if _refusal():
         return False
     if not has_started():
-        jax.config.update("jax_cpu_enable_async_dispatch", False)
+        with contextlib.suppress(AttributeError):  # it is not in every version of jax
+            jax.config.update("jax_cpu_enable_async_dispatch", False)
         flag = fusion_flag(_BYTES)
         if flag is not None and not fuses():
             os.environ["XLA_FLAGS"] = _with_option(os.environ.get("XLA_FLAGS", ""), *flag)
