@@ -51,8 +51,8 @@ def test_a_batch_is_one_call():
 @pytest.mark.parametrize("dtype", [bool, np.int8, np.int64, np.uint8, np.uint32, np.float32])
 def test_dtypes(dtype):
     given = jnp.array([[1, 0, 1], [0, 0, 1]], dtype)
-    same = jax.ShapeDtypeStruct(given.shape, given.dtype)
-    (found,) = jax.jit(lambda x: foreign.call([same, "array"], [same], x))(given)
+    shape = jax.ShapeDtypeStruct(given.shape, given.dtype)
+    (found,) = jax.jit(lambda x: foreign.call([same, "array"], [shape], x))(given)
     np.testing.assert_array_equal(found, given)
 
 

@@ -144,8 +144,8 @@ def test_whether_a_program_is_traced(monkeypatch):
     for state in (jax_internals._state, None):
         monkeypatch.setattr(jax_internals, "_state", state)
         look(1.0)
-        jax.jit(look)(1.0)
-        jax.grad(jax.jit(look))(1.0)
+        jax.jit(lambda x: look(x))(1.0)
+        jax.grad(jax.jit(lambda x: look(x)))(1.0)
     assert seen == 2 * [False, True, True]
     assert solved()
     run = compilation.program(lambda x: 2 * x)
@@ -228,7 +228,7 @@ def test_whether_jax_has_started_may_not_be_known(monkeypatch):
     monkeypatch.setattr(jax_internals, "_flags", [])
     monkeypatch.setattr(jax_internals, "_said", set())
     monkeypatch.setenv("XLA_FLAGS", "")
-    settings = jax.config.jax_cpu_enable_async_dispatch
+    settings = jax_internals.settings()["jax_cpu_enable_async_dispatch"]
     try:
         with pytest.warns(RuntimeWarning, match="loops stay apart if jax has computed before"):
             jc.fuse_loops()

@@ -28,8 +28,6 @@ _GENERATED = "_cython", "namedtuple_"  # modules that are none
 _PLAIN = {bool, int, float, complex, str, bytes, type(None)}
 _SCALARS = np.generic, np.dtype
 _DEFINED = types.FunctionType, type
-_MODULE_OWN = {"__builtins__", "__cached__", "__doc__", "__file__", "__loader__", "__path__"}
-_MODULE_OWN |= {"__spec__"}
 _METHODS = types.FunctionType, staticmethod, classmethod, property
 _known: dict[int, tuple[types.CodeType, str]] = {}  # by address, which the code keeps occupied
 
@@ -51,7 +49,7 @@ def code_digest() -> str:
     once: dict[int, Any] = {}  # what many modules import
     for module in filter(is_described, sorted(sys.modules)):
         names = dict(vars(sys.modules[module]))  # another thread may import meanwhile
-        for name in sorted(names.keys() - _MODULE_OWN):
+        for name in sorted(name for name in names if name[:2] != "__"):  # those are Python's
             value = names[name]
             at_home = isinstance(value, _DEFINED) and value.__module__ == module
             if at_home:
