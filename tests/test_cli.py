@@ -68,7 +68,20 @@ def test_programs_are_kept(scene):
     places = {"JAXCABLE_PROGRAMS": str(scene / "kept"), "JAX_COMPILATION_CACHE_DIR": "unused"}
     for _ in range(2):
         assert process("solve", "net.json", cwd=scene, **places).returncode == 0
-        assert len(list((scene / "kept").glob("*.program"))) == 1
+        assert len(list((scene / "kept" / "programs").glob("*.program"))) == 1
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of POSIX")
+def test_programs_are_not_kept_where_others_can_write(scene, capsys, monkeypatch):
+    (scene / "kept").mkdir()
+    (scene / "kept").chmod(0o777)
+    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(scene / "kept"))
+    assert main(["info", "net.json"]) == 0
+    said = capsys.readouterr().err
+    assert said.startswith("jaxcable: warning: ") and said.count("\n") == 1
+    assert "other users can write there" in said and "no programs are kept" in said
+    assert main(["info", "net.json", "--quiet"]) == 0
+    assert capsys.readouterr().err == "" and not list((scene / "kept").iterdir())
 
 
 def test_demo_prints_its_table_and_writes_its_picture(tmp_path):

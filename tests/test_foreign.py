@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcable.common import foreign
+from jaxcable.common import foreign, jax_internals
 
 SHAPES = jax.ShapeDtypeStruct((3,), jnp.float64), jax.ShapeDtypeStruct((), bool)
 SEEN = []
@@ -27,7 +27,7 @@ def shifts():
 
 
 def call(vector, number):
-    return foreign.call(["shifts"], SHAPES, vector, number)
+    return foreign.call([shifts], SHAPES, vector, number)
 
 
 def test_results_and_what_the_function_sees():
@@ -51,8 +51,8 @@ def test_a_batch_is_one_call():
 @pytest.mark.parametrize("dtype", [bool, np.int8, np.int64, np.uint8, np.uint32, np.float32])
 def test_dtypes(dtype):
     given = jnp.array([[1, 0, 1], [0, 0, 1]], dtype)
-    same = jax.ShapeDtypeStruct(given.shape, given.dtype)
-    (found,) = jax.jit(lambda x: foreign.call(["same", "array"], [same], x))(given)
+    shape = jax.ShapeDtypeStruct(given.shape, given.dtype)
+    (found,) = jax.jit(lambda x: foreign.call([same, "array"], [shape], x))(given)
     np.testing.assert_array_equal(found, given)
 
 
@@ -64,7 +64,7 @@ def same(what):
 
 def test_empty_arrays():
     none = jax.ShapeDtypeStruct((0, 2), jnp.float64)
-    (found,) = foreign.call(["same", "array"], [none], jnp.zeros((0, 2)))
+    (found,) = foreign.call([same, "array"], [none], jnp.zeros((0, 2)))
     assert found.shape == (0, 2)
 
 
@@ -78,9 +78,15 @@ def fails():
 
 def test_an_error_of_the_function_ends_the_program_with_its_text():
     with pytest.raises(jax.errors.JaxRuntimeError, match="ZeroDivisionError: of no matrix"):
-        jax.block_until_ready(foreign.call(["fails"], SHAPES, jnp.zeros(3)))
+        jax.block_until_ready(foreign.call([fails], SHAPES, jnp.zeros(3)))
     vector, _ = call(jnp.zeros(3), jnp.int32(1))  # and only that program
     np.testing.assert_array_equal(vector, np.ones(3))
+
+
+@pytest.mark.parametrize("lacks", ["pycapsule", "register_ffi_target"])
+def test_without_an_interface_of_xla_there_is_none(lacks, monkeypatch):
+    monkeypatch.delattr(jax.ffi, lacks)
+    assert not jax_internals.register_host_function(f"never {lacks}", len)
 
 
 def test_other_platforms_get_a_callback(monkeypatch):
@@ -100,7 +106,7 @@ PROGRAM = """
     @foreign.family
     def double():
         return lambda x: (2 * x,)
-    found = jax.jit(lambda x: foreign.call(["double"], [shape], x))(jnp.ones(3))
+    found = jax.jit(lambda x: foreign.call([double], [shape], x))(jnp.ones(3))
     print(float(found[0].sum()), hits.count("/jax/compilation_cache/cache_hits"))
 """
 
@@ -121,6 +127,27 @@ def test_another_process_finds_the_program_on_disk(tmp_path):
     assert int(none) == 0 and int(some) > 0
 
 
+def test_families_are_known_by_module_and_name():
+    made = {}
+    for module in ("one", "two"):
+        space = {"__name__": module, "number": 1.0 if module == "one" else 2.0}
+        exec("def family_of_a_name():\n    return lambda x: (x + number,)", space)
+        made[module] = foreign.family(space["family_of_a_name"])
+    shape = [jax.ShapeDtypeStruct((), jnp.float64)]
+    found = [float(foreign.call([made[m]], shape, jnp.zeros(()))[0]) for m in ("one", "two")]
+    assert found == [1.0, 2.0]
+    exec("def family_of_a_name():\n    return lambda x: (x + number,)", space)
+    assert foreign.family(space["family_of_a_name"]) is made["two"]  # its module is reloaded
+    exec("def family_of_a_name():\n    return lambda x: (x - number,)", space)
+    with pytest.raises(ValueError, match=r"family: two.family_of_a_name is registered already"):
+        foreign.family(space["family_of_a_name"])
+    for name in ("shifts", len):
+        with pytest.raises(ValueError, match="expected a function registered by `family`"):
+            foreign.call([name], shape, jnp.zeros(()))
+    with pytest.raises(ValueError, match="a word has no comma"):
+        foreign.call([same, "array, or not"], shape, jnp.zeros(()))
+
+
 HEARD = []
 
 
@@ -138,7 +165,7 @@ def test_a_function_without_results_is_told_in_turn():
 
     def told(n):
         def turn(k):
-            foreign.tell(["hears"], k)
+            foreign.tell([hears], k)
             return k + 1
 
         return jax.lax.while_loop(lambda k: k < n, turn, jnp.int32(0))
@@ -146,5 +173,5 @@ def test_a_function_without_results_is_told_in_turn():
     assert int(jax.block_until_ready(jax.jit(told)(3))) == 3
     assert HEARD == [0, 1, 2]
     HEARD.clear()
-    jax.block_until_ready(jax.vmap(lambda x: (foreign.tell(["hears"], x), x)[1])(jnp.arange(4.0)))
+    jax.block_until_ready(jax.vmap(lambda x: (foreign.tell([hears], x), x)[1])(jnp.arange(4.0)))
     assert HEARD == [0.0, 1.0, 2.0, 3.0]

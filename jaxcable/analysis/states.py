@@ -94,7 +94,7 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
     system = system_of(frame, carry, reached, schedule)
     (motion, marks), n_node, freedoms = point, schedule.n_node, system.freedoms
     space = system.space
-    beside, within = _marked(groups, marks)
+    beside, within = _marked(system, marks)
 
     def summed(values, marked=True):  # a hinged end passes its force to its node
         if marked and marks is not None:
@@ -136,7 +136,7 @@ def _read(problem):
     return system.reading(motion, *names, "end_forces")
 
 
-def _marked(groups, marks):
+def _marked(system, marks):
     """Spread the marks of rows over elements and neighbouring rows (`implicit.attach_apart`).
 
     Marks are zero; their derivative is NaN where there is no derivative.
@@ -148,10 +148,10 @@ def _marked(groups, marks):
     """
     if marks is None:
         return None, lambda parts: parts
-    of_elements = [jnp.sum(marks[group.links], axis=1) for group in groups]
-    beside = marks
-    for group, mark in zip(groups, of_elements, strict=True):
-        beside = beside.at[group.links].add(mark[:, None])
+    of_elements = [jnp.sum(at, axis=1) for at in system.at_ends(marks)]
+    pairs = zip(of_elements, system.groups, strict=True)
+    ends = [jnp.broadcast_to(mark[:, None], group.links.shape) for mark, group in pairs]
+    beside = marks + system.at_rows(ends)
 
     def within(parts):
         return [

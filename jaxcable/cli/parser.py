@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import warnings
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -13,7 +14,7 @@ from ..common import fusion
 from ..common.keeping import keep_programs
 from ..files.reading import number, whole
 from . import convert, demo, form, info, new, optimize, plot, schema, solve, view
-from .guard import guarded
+from .guard import guarded, say
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
 
@@ -22,7 +23,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     options = parser().parse_args(arguments)
     fusion.ask()
-    keep_programs()
+    with warnings.catch_warnings(record=True) as refused:
+        warnings.simplefilter("always", RuntimeWarning)
+        keep_programs()
+    for warning in () if options.quiet else refused:
+        say(f"warning: {warning.message}")
     jax.config.update("jax_enable_x64", True)
     import matplotlib
 

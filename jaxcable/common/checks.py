@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import sys
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextvars import ContextVar
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -58,11 +60,30 @@ class UnstableWarning(UserWarning):
 
 def suspect(text: str, kind: type[Warning] = InputWarning) -> None:
     """Issue a warning that points at the line of the caller outside of this package."""
+    if not _SUSPECTS.get():
+        return
     frame: FrameType | None = sys._getframe(1)
     level = 2
     while frame is not None and frame.f_code.co_filename.startswith((_PACKAGE, "<string>")):
         frame, level = frame.f_back, level + 1
     warnings.warn(text, kind, stacklevel=level)
+
+
+_SUSPECTS: ContextVar[bool] = ContextVar("suspects", default=True)
+
+
+@contextlib.contextmanager
+def without_warnings() -> Iterator[None]:
+    """Issue no warnings of this package in this thread: they have been issued, or will be.
+
+    Filters of `warnings` belong to all threads: two that change and restore them at once leave the
+    filters of one of them behind.
+    """
+    token = _SUSPECTS.set(False)
+    try:
+        yield
+    finally:
+        _SUSPECTS.reset(token)
 
 
 def concrete(x: ArrayLike) -> np.ndarray | None:

@@ -12,17 +12,13 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.extend.core import get_opaque_trace_state
 
+from .jax_internals import is_tracing, quick_options
 from .keeping import kept
 from .progress import compiling
 
-# XLA's older emitters of CPU code compile in half the time of the present ones (jax 0.10). Their
-# programs are as fast for some hundred unknowns, and take up to half as long again for thousands.
-_QUICK = {"xla_cpu_use_fusion_emitters": False}
-_SMALL = 400  # unknowns
+_SMALL = 400  # unknowns up to which a program is compiled quickly
 MOST = 32
 """Programs of a function that are known at the same time."""
 _SETTINGS = (
@@ -30,7 +26,6 @@ _SETTINGS = (
     *("jax_numpy_rank_promotion", "jax_numpy_dtype_promotion"),
 )
 _CHECKS = "jax_disable_jit", "jax_debug_nans", "jax_debug_infs"
-_UNTRACED = get_opaque_trace_state()  # as long as nothing is being traced
 
 
 def program(function, static=()):
@@ -87,7 +82,7 @@ def _compiled(function, arguments, leaves, options, small):
 
     with without_collection(), kept(words, arguments, leaves, options) as found:
         if found.program is None:
-            quick = _QUICK if small and _has_quick() else None
+            quick = quick_options() if small else None
             with compiling(options.get("listen")):
                 stages = jax.jit(own, compiler_options=quick).trace(*leaves)
                 found.program = stages.lower().compile()
@@ -138,12 +133,12 @@ def _kind(x):
 
 def settings() -> tuple[Any, ...]:
     """What a program depends on of jax's settings."""
-    return tuple(getattr(jax.config, name) for name in _SETTINGS)
+    return tuple(getattr(jax.config, name, None) for name in _SETTINGS)
 
 
 def _step_by_step():
     """Whether jax is to run every operation by itself, or to check it."""
-    return any(getattr(jax.config, name) for name in _CHECKS)
+    return any(getattr(jax.config, name, False) for name in _CHECKS)
 
 
 @contextlib.contextmanager
@@ -153,30 +148,29 @@ def without_collection() -> Iterator[None]:
     To trace a program makes a million objects, hardly any of them garbage; the collector would take
     up to a third of that time to find this out.
     """
-    if not gc.isenabled():
-        yield
-        return
-    gc.disable()
+    own = object()
     try:
+        with _lock:
+            if not _pauses:  # the first thread
+                _paused[:] = [gc.isenabled()]
+                gc.disable()
+            _pauses.add(own)
         yield
     finally:
-        gc.enable()
+        with _lock:  # the last thread leaves things as the first one has found them
+            _pauses.discard(own)
+            if not _pauses and _paused == [True]:
+                gc.enable()
+                _paused.clear()
+
+
+_lock = threading.Lock()
+_pauses: set[object] = set()  # one for every thread that traces now
+_paused: list[bool] = []  # whether the collector ran before the first of them
 
 
 def by_itself(leaves: Sequence[Any]) -> bool:
     """Whether a program of these arrays is compiled by itself, not as part of another program."""
     if any(isinstance(x, jax.core.Tracer) for x in leaves):
         return False
-    return get_opaque_trace_state() == _UNTRACED
-
-
-@functools.cache
-def _has_quick():
-    """Whether this version of XLA has the option of quick compilation, and compiles for CPUs."""
-    if jax.default_backend() != "cpu":
-        return False
-    try:
-        jax.jit(lambda: jnp.zeros(()), compiler_options=_QUICK)()
-    except jax.errors.JaxRuntimeError:
-        return False
-    return True
+    return not is_tracing()

@@ -4,125 +4,69 @@ jax keeps compiled programs on disk, but none with a callback: a callback is an 
 another process does not know. XLA's interface for foreign functions calls by name, and Python
 functions are registered there. They get the buffers of the program: nothing is copied, and no
 array of jax is made, for which a busy program can wait for ever.
-
-XLA's interface is one of C (``xla/ffi/api/c_api.h`` in `jax.ffi.include_dir`), stable for programs
-that state the version they were written for. The structures below are its beginning.
 """
 
 from __future__ import annotations
 
-import _thread
-import ctypes
 import functools
-import traceback
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import numpy as np
 
+from .jax_internals import register_host_function
 from .keeping import host_function, names_host_functions
 from .types import Array
 
 Function = Callable[..., Sequence[np.ndarray]]
+Family = Callable[..., Function]
 
-_VERSION = 0, 3  # of the interface
-_METADATA = 1  # kind of the extension that asks for the version
-_FAILED = 13  # XLA_FFI_Error_Code_INTERNAL
-_DTYPES = {
-    number: np.dtype(name)
-    for number, name in {
-        **{1: "bool", 2: "int8", 3: "int16", 4: "int32", 5: "int64"},
-        **{6: "uint8", 7: "uint16", 8: "uint32", 9: "uint64", 11: "float32", 12: "float64"},
-    }.items()
-}
-_Address = ctypes.c_void_p
+_FAMILIES: dict[str, Any] = {}  # by module and qualified name
 
 
-class _Head(ctypes.Structure):
-    _fields_ = [("struct_size", ctypes.c_size_t), ("extensions", _Address)]
-
-
-class _Version(_Head):
-    _fields_ = [("major", ctypes.c_int), ("minor", ctypes.c_int)]
-
-
-class _Metadata(ctypes.Structure):
-    _fields_ = [("struct_size", ctypes.c_size_t), ("version", _Version)]
-
-
-class _Extension(ctypes.Structure):
-    _fields_ = [
-        ("struct_size", ctypes.c_size_t),
-        ("kind", ctypes.c_int),
-        ("next", _Address),
-        ("metadata", ctypes.POINTER(_Metadata)),
-    ]
-
-
-class _Failure(_Head):
-    _fields_ = [("message", ctypes.c_char_p), ("code", ctypes.c_int)]
-
-
-class _Interface(_Head):
-    _fields_ = [
-        ("version", _Version),
-        ("internal", _Address),
-        ("fail", ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Failure))),
-    ]
-
-
-class _Buffer(_Head):
-    _fields_ = [
-        ("dtype", ctypes.c_int),
-        ("data", _Address),
-        ("rank", ctypes.c_int64),
-        ("shape", ctypes.POINTER(ctypes.c_int64)),
-    ]
-
-
-class _Buffers(_Head):
-    _fields_ = [
-        ("count", ctypes.c_int64),
-        ("kinds", _Address),
-        ("each", ctypes.POINTER(ctypes.POINTER(_Buffer))),
-    ]
-
-
-class _Frame(ctypes.Structure):
-    _fields_ = [
-        ("struct_size", ctypes.c_size_t),
-        ("extension", ctypes.POINTER(_Extension)),
-        ("interface", ctypes.POINTER(_Interface)),
-        ("context", _Address),
-        ("stage", ctypes.c_int),
-        ("arguments", _Buffers),
-        ("results", _Buffers),
-    ]
-
-
-_Handler = ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Frame))
-
-
-_FAMILIES: dict[str, Callable[..., Function]] = {}
-
-
-def family(make: Callable[..., Function]) -> Callable[..., Function]:
+def family(make: Family) -> Family:
     """Register a function that makes a host function from words, and keeps it.
 
-    A program that is kept on disk knows the words only.
+    A program that is kept on disk knows the words only, and the family by its module and name.
+
+    Raises:
+        ValueError: the module has another family of this name.
     """
-    _FAMILIES[make.__name__] = functools.cache(make)
-    return _FAMILIES[make.__name__]
+    name = _name(make)
+    known = _FAMILIES.get(name)
+    if known is None:
+        _FAMILIES[name] = functools.cache(make)
+    elif known.__wrapped__.__code__ != make.__code__:  # the same one if its module is reloaded
+        raise ValueError(
+            f"family: {name} is registered already, and compiled programs may call it; "
+            "give the new one another name, or start Python anew"
+        )
+    return _FAMILIES[name]
 
 
-def tell(words: Sequence[str], *arguments: Array) -> None:
+def _name(make):
+    """The name of a family."""
+    return f"{make.__module__}.{make.__qualname__}"
+
+
+def _named(words):
+    """A family and its words, as one text; `_made` reads it."""
+    family, *words = words
+    if not callable(family) or _name(family) not in _FAMILIES:
+        raise ValueError(f"words[0] = {family!r}: expected a function registered by `family`")
+    if any("," in word for word in words):
+        raise ValueError(f"words = {words}: a word has no comma")
+    return ", ".join((_name(family), *words))
+
+
+def tell(words: Sequence[Family | str], *arguments: Array) -> None:
     """Call a NumPy function of arrays without results; under `jax.vmap` for every case.
 
     Args:
         words, arguments: as for `call`.
     """
-    name = ", ".join(words)
+    name = _named(words)
     if jax.default_backend() == "cpu" and _known(name):
         target = host_function(name)
         none = jax.ffi.ffi_call(target, (), has_side_effect=True, vmap_method="sequential")
@@ -132,7 +76,7 @@ def tell(words: Sequence[str], *arguments: Array) -> None:
 
 
 def call(
-    words: Sequence[str], shapes: Sequence[jax.ShapeDtypeStruct], *arguments: Array
+    words: Sequence[Family | str], shapes: Sequence[jax.ShapeDtypeStruct], *arguments: Array
 ) -> tuple[Array, ...]:
     """Results of a NumPy function of arrays, called by a compiled program.
 
@@ -140,12 +84,12 @@ def call(
     not change in the batch have length 1.
 
     Args:
-        words: name of a `family`, and what it makes the function from. The function returns a
+        words: a `family`, and what it makes the function from. The function returns a
             sequence of arrays; it must not call jax.
         shapes: `jax.ShapeDtypeStruct` of every result.
         arguments: arrays.
     """
-    name = ", ".join(words)
+    name = _named(words)
     if jax.default_backend() == "cpu" and _known(name):
         target = host_function(name)
         found = jax.ffi.ffi_call(target, tuple(shapes), vmap_method="expand_dims")(*arguments)
@@ -168,56 +112,8 @@ def _made(name):
 
 @functools.cache
 def _known(name):
-    """Make the function of a name known to XLA; False if XLA's interface is too new."""
-    handler = _Handler(functools.partial(_handle, _made(name)))
-    _ALIVE.append(handler)
-    capsule = jax.ffi.pycapsule(ctypes.cast(handler, ctypes.c_void_p).value)
-    try:
-        jax.ffi.register_ffi_target(host_function(name), capsule, platform="cpu")
-    except jax.errors.JaxRuntimeError:
-        return False
-    return True
+    """Make the function of a name known to XLA; False if XLA's interface is another one."""
+    return register_host_function(host_function(name), _made(name))
 
 
 names_host_functions(_known)
-_ALIVE: list[Any] = []  # handlers, which XLA calls as long as the process lives
-
-
-def _handle(function, frame):
-    """Answer a call of XLA: compute the results in place. Returns an error of XLA, or None."""
-    frame = frame.contents
-    if frame.extension and frame.extension.contents.kind == _METADATA:
-        version = frame.extension.contents.metadata.contents.version
-        version.major, version.minor = _VERSION
-        return None
-    try:
-        results = function(*_arrays(frame.arguments))
-        for place, result in zip(_arrays(frame.results), results, strict=True):
-            place[...] = result
-    except KeyboardInterrupt:
-        _thread.interrupt_main()
-        return _failure(frame, "interrupted")
-    except BaseException:  # nothing may be raised through C
-        return _failure(frame, traceback.format_exc())
-    return None
-
-
-def _arrays(buffers):
-    """The arrays of the program, as NumPy sees them."""
-    return [_array(buffers.each[k].contents) for k in range(buffers.count)]
-
-
-def _array(buffer):
-    shape, dtype = tuple(buffer.shape[: buffer.rank]), _DTYPES[buffer.dtype]
-    size = dtype.itemsize
-    for length in shape:
-        size *= length
-    if size == 0:
-        return np.zeros(shape, dtype)
-    return np.ndarray(shape, dtype, (ctypes.c_char * size).from_address(buffer.data))
-
-
-def _failure(frame, text):
-    """An error of XLA, which it frees."""
-    given = _Failure(ctypes.sizeof(_Failure), None, text.encode(), _FAILED)
-    return frame.interface.contents.fail(given)

@@ -8,13 +8,15 @@ spends half of its time between functions. The limit is a flag of XLA, read when
 
 from __future__ import annotations
 
+import contextlib
 import os
 import warnings
 
 import jax
+import jaxlib
 
-_OPTION = "xla_cpu_small_while_loop_byte_threshold"
-_FLAG = "--xla_backend_extra_options"
+from .jax_internals import TESTED, flags_in_effect, fusion_flag, has_started, missing
+
 _BYTES = 1_000_000_000
 
 
@@ -29,7 +31,8 @@ def fuse_loops() -> None:
     package never does.
 
     Warns:
-        RuntimeWarning: jax has computed already, without the option; nothing is changed.
+        RuntimeWarning: jax has computed already, without the option, or this version of jax may not
+            have it; nothing is changed.
 
     Example:
         The first lines of a script:
@@ -37,36 +40,56 @@ def fuse_loops() -> None:
         >>> import jaxcable as jc
         >>> jc.fuse_loops()
     """
-    if not ask():
-        text = "fuse_loops: jax has computed already and keeps its flags; call it before"
-        warnings.warn(text, RuntimeWarning, stacklevel=2)
+    refused = _refusal()
+    if refused:
+        warnings.warn(f"fuse_loops: {refused}", RuntimeWarning, stacklevel=2)
+    elif ask() and has_started() is None:
+        missing("started")
 
 
 def ask() -> bool:
-    """Ask XLA for fused loops; False if it is too late for this."""
-    if _started():
-        return fuses()
-    jax.config.update("jax_cpu_enable_async_dispatch", False)
-    if fuses():
-        return True
-    flags = os.environ.get("XLA_FLAGS", "").split()
-    option = f"{_OPTION}={_BYTES}"
-    own = [flag for flag in flags if flag.startswith(_FLAG + "=")]
-    if own:  # the flag takes a list, and the last one counts
-        flags[flags.index(own[-1])] = f"{own[-1]},{option}"
-    else:
-        flags.append(f"{_FLAG}={option}")
-    os.environ["XLA_FLAGS"] = " ".join(flags)
+    """Ask XLA for fused loops; False if that cannot be, or is too late."""
+    if _refusal():
+        return False
+    if not has_started():
+        with contextlib.suppress(AttributeError):  # it is not in every version of jax
+            jax.config.update("jax_cpu_enable_async_dispatch", False)
+        flag = fusion_flag(_BYTES)
+        if flag is not None and not fuses():
+            os.environ["XLA_FLAGS"] = _with_option(os.environ.get("XLA_FLAGS", ""), *flag)
     return True
 
 
 def fuses() -> bool:
-    """Whether XLA_FLAGS asks for fused loops of any size."""
-    return f"{_OPTION}={_BYTES}" in os.environ.get("XLA_FLAGS", "")
+    """Whether XLA's flags ask for fused loops of any size."""
+    flag = fusion_flag(_BYTES)
+    return flag is not None and flag[1] in flags_in_effect()
 
 
-def _started():
-    """Whether jax has started XLA; jax has no public function that tells and does not start it."""
-    bridge = getattr(getattr(jax, "_src", None), "xla_bridge", None)
-    started = getattr(bridge, "backends_are_initialized", lambda: False)
-    return bool(started())
+def _refusal():
+    """Why loops are not fused if they are asked for now; None if they are."""
+    if fusion_flag(_BYTES) is None:
+        first, end = (".".join(map(str, version)) for version in TESTED)
+        return (
+            f"the option of XLA is known to be there in jaxlib {first} up to {end}, and an unknown "
+            f"one would end this process; this is {jaxlib.__version__}, and nothing is changed"
+        )
+    if fuses():
+        return None
+    if has_started():
+        return "jax has computed already and keeps its flags; call it before"
+    flags = os.environ.get("XLA_FLAGS", "").strip()
+    if flags and not flags.startswith("-"):
+        return "XLA_FLAGS names a file of flags, which is left as it is; add the option there"
+    return None
+
+
+def _with_option(flags, flag, option):
+    """Flags of XLA with one more option of a flag that takes a list, and whose last one counts."""
+    flags = flags.split()
+    own = [k for k, word in enumerate(flags) if word.startswith(flag + "=")]
+    if own:
+        flags[own[-1]] += f",{option}"
+    else:
+        flags.append(f"{flag}={option}")
+    return " ".join(flags)

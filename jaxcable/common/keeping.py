@@ -2,8 +2,8 @@
 
 Of what a first call takes, jax keeps the compilation; a program is still traced and lowered. The
 programs of this package that are called by themselves are kept whole, with a key that is known
-before they are traced: versions, settings, the source of the package, shapes and dtypes, and what
-is static. A file is a checksum and what `jax.experimental.serialize_executable` makes of a program.
+before they are traced: versions, settings, the code of the package, shapes and dtypes, and what
+is static. A file is what jax makes of a program, with a checksum (`program_folder`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import pickle
 import platform
 import re
 import sys
-import tempfile
 import warnings
 import zlib
 from collections.abc import Callable, Iterator
@@ -28,35 +27,24 @@ from typing import Any
 import jax
 import jaxlib
 import numpy as np
-from jax.experimental import serialize_executable
-from jax.experimental.compilation_cache import compilation_cache
+import optax
+import scipy
 
+from . import jax_internals as internals
 from .checks import whole
+from .code_digest import ForeignError, code_digest, is_described
+from .program_folder import DamagedError, Place, UnsafeError, opened
 
 _VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
 """Bytes that kept programs take at most, if nothing else is said."""
 
 _OURS = "jaxcable", "jax", "jaxlib", "numpy", "builtins", "collections", "copyreg"
-_FULL = 0.8  # of the limit: what is left when old programs are removed
-_DIGEST = 32  # bytes
 _SHORT = 0.05  # seconds: jax does not keep what compiles faster
-
-
-@dataclasses.dataclass(frozen=True)
-class Place:
-    """Where programs are kept.
-
-    Attributes:
-        folder: as given to `keep_programs`.
-        limit: bytes.
-    """
-
-    folder: Path
-    limit: int
-
+_LEAST = "jax_persistent_cache_min_compile_time_secs"
 
 _place: list[Place] = []  # one, or none
+_before: list[float] = []  # jax's own setting of what compiles too fast to be kept, if ours is set
 _PREFIX = "jaxcable: "
 _hits: list[str] = []  # programs that jax has found in its own cache
 _targets: list[Callable[[str], object]] = []  # makes a host function known to XLA, by its name
@@ -67,17 +55,20 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
 
     Analyses that are called by themselves start without being traced or compiled; what is compiled
     inside of `jax.jit` is traced, and not compiled again (jax's persistent compilation cache, which
-    is put into the same folder unless it has one). Processes can share a folder. A damaged, full or
+    is put beside them unless it has a folder). Processes can share a folder. A damaged, full or
     read-only folder costs no more than to compile. The command line keeps its programs by itself;
     importing the package changes nothing.
 
-    Elements, laws and solvers defined outside of the package are compiled anew in every process,
-    since nothing tells whether their source has changed.
+    Programs lie in two folders that are made for them in `folder`, ``programs`` and ``xla``, and
+    only files that were written there are ever removed. A program is found again as long as the
+    code of the package, versions and settings are the same. Elements, laws and solvers defined
+    outside of the package are compiled anew in every process, since nothing tells whether their
+    source has changed.
 
     Args:
-        folder: the folder, which should belong to the user alone, because programs are run from
-            it; default: that of the environment variable JAXCABLE_PROGRAMS (none is kept where it
-            is empty), or ``jaxcable`` in the user's folder for caches.
+        folder: a folder of yours to which nobody else can write, because programs are run from it;
+            default: that of the environment variable JAXCABLE_PROGRAMS (none is kept where it is
+            empty), or ``jaxcable`` in the user's folder for caches.
         limit: bytes to keep at most; what was not used for longest is removed. With 0 programs are
             neither kept nor looked for from now on.
 
@@ -85,7 +76,12 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         The folder.
 
     Raises:
-        ValueError: `limit` is negative or no integer.
+        ValueError: `limit` is negative or no integer; `folder` belongs to another user, or other
+            users can write to it, or its ``programs`` or ``xla`` hold other files.
+
+    Warns:
+        RuntimeWarning: the default folder, or that of the environment, is such a one, or jax cannot
+            store programs; none is kept. A file is damaged; its program is compiled anew.
 
     Example:
         The first lines of a script:
@@ -97,35 +93,69 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         >>> folder = jc.keep_programs(limit=0)  # no more
     """
     whole(limit, "limit", least=0)
-    if folder is None:
-        folder = os.environ.get(_VARIABLE, _usual())
-        limit = limit if folder else 0
-    place = Place(Path(folder).expanduser(), int(limit))
-    before = jax.config.values["jax_compilation_cache_dir"]
-    own = before is None or [before] == [str(known.folder) for known in _place]
-    if limit == 0:
-        _place.clear()
-        if own:
-            _jax_keeps(None)
-        return place.folder
-    with contextlib.suppress(OSError):
-        place.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if own:
-        _jax_keeps(str(place.folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", _SHORT)
-        # a file that another process is just writing, or a damaged one
-        for verb in ("reading", "writing"):
-            warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
+    named = folder is not None
+    path = _path(os.environ.get(_VARIABLE, _usual()) if folder is None else folder)
+    if path is None and named:
+        raise ValueError(f"folder = {folder!r}: expected the path of a folder")
+    if path is None or limit == 0:
+        _stop()
+        return path or Path()
+    try:
+        place = opened(path, int(limit))
+    except UnsafeError as error:
+        if named:
+            raise ValueError(f"folder: {error}") from None
+        _stop()
+        warnings.warn(f"{error}; no programs are kept", RuntimeWarning, stacklevel=2)
+        return path
+    for feature, is_there in (("executables", internals.serializer), ("settings", _settings)):
+        if is_there() is None:
+            internals.missing(feature)
+    if _is_ours(_cache_of_jax()):
+        _jax_keeps(str(place.compiled))
     _listens()
     _place[:] = [place]
-    _bounded(place)
-    return place.folder
+    place.make_room()
+    return path
+
+
+def _path(folder):
+    """A path as stated; None if it is empty, or none."""
+    try:
+        return Path(folder).expanduser() if os.fspath(folder) else None
+    except TypeError:
+        return None
+
+
+def _cache_of_jax():
+    return jax.config.jax_compilation_cache_dir
+
+
+def _is_ours(folder):
+    """Whether jax keeps programs nowhere, or where it was told to by us."""
+    return folder is None or folder in [str(place.compiled) for place in _place]
+
+
+def _stop():
+    """Neither keep programs nor look for them, and have jax do as before."""
+    if _is_ours(_cache_of_jax()):
+        _jax_keeps(None)
+    _place.clear()
 
 
 def _jax_keeps(folder):
     """Have jax keep programs in a folder, or in none."""
+    if folder is None and _before:
+        jax.config.update(_LEAST, _before.pop())
+    if folder is not None and not _before:
+        _before.append(jax.config.jax_persistent_cache_min_compile_time_secs)
+        jax.config.update(_LEAST, _SHORT)
+        # a file that another process is just writing, or a damaged one
+        for verb in ("reading", "writing"):
+            warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
     jax.config.update("jax_compilation_cache_dir", folder)
-    compilation_cache.reset_cache()
+    if not internals.reset_cache() and folder is not None:
+        internals.missing("cache")
 
 
 def _usual():
@@ -161,37 +191,37 @@ def kept(
     Yields:
         `Found`.
     """
-    path = None
-    if _place:
-        with contextlib.suppress(_ForeignError, OSError):
+    place, key = (_place[0] if _place else None), None
+    if place is not None:
+        with contextlib.suppress(ForeignError):
             key = _key(words, arguments, options)
-            path = _place[0].folder / f"{key}.program"
-    if path is None:
+    if place is None or key is None:
         yield Found()
         return
-    found = Found(_load(path, leaves))
+    found = Found(_load(place, key, leaves))
     if found.program is not None:
         yield found
         return
     hits = len(_hits)
-    with _unknown_to_jax():
+    with internals.not_kept_by_jax():
         yield found
-    # a program that jax has loaded from its own cache cannot be written once more (jax 0.10)
-    if found.program is not None and len(_hits) == hits:
-        _store(path, found.program)
-        _bounded(_place[0])
+    # a program that jax has loaded from its own cache cannot be written once more (jax 0.10); one
+    # that was traced while the code or a setting has changed is of neither
+    if (
+        found.program is not None
+        and len(_hits) == hits
+        and _is_still(key, words, arguments, options)
+    ):
+        _store(place, key, found.program)
+        place.make_room()
 
 
-@contextlib.contextmanager
-def _unknown_to_jax():
-    """What is compiled meanwhile is not put into jax's own cache."""
-    name = "jax_persistent_cache_min_compile_time_secs"
-    before = jax.config.values[name]
-    jax.config.update(name, float("inf"))
+def _is_still(key, *described):
+    """Whether a program has the same key as before."""
     try:
-        yield
-    finally:
-        jax.config.update(name, before)
+        return _key(*described) == key
+    except ForeignError:
+        return False
 
 
 @functools.cache
@@ -205,63 +235,53 @@ def _listens():
     jax.monitoring.register_event_listener(heard)
 
 
-def _load(path, leaves):
-    """The program in a file; None if there is none, or it is damaged."""
+def _load(place, key, leaves):
+    """The program of a key; None if there is none, or it is damaged, which is said."""
     try:
-        text = path.read_bytes()
-    except OSError:
+        text = place.read(key)
+        if text is None:
+            return None
+        targets, executable, results = _unpacked(text, key)
+        trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(results)
+    except (DamagedError, UnsafeError) as error:
+        why = f"{error}: is damaged" if isinstance(error, DamagedError) else str(error)
+        text = f"keep_programs: {why}; the program is compiled anew"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
         return None
-    digest, text = text[:_DIGEST], text[_DIGEST:]
-    if hashlib.blake2b(text, digest_size=_DIGEST).digest() != digest:
-        return None
-    targets, executable, results = pickle.loads(zlib.decompress(text))
-    trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(results)
+    functions = internals.serializer()
     try:
         for name in targets:
             _targets[0](name)
-        _lapack()
-        program = serialize_executable.deserialize_and_load(executable, *trees)
-    except (KeyError, jax.errors.JaxRuntimeError):  # a solver that is not there, another machine
+        internals.prepare_lapack()
+        return functions[1](executable, *trees)
+    except Exception:  # a solver that is not there, another machine, another jax: not damaged
         return None
-    with contextlib.suppress(OSError):
-        os.utime(path)  # used now
-    return program
 
 
-def _store(path, program):
-    """Write a file, as a whole or not at all: the folder may be full, or read-only."""
+def _unpacked(text, key):
+    """Names of host functions, the executable, and a tree in the shape of the results."""
+    try:
+        targets, executable, results = pickle.loads(zlib.decompress(text))
+    except Exception as error:  # whatever pickle makes of it
+        raise DamagedError(key) from error
+    return targets, executable, results
+
+
+def _store(place, key, program):
+    """Write a program, if jax can describe it."""
     targets = set(re.findall('custom_call_target="([^"]*)"', program.as_text()))
     if any("callback" in name for name in targets):  # by its address: a listener of the user
         return
     targets = {name for name in targets if name.startswith(_PREFIX)}
-    executable, _, tree = serialize_executable.serialize(program)
-    results = tree.unflatten([0] * tree.num_leaves)
-    text = zlib.compress(pickle.dumps((sorted(targets), executable, results)), 1)
-    name = None
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
-            name = file.name
-            file.write(hashlib.blake2b(text, digest_size=_DIGEST).digest() + text)
-        os.replace(name, path)
-    except OSError:
-        if name is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(name)
-
-
-def _bounded(place):
-    """Remove the files that were not used for longest, if there are too many bytes."""
-    with contextlib.suppress(OSError):
-        files = [(f.stat().st_mtime, f.stat().st_size, f) for f in place.folder.iterdir()]
-        total = sum(size for _, size, _ in files)
-        if total <= place.limit:
-            return
-        for _, size, file in sorted(files):
-            with contextlib.suppress(OSError):
-                file.unlink()
-                total -= size
-            if total <= _FULL * place.limit:
-                return
+        executable, _, tree = internals.serializer()[0](program)
+        results = tree.unflatten([0] * tree.num_leaves)
+        text = zlib.compress(pickle.dumps((sorted(targets), executable, results)), 1)
+    except Exception as error:  # of jax, which may have no way to describe this program
+        text = f"keep_programs: a program cannot be kept: {type(error).__name__}: {error}"
+        warnings.warn(text, RuntimeWarning, stacklevel=2)
+        return
+    place.write(key, text)
 
 
 def host_function(name: str) -> str:
@@ -274,30 +294,24 @@ def names_host_functions(function: Callable[[str], object]) -> None:
     _targets.append(lambda name: function(name.removeprefix(_PREFIX)))
 
 
-@functools.cache
-def _lapack():
-    """Have jaxlib look LAPACK up, which it does where a program with it is lowered."""
-    from jaxlib import lapack
-
-    lapack.prepare_lapack_call("potrf", np.float64)
-
-
-class _ForeignError(Exception):
-    """Something of a program is defined outside of the package."""
-
-
 class _Pickler(pickle.Pickler):
     """Describes objects of this package and of those that it uses, and no others."""
 
     def reducer_override(self, obj):
         found = obj if isinstance(obj, type) or callable(obj) else type(obj)
-        if found.__module__.partition(".")[0] not in _OURS:
-            raise _ForeignError(found)
+        if (found.__module__ or "").partition(".")[0] not in _OURS:
+            raise ForeignError(found)
         return NotImplemented
 
 
 def _key(words, arguments, options):
-    """Digest of all that a program depends on; `_ForeignError` if that is not known."""
+    """Digest of all that a program depends on; `ForeignError` if that is not known.
+
+    The function itself is known by its name, and so must be one of the package, and closed.
+    """
+    module, name, *_ = words
+    if not is_described(module) or "<" in name or internals.serializer() is None:
+        raise ForeignError(f"{module}.{name}")
     leaves, tree = jax.tree.flatten(arguments)
     described = io.BytesIO()
     pickler = _Pickler(described)
@@ -305,7 +319,7 @@ def _key(words, arguments, options):
     try:
         pickler.dump((tree.unflatten(range(len(leaves))), options))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError, RecursionError) as error:
-        raise _ForeignError(str(error)) from error
+        raise ForeignError(str(error)) from error
     kinds = [_words(x) for x in leaves]
     text = repr((words, kinds, _surroundings())).encode()
     return hashlib.blake2b(described.getvalue() + text, digest_size=16).hexdigest()
@@ -318,28 +332,31 @@ def _words(x):
     return (x.shape, str(x.dtype)) if isinstance(x, np.ndarray | np.generic) else type(x).__name__
 
 
+def _settings():
+    """Settings of jax that may matter to a program, in words; None if they are not known."""
+    values = internals.settings()
+    if values is None:
+        return None
+    about = "cache", "log", "dump", "traceback"
+    return sorted((n, str(v)) for n, v in values.items() if not any(word in n for word in about))
+
+
 def _surroundings():
     """What all programs of a process depend on, in words."""
-    about = "cache", "log", "dump", "traceback"
-    settings = {
-        name: str(value)
-        for name, value in jax.config.values.items()
-        if not any(word in name for word in about)
-    }
-    settings["jax_enable_x64"] = str(jax.config.jax_enable_x64)  # may differ in a block of code
-    return (*_versions(), os.environ.get("XLA_FLAGS"), sorted(settings.items()))
+    settings = _settings()
+    if settings is None:
+        raise ForeignError("jax.config")
+    return (*_machine(), internals.flags_in_effect(), settings, code_digest())
 
 
 @functools.cache
-def _versions():
-    """Versions, the machine, and a digest of the source of the package."""
-    source = hashlib.blake2b(digest_size=16)
-    for file in sorted(Path(__file__).parent.parent.rglob("*.py")):
-        source.update(str(file.name).encode() + file.read_bytes())
+def _machine():
+    """Versions and the machine."""
     devices = [(device.platform, device.device_kind) for device in jax.devices()]
     processor = platform.processor() or platform.machine()
     with contextlib.suppress(OSError), open("/proc/cpuinfo") as file:
         lines = [line for line in file if line.startswith(("flags", "Features", "model name"))]
         processor += "".join(sorted(set(lines)))
-    versions = jax.__version__, jaxlib.__version__, np.__version__, sys.version
-    return (*versions, source.hexdigest(), devices, platform.platform(), processor)
+    libraries = jax, jaxlib, np, scipy, optax
+    versions = [library.__version__ for library in libraries]
+    return (*versions, sys.version, devices, platform.platform(), processor)

@@ -261,7 +261,7 @@ def tell(
     """
     if listen is SHOW:  # by name, so that the program can be kept on disk
         ((field, number),) = known.items()
-        foreign.tell(["show", kind.__name__, field, str(number), *traced], *traced.values())
+        foreign.tell([show, kind.__name__, field, str(number), *traced], *traced.values())
         return
     jax.debug.callback(_teller(listen, kind, known, tuple(traced)), *traced.values())
 

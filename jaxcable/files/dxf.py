@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import collections
-import contextlib
 import dataclasses
-import gc
 import io
 import itertools
 import logging
@@ -18,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from ..analysis.solution import Solution
 from ..common.checks import suspect
+from ..common.compilation import without_collection
 from ..elements import Bars
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
@@ -96,7 +95,7 @@ def read_dxf(
     except UnicodeDecodeError:  # before 2007 names of layers were in the code page of a country
         text = data.decode("cp1252", "replace")
     try:
-        with _no_collection():
+        with without_collection():  # a drawing has no garbage while it is read
             # lines may end as Windows ends them, which the parser leaves to its stream
             document = library.read(io.StringIO(text, newline=None))
             unit = document.header.get("$INSUNITS", 0)
@@ -130,18 +129,6 @@ def _library() -> ModuleType:
         raise ValueError("DXF: needs ezdxf; pip install 'jaxcable[dxf]'") from None
     logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # else it prints by itself
     return ezdxf
-
-
-@contextlib.contextmanager
-def _no_collection():
-    """Without looking for garbage: a drawing has none while it is read, and it takes a fifth."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
 
 
 def _content(entity, sagitta):

@@ -27,13 +27,12 @@ check every field while it is typed. Reading ignores the field.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from os import PathLike
 
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
-from ..common.checks import InputWarning
+from ..common.checks import without_warnings
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
@@ -151,8 +150,7 @@ def _scene(data):
         if phases[-1].increments > MOST_INCREMENTS:
             raise FileError(f"phases[{k}].increments: more than {MOST_INCREMENTS}")
     try:
-        with warnings.catch_warnings():  # the analysis gives warnings, reading does not
-            warnings.simplefilter("ignore", InputWarning)
+        with without_warnings():  # the analysis gives warnings, reading does not
             prepare(structure, phases, None, None)
     except ValueError as error:
         named = str(error).startswith("phases[")

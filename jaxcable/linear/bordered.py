@@ -95,7 +95,7 @@ def _on_host(matrix, column, row, corner, rhs, last, loose):
     scalar = jax.ShapeDtypeStruct((), rhs.dtype)
     shapes = (jax.ShapeDtypeStruct(rhs.shape, rhs.dtype), scalar, jax.ShapeDtypeStruct((), bool))
     return foreign.call(
-        ("bordered", *sparse.words(p)),
+        (bordered, *sparse.words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, lax.stop_gradient(matrix.values), loose),
         *(column, row, rhs, jnp.asarray(corner, rhs.dtype), jnp.asarray(last, rhs.dtype)),

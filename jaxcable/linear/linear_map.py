@@ -12,12 +12,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 
+from ..common import jax_internals as internals
 from ..common.types import Array, PyTree
-
-_MAP = Primitive("linear_map")
 
 
 def linear_map(
@@ -33,6 +30,8 @@ def linear_map(
         x: an array.
         given: a pytree of integers, which have no derivatives.
     """
+    if _MAP is None:  # jax transposes it, which is slower
+        return function(x, given)
     leaves, tree = jax.tree.flatten(given)
 
     def of_leaves(function):
@@ -47,20 +46,19 @@ def _evaluated(x, *leaves, pair):
 
 
 def _shape(x, *leaves, pair):
-    found = jax.eval_shape(pair[0], x, *leaves)
-    return jax.core.ShapedArray(found.shape, found.dtype)
+    return internals.shape_of(jax.eval_shape(pair[0], x, *leaves))
 
 
 def _derivative(primals, tangents, *, pair):
     found, change = _MAP.bind(*primals, pair=pair), tangents[0]
-    if isinstance(change, ad.Zero):
-        return found, ad.Zero(jax.typeof(found).to_tangent_aval())
+    if internals.is_zero(change):
+        return found, internals.zero_tangent(found)
     return found, _MAP.bind(change, *primals[1:], pair=pair)
 
 
 def _transposed(back, x, *leaves, pair):
     nothing = [None] * len(leaves)
-    if isinstance(back, ad.Zero):
+    if internals.is_zero(back):
         return [None, *nothing]
     return [_MAP.bind(back, *leaves, pair=pair[::-1]), *nothing]
 
@@ -77,9 +75,4 @@ def _mapped(arguments, axes, *, pair):
     return _MAP.bind(*moved, pair=tuple(jax.vmap(each, over) for each in pair)), 0
 
 
-_MAP.def_impl(_evaluated)
-_MAP.def_abstract_eval(_shape)
-ad.primitive_jvps[_MAP] = _derivative
-ad.primitive_transposes[_MAP] = _transposed
-batching.primitive_batchers[_MAP] = _mapped
-mlir.register_lowering(_MAP, mlir.lower_fun(_evaluated, multiple_results=False))
+_MAP = internals.primitive("linear_map", _evaluated, _shape, _derivative, _mapped, _transposed)

@@ -134,7 +134,7 @@ def solve_next(
     )
     tried = factored.usable & (limit > 0) & (factored.pause == 0)
     x, definite, fresh = foreign.call(
-        ("step", *words(p)),
+        (step, *words(p)),
         shapes,
         *(p.digest, p.indptr, p.indices, matrix.values, rhs),
         *(factored.values, tried, tol, limit, wanted),
@@ -259,7 +259,7 @@ def _solve(matrix, loose, b, transposed, factored, tol, limit):
     if factored is not None:
         stale, usable = factored.values, factored.usable & (limit > 0)
     return foreign.call(
-        ("solve", *words(p), "transposed" if transposed else "as it is"),
+        (solve, *words(p), "transposed" if transposed else "as it is"),
         shapes,
         *(p.digest, p.indptr, p.indices, b, matrix.values, loose, stale),
         *(usable, jnp.asarray(tol, b.dtype), jnp.int32(limit)),

@@ -103,7 +103,7 @@ def _by_singular_values(matrix, sure):
         number, sign = jnp.int32(NOT_COUNTED), unbatched.slogdet(matrix)[0]
     else:
         shapes = jax.ShapeDtypeStruct((), jnp.int32), jax.ShapeDtypeStruct((), matrix.dtype)
-        number, sign = foreign.call(["count"], shapes, matrix, sure)
+        number, sign = foreign.call([count], shapes, matrix, sure)
     return number, sign * values[-1], right[-1], left[:, -1]
 
 
@@ -134,7 +134,7 @@ def _on_host(matrix, loose, general, strict):
     )
     stored = "symmetric" if p.symmetric else "general"
     return foreign.call(
-        ("analysis", stored, "may be unsymmetric" if general else "is symmetric"),
+        (analysis, stored, "may be unsymmetric" if general else "is symmetric"),
         shapes,
         *(p.indptr, p.indices, matrix.values, loose, jnp.asarray(strict)),
     )

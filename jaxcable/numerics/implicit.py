@@ -81,7 +81,12 @@ def attach_apart(
     problem = thaw((system, x, valid, factored, tol, limit))
     found = rooted(_marked, start, problem, _solved)
     found, mark = jnp.split(found, 2)
-    marks = jnp.sum(linear.with_zero(mark)[system.freedoms.number], axis=1)
+    number, numbering = system.freedoms.number, system.freedoms.numbering
+    if numbering is None:
+        marks = linear.with_zero(mark)[number]
+    else:  # whose transpose needs no scatter
+        marks = numbering.spread(mark).reshape(number.shape)
+    marks = jnp.sum(marks, axis=1)
     return back(found + mark), back(found), marks
 
 

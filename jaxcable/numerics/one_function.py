@@ -22,22 +22,22 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
-from jax.interpreters import ad, batching, mlir
 
+from ..common import jax_internals as internals
 from ..common.compilation import without_collection
+from ..common.jax_internals import function_of
 
 Tree = TypeVar("Tree")
-_WHOLE = Primitive("whole")
-_LINEAR = Primitive("whole_linear")  # linear in all arguments but the first `known`
-_WHOLE.multiple_results = _LINEAR.multiple_results = True
 
 
 def as_one(function: Callable[..., Tree]) -> Callable[..., Tree]:
     """The function of pytrees of arrays, compiled as a whole, and mapped case by case.
 
-    All transformations work on it. It must not close over traced values, nor call the host.
+    All transformations work on it. It must not close over traced values, nor call the host. Where
+    jax has no primitives to define, it is the function itself: slower, with the same results.
     """
+    if _WHOLE is None or _LINEAR is None:
+        return function
 
     def run(*arguments):
         leaves, tree = jax.tree.flatten(arguments)
@@ -56,7 +56,7 @@ def as_one(function: Callable[..., Tree]) -> Callable[..., Tree]:
 
 def _in_a_loop(*leaves, program, **_):
     """The results of a program, computed in a loop of one iteration."""
-    compute = jaxpr_as_fun(program)
+    compute = function_of(program)
     floats = [x for x in leaves if jnp.issubdtype(x.dtype, jnp.floating) and x.size]
     if not floats:
         return compute(*leaves)
@@ -105,9 +105,9 @@ def _unpacked(vectors, like):
 
 def _derivative(primals, tangents, *, program, **_):
     """Forward derivative: the results with what the linear part needs, and the linear part."""
-    moving = [k for k, t in enumerate(tangents) if not isinstance(t, ad.Zero)]
+    moving = [k for k, t in enumerate(tangents) if not internals.is_zero(t)]
     floating = [jnp.issubdtype(x.dtype, jnp.inexact) for x in program.out_avals]
-    compute, traced = jaxpr_as_fun(program), {}
+    compute, traced = function_of(program), {}
 
     def forward(*leaves):
         def of_moving(*some):
@@ -133,14 +133,14 @@ def _derivative(primals, tangents, *, program, **_):
         kept = iter(_unpacked(kept, [x.aval for x, k in pairs if k is None]))
         known = iter(known)
         needed = [next(kept if k is None else known) for k in place]
-        return jaxpr_as_fun(ClosedJaxpr(part, needed))(*changes)
+        return internals.closed(part, needed)(*changes)
 
     arguments = *packed, *given, *(tangents[k] for k in moving)
     known = len(packed) + len(given)
     changes = _LINEAR.bind(*arguments, program=jax.make_jaxpr(linear)(*arguments), known=known)
     changes = iter(changes)
     return values, [
-        next(changes) if own else ad.Zero(jax.typeof(x).to_tangent_aval())
+        next(changes) if own else internals.zero_tangent(x)
         for x, own in zip(values, floating, strict=True)
     ]
 
@@ -153,22 +153,22 @@ def _split(values, *counts):
 
 def _derivative_of_linear(primals, tangents, *, program, known):
     """Forward derivative of the linear part; linear again if what it needs does not change."""
-    if any(not isinstance(t, ad.Zero) for t in tangents[:known]):
+    if any(not internals.is_zero(t) for t in tangents[:known]):
         return _derivative(primals, tangents, program=program)
-    further = *primals[:known], *map(ad.instantiate_zeros, tangents[known:])
+    further = *primals[:known], *map(internals.as_array, tangents[known:])
     return [_LINEAR.bind(*each, program=program, known=known) for each in (primals, further)]
 
 
 @without_collection()
 def _transposed(back, *arguments, program, **_):
     """Transpose of the linear part in those of its arguments that are not known."""
-    sought = [k for k, x in enumerate(arguments) if ad.is_undefined_primal(x)]
-    asked = [k for k, x in enumerate(back) if not isinstance(x, ad.Zero)]
+    sought = [k for k, x in enumerate(arguments) if internals.is_sought(x)]
+    asked = [k for k, x in enumerate(back) if not internals.is_zero(x)]
     if not asked:
         return [None] * len(arguments)
     given = [k for k in range(len(arguments)) if k not in set(sought)]
     like = [arguments[k].aval for k in sought]
-    compute = jaxpr_as_fun(program)
+    compute = function_of(program)
 
     def pulled(*values):
         known, back = _split(values, len(given))
@@ -186,32 +186,38 @@ def _transposed(back, *arguments, program, **_):
     return _placed([None] * len(arguments), sought, found)
 
 
-def _mapped(primitive):
+def _mapped(primitive, arguments, axes, *, program, **given):
     """The rule of a primitive for `jax.vmap`: a loop over the cases."""
+    compute = function_of(program)
+    of_case = [k for k, axis in enumerate(axes) if axis is not None]
+    moved = [jnp.moveaxis(arguments[k], axes[k], 0) for k in of_case]
 
-    def over_cases(arguments, axes, *, program, **given):
-        compute = jaxpr_as_fun(program)
-        of_case = [k for k, axis in enumerate(axes) if axis is not None]
-        moved = [jnp.moveaxis(arguments[k], axes[k], 0) for k in of_case]
+    def all_cases(*leaves):
+        def one(own):
+            return compute(*_placed(leaves, of_case, own))
 
-        def all_cases(*leaves):
-            def one(own):
-                return compute(*_placed(leaves, of_case, own))
+        return lax.map(one, [leaves[k] for k in of_case])
 
-            return lax.map(one, [leaves[k] for k in of_case])
-
-        leaves = _placed(arguments, of_case, moved)
-        found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
-        return found, [0] * len(found)
-
-    return over_cases
+    leaves = _placed(arguments, of_case, moved)
+    found = primitive.bind(*leaves, program=jax.make_jaxpr(all_cases)(*leaves), **given)
+    return found, [0] * len(found)
 
 
-for _primitive in (_WHOLE, _LINEAR):
-    _primitive.def_impl(lambda *leaves, program, **_: jaxpr_as_fun(program)(*leaves))
-    _primitive.def_abstract_eval(_shapes)
-    batching.primitive_batchers[_primitive] = _mapped(_primitive)
-    mlir.register_lowering(_primitive, mlir.lower_fun(_in_a_loop, multiple_results=True))
-ad.primitive_jvps[_WHOLE] = _derivative
-ad.primitive_jvps[_LINEAR] = _derivative_of_linear
-ad.primitive_transposes[_LINEAR] = _transposed
+def _computed(*leaves, program, **_):
+    return function_of(program)(*leaves)
+
+
+def _primitive(name, derivative, transposed=None):
+    """A primitive whose parameter is a program."""
+
+    def mapped(*given, **options):
+        return _mapped(made, *given, **options)
+
+    rules = derivative, mapped, transposed, _in_a_loop
+    made = internals.primitive(name, _computed, _shapes, *rules, several=True)
+    return made
+
+
+_WHOLE = _primitive("whole", _derivative)
+# linear in all arguments but the first `known`
+_LINEAR = _primitive("whole_linear", _derivative_of_linear, _transposed)

@@ -1,8 +1,8 @@
 """A root with the derivative of its equation, as a primitive of jax.
 
 `lax.custom_root` is a custom rule. jax 0.10 drops custom rules when it takes a reverse-mode
-derivative of a `lax.scan`, and derivatives of this derivative are then silently zero. Primitives
-are not dropped.
+derivative of a `lax.scan`, and derivatives of this derivative are then silently zero (jax 0.12 does
+not). Primitives are not dropped.
 
 The parameters of the equation are arguments of the primitive, so that the equation is traced only
 if a derivative is taken. The derivative is a primitive, too, so that reverse mode stores the
@@ -19,16 +19,13 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import Primitive
 from jax.flatten_util import ravel_pytree
-from jax.interpreters import ad, batching, mlir
 
+from ..common import jax_internals as internals
 from ..common.compilation import without_collection
 from ..common.types import Array, Float, PyTree
 
 Tree = TypeVar("Tree")
-_ROOT = Primitive("rooted")
-_CHANGE = Primitive("root_change")  # derivative of a root, linear in the changes of parameters
 
 
 def rooted(
@@ -39,7 +36,8 @@ def rooted(
 ) -> Float[Array, "*n"]:
     """Return a known root with the derivatives, of any order, of its equation.
 
-    With ``f(x, p) = 0`` the derivative of x is ``-f_x^-1 f_p dp``.
+    With ``f(x, p) = 0`` the derivative of x is ``-f_x^-1 f_p dp``. Where jax has no primitives to
+    define, it is `lax.custom_root`, which traces the equation in any case.
 
     Args:
         function: ``f(x, p)``, an array like `x`; it depends on no other traced values.
@@ -48,6 +46,9 @@ def rooted(
         tangent_solve: function of p, the linear function ``f_x`` and a right side, which solves
             with ``f_x``; None if ``f_x`` is the identity.
     """
+    if _ROOT is None or _CHANGE is None:
+        internals.missing("primitives")
+        return _by_jax(function, root, parameters, tangent_solve)
     leaves, tree = jax.tree.flatten(parameters)
 
     def equation(x, *leaves):
@@ -76,13 +77,17 @@ def told(function: Callable[[PyTree[Any]], Tree], values: Tree, parameters: PyTr
     return back(rooted(lambda x, p: x - ravel_pytree(function(p))[0], flat, parameters, None))
 
 
-@_ROOT.def_impl
+def _by_jax(function, root, parameters, tangent_solve):
+    """`rooted` by the documented interface of jax."""
+
+    def solver(linear, rhs):
+        return rhs if tangent_solve is None else tangent_solve(parameters, linear, rhs)
+
+    root = lax.stop_gradient(root)
+    return lax.custom_root(lambda x: function(x, parameters), root, lambda _, x: x, solver)
+
+
 def _root(root, *leaves, equation, solver):
-    return root
-
-
-@_ROOT.def_abstract_eval
-def _shape(root, *leaves, equation, solver):
     return root
 
 
@@ -94,10 +99,10 @@ def _derivative(primals, tangents, *, equation, solver):
     changes = {
         k: change
         for k, (x, change) in pairs
-        if jnp.issubdtype(x.dtype, jnp.inexact) and not isinstance(change, ad.Zero)
+        if jnp.issubdtype(x.dtype, jnp.inexact) and not internals.is_zero(change)
     }
     if not changes:
-        return found, ad.Zero(jax.typeof(found).to_tangent_aval())
+        return found, internals.zero_tangent(found)
     given = {"equation": equation, "solver": solver, "moving": tuple(changes)}
     return found, _CHANGE.bind(found, *leaves, *changes.values(), **given)
 
@@ -126,10 +131,10 @@ def _change_of_change(primals, tangents, *, moving, **given):
     count = len(primals) - len(moving)
     evaluate = partial(_change, moving=moving, **given)
     out = _CHANGE.bind(*primals, moving=moving, **given)
-    if all(isinstance(t, ad.Zero) for t in tangents[:count]):
-        further = [ad.instantiate_zeros(t) for t in tangents[count:]]
+    if all(internals.is_zero(t) for t in tangents[:count]):
+        further = [internals.as_array(t) for t in tangents[count:]]
         return out, _CHANGE.bind(*primals[:count], *further, moving=moving, **given)
-    places = [k for k, t in enumerate(tangents) if not isinstance(t, ad.Zero)]
+    places = [k for k, t in enumerate(tangents) if not internals.is_zero(t)]
 
     def some(*values):
         at = list(primals)
@@ -145,7 +150,7 @@ def _change_of_change(primals, tangents, *, moving, **given):
 def _transposed(back, *arguments, moving, **given):
     """Transpose of `_CHANGE` in its changes."""
     count = len(arguments) - len(moving)
-    if isinstance(back, ad.Zero):
+    if internals.is_zero(back):
         return [None] * len(arguments)
     known, changes = arguments[:count], arguments[count:]
     evaluate = partial(_change, *known, moving=moving, **given)
@@ -177,12 +182,8 @@ def _batched(arguments, axes, *, equation, solver):
     return found, 0
 
 
-ad.primitive_jvps[_ROOT] = _derivative
-batching.primitive_batchers[_ROOT] = _batched
-mlir.register_lowering(_ROOT, lambda ctx, root, *leaves, **_: [root])
-_CHANGE.def_impl(_change)
-_CHANGE.def_abstract_eval(_shape_of_change)
-ad.primitive_jvps[_CHANGE] = _change_of_change
-ad.primitive_transposes[_CHANGE] = _transposed
-batching.primitive_batchers[_CHANGE] = _change_batched
-mlir.register_lowering(_CHANGE, mlir.lower_fun(_change, multiple_results=False))
+_ROOT = internals.primitive("rooted", _root, _root, _derivative, _batched)
+# derivative of a root, linear in the changes of parameters
+_CHANGE = internals.primitive(
+    "root_change", _change, _shape_of_change, _change_of_change, _change_batched, _transposed
+)

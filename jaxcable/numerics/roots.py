@@ -7,8 +7,8 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
+from ..common import jax_internals as internals
 from ..common.types import Array, Float
 from .rooted import rooted
 
@@ -66,10 +66,6 @@ def rising_root(
 
     guess = jnp.clip(guess, low, high)  # clips the start only, not a result
     low, high, guess = (lax.stop_gradient(v) for v in (low, high, guess))
-    equation = jax.make_jaxpr(function)(guess)
-
-    def given(x, parameters):
-        return jaxpr_as_fun(ClosedJaxpr(equation.jaxpr, parameters))(x)[0]
-
-    root = solve(lambda x: given(x, lax.stop_gradient(equation.consts)), guess)
-    return rooted(given, root, equation.consts, lambda p, g, y: y / g(jnp.ones_like(y)))
+    given, parameters = internals.opened(function, guess)
+    root = solve(lambda x: given(x, lax.stop_gradient(parameters)), guess)
+    return rooted(given, root, parameters, lambda p, g, y: y / g(jnp.ones_like(y)))

@@ -15,7 +15,6 @@ structure snapped between two increments.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import jax
@@ -24,7 +23,7 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..analysis.solution import Solution, State
-from ..common.checks import InputWarning
+from ..common.checks import without_warnings
 from ..common.tree import pytree
 from ..common.types import Float
 from ..model.parts import one_case
@@ -137,8 +136,7 @@ def energy_balance(
     """
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", InputWarning)  # the analysis has issued them already
+    with without_warnings():  # the analysis has issued them
         task = prepare(structure, phases, None, start)
     if task.thawed[3].present is not None:
         raise ValueError("phases: no balance where phases add or remove elements")

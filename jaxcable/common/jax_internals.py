@@ -1,0 +1,386 @@
+"""Names of jax and XLA that may change from version to version, each with what replaces it.
+
+Everything that the package takes from jax beyond its documented interface is here, as are the
+options of XLA. A name that is missing costs speed, never a result: `missing` says once what is
+lost. The names were there in jax 0.10 to 0.12 (`TESTED`), if nothing else is said.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import importlib
+import os
+import traceback
+import warnings
+from _thread import interrupt_main
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jaxlib.version
+import numpy as np
+
+TESTED = (0, 10), (0, 13)
+"""The first version of jax that is tested, and the first one that is not; as in pyproject.toml."""
+
+_LOST = {
+    "primitives": "jax.extend.core.Primitive and jax.interpreters: derivatives are traced with "
+    "every analysis, which takes longer to compile, and no analysis is compiled to one function",
+    "settings": "jax.config.values: programs are not kept, as their settings are not known",
+    "executables": "jax.experimental.serialize_executable: analyses are traced anew in every "
+    "process, and jax keeps what it compiles",
+    "cache": "jax.experimental.compilation_cache: jax does not keep programs if it has compiled "
+    "one before",
+    "started": "jax._src.xla_bridge.backends_are_initialized: loops stay apart if jax has computed "
+    "before",
+}
+_said: set[str] = set()
+
+
+def missing(feature: str) -> None:
+    """Warn, once in a process, of what is lost because jax lacks a feature, a key of `_LOST`."""
+    if feature not in _said:
+        _said.add(feature)
+        text = f"jax {jax.__version__} lacks {_LOST[feature]}"
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def _names(module: str, *names: str) -> Any:
+    """Return names of a module; None if any of them is missing."""
+    try:
+        found = importlib.import_module(module)
+        return [getattr(found, name) for name in names]
+    except (ImportError, AttributeError):
+        return None
+
+
+# --- primitives
+
+_parts = _names("jax.extend.core", "Primitive", "ClosedJaxpr", "jaxpr_as_fun")
+_rules = _names("jax.interpreters", "ad", "batching", "mlir")
+
+
+def primitive(
+    name: str,
+    evaluated: Callable[..., Any],
+    shape: Callable[..., Any],
+    derivative: Callable[..., Any],
+    mapped: Callable[..., Any],
+    transposed: Callable[..., Any] | None = None,
+    lowered: Callable[..., Any] | None = None,
+    several: bool = False,
+) -> Any:
+    """Return a primitive of jax with its rules; None if jax has no primitives to define.
+
+    Args:
+        name: of the primitive.
+        evaluated: its results.
+        shape: their shapes, from those of the arguments.
+        derivative: rule of the forward derivative.
+        mapped: rule for `jax.vmap`.
+        transposed: rule for the transpose, of what is linear.
+        lowered: what is compiled; default `evaluated`.
+        several: whether there is a list of results.
+    """
+    if _parts is None or _rules is None:
+        return None
+    ad, batching, mlir = _rules
+    made = _parts[0](name)
+    made.multiple_results = several
+    try:
+        made.def_impl(evaluated)
+        made.def_abstract_eval(shape)
+        ad.primitive_jvps[made] = derivative
+        batching.primitive_batchers[made] = mapped
+        if transposed is not None:
+            ad.primitive_transposes[made] = transposed
+        lowering = mlir.lower_fun(lowered or evaluated, multiple_results=several)
+        mlir.register_lowering(made, lowering)
+        used = ad.Zero, ad.instantiate_zeros, ad.is_undefined_primal, jax.core.ShapedArray
+    except (AttributeError, TypeError):
+        return None
+    return made if all(used) else None
+
+
+def is_zero(tangent: Any) -> bool:
+    """Whether a tangent or cotangent in a rule is zero, without being an array."""
+    return isinstance(tangent, _rules[0].Zero)
+
+
+def zero_tangent(x: Any) -> Any:
+    """Return the zero tangent of an array, in a rule."""
+    return _rules[0].Zero(jax.typeof(x).to_tangent_aval())
+
+
+def as_array(tangent: Any) -> Any:
+    """Return a tangent as an array, in a rule."""
+    return _rules[0].instantiate_zeros(tangent)
+
+
+def is_sought(argument: Any) -> bool:
+    """Whether a transpose is asked for in an argument, in a rule."""
+    return _rules[0].is_undefined_primal(argument)
+
+
+def shape_of(x: Any) -> Any:
+    """Return shape and dtype of an array, in the rule of shapes."""
+    return jax.core.ShapedArray(x.shape, x.dtype)
+
+
+def opened(function: Callable[[Any], Any], x: Any) -> tuple[Callable[[Any, Any], Any], Any]:
+    """Return the function of x and the traced values taken from outside, and these values."""
+    if _parts is None:
+        converted, values = jax.closure_convert(function, x)
+        return lambda x, values: converted(x, *values), values
+    program = jax.make_jaxpr(function)(x)
+    return lambda x, values: closed(program.jaxpr, values)(x)[0], program.consts
+
+
+def closed(jaxpr: Any, constants: Sequence[Any]) -> Callable[..., Any]:
+    """Return the function of a program of jax with other constants."""
+    _, make, function = _parts
+    return function(make(jaxpr, constants))
+
+
+def function_of(program: Any) -> Callable[..., Any]:
+    """Return the function of a program of `jax.make_jaxpr`."""
+    return _parts[2](program)
+
+
+# --- where the program is
+
+_state = _names("jax.extend.core", "get_opaque_trace_state")
+_UNTRACED = _state[0]() if _state else None  # as long as nothing is being traced
+
+
+def is_tracing() -> bool:
+    """Whether jax is tracing a program now, of whatever arguments.
+
+    Without its name jax is asked by a new array, which takes a hundred times as long (30 us).
+    """
+    if _state is None:
+        return isinstance(jnp.zeros(()), jax.core.Tracer)
+    return _state[0]() != _UNTRACED
+
+
+def has_started() -> bool | None:
+    """Whether jax has started XLA, which then has read its flags; None if that is not known."""
+    bridge = getattr(getattr(jax, "_src", None), "xla_bridge", None)
+    started = getattr(bridge, "backends_are_initialized", None)
+    return None if started is None else bool(started())
+
+
+# --- options of XLA
+
+
+@functools.cache
+def quick_options() -> dict[str, Any] | None:
+    """Options with which XLA compiles small programs in half the time, or None.
+
+    XLA's older emitters of CPU code are as fast for some hundred unknowns, and take up to half as
+    long again for thousands. jax 0.10 has them; 0.12 has none. An unknown option is an error here.
+    """
+    options = {"xla_cpu_use_fusion_emitters": False}
+    if jax.default_backend() != "cpu":
+        return None
+    try:
+        jax.jit(lambda: jnp.zeros(()), compiler_options=options)()
+    except jax.errors.JaxRuntimeError:
+        return None
+    return options
+
+
+def fusion_flag(size: int) -> tuple[str, str] | None:
+    """The flag of XLA, and its option, that fuses loops of up to `size` bytes.
+
+    None for a version that is not tested: an unknown flag ends the process, and XLA has no way to
+    ask for it but to start. (The file of the library has the names of options that are gone, too,
+    and to try one in another process takes a second.)
+    """
+    if not TESTED[0] <= jaxlib.version.__version_info__[:2] < TESTED[1]:
+        return None
+    return "--xla_backend_extra_options", f"xla_cpu_small_while_loop_byte_threshold={size}"
+
+
+_flags: list[str] = []  # of XLA, once it has started
+
+
+def flags_in_effect() -> str:
+    """Return the flags that XLA has read when it started, or will read: XLA_FLAGS."""
+    if _flags:
+        return _flags[0]
+    flags = os.environ.get("XLA_FLAGS", "")
+    if has_started():
+        _flags.append(flags)
+    return flags
+
+
+flags_in_effect()  # it may have started before this package
+
+
+# --- programs on disk
+
+
+def settings() -> dict[str, Any] | None:
+    """Return all settings of jax in this thread by name; None if they are not known."""
+    values = getattr(jax.config, "values", None)
+    return dict(values) if values else None
+
+
+def serializer() -> tuple[Callable[..., Any], Callable[..., Any]] | None:
+    """Return functions that serialize a compiled program, and load it; None without them."""
+    module = "jax.experimental.serialize_executable"
+    found = _names(module, "serialize", "deserialize_and_load")
+    return None if found is None else (found[0], found[1])
+
+
+def reset_cache() -> bool:
+    """Have jax look again at where it keeps programs; False if it cannot."""
+    found = _names("jax.experimental.compilation_cache.compilation_cache", "reset_cache")
+    if found is None:
+        return False
+    found[0]()
+    return True
+
+
+@contextlib.contextmanager
+def not_kept_by_jax() -> Iterator[None]:
+    """What this thread compiles meanwhile is not put into jax's own cache.
+
+    Without jax's setting for a thread, both have it: it is on disk twice.
+    """
+    found = _names("jax._src.config", "persistent_cache_min_compile_time_secs")
+    if found is None or not callable(found[0]):
+        yield
+        return
+    with found[0](float("inf")):
+        yield
+
+
+@functools.cache
+def prepare_lapack() -> None:
+    """Have jaxlib look LAPACK up, which it does where a program with it is lowered.
+
+    Without the name a small one is lowered, which takes 0.2 s.
+    """
+    found = _names("jaxlib.lapack", "prepare_lapack_call")
+    if found is None:
+        jax.jit(jnp.linalg.cholesky).lower(jax.ShapeDtypeStruct((2, 2), jnp.float32))
+    else:
+        found[0]("potrf", np.float64)
+
+
+# --- Python functions called by compiled programs
+#
+# XLA's interface is one of C (``xla/ffi/api/c_api.h`` in `jax.ffi.include_dir`), stable for
+# programs that state the version they were written for. The structures below are its beginning.
+
+_VERSION = 0, 3  # of the interface
+_METADATA = 1  # kind of the extension that asks for the version
+_FAILED = 13  # XLA_FFI_Error_Code_INTERNAL
+_DTYPES = {
+    number: np.dtype(name)
+    for number, name in {
+        **{1: "bool", 2: "int8", 3: "int16", 4: "int32", 5: "int64"},
+        **{6: "uint8", 7: "uint16", 8: "uint32", 9: "uint64", 11: "float32", 12: "float64"},
+    }.items()
+}
+_Address = ctypes.c_void_p
+
+
+def _structure(name, **fields):
+    """A structure of C, which begins with its size."""
+    fields = {"struct_size": ctypes.c_size_t, **fields}
+    return type(name, (ctypes.Structure,), {"_fields_": list(fields.items())})
+
+
+_HEAD = {"extension": _Address}
+_Version: Any = _structure("_Version", **_HEAD, major=ctypes.c_int, minor=ctypes.c_int)
+_Metadata: Any = _structure("_Metadata", version=_Version)
+_Extension: Any = _structure(
+    "_Extension", kind=ctypes.c_int, next=_Address, metadata=ctypes.POINTER(_Metadata)
+)
+_Failure: Any = _structure("_Failure", **_HEAD, message=ctypes.c_char_p, code=ctypes.c_int)
+_Fail = ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Failure))
+_Interface: Any = _structure("_Interface", **_HEAD, version=_Version, internal=_Address, fail=_Fail)
+_Buffer: Any = _structure(
+    "_Buffer",
+    **_HEAD,
+    dtype=ctypes.c_int,
+    data=_Address,
+    rank=ctypes.c_int64,
+    shape=ctypes.POINTER(ctypes.c_int64),
+)
+_Buffers: Any = _structure(
+    "_Buffers",
+    **_HEAD,
+    count=ctypes.c_int64,
+    kinds=_Address,
+    each=ctypes.POINTER(ctypes.POINTER(_Buffer)),
+)
+_Frame: Any = _structure(
+    "_Frame",
+    extension=ctypes.POINTER(_Extension),
+    interface=ctypes.POINTER(_Interface),
+    context=_Address,
+    stage=ctypes.c_int,
+    arguments=_Buffers,
+    results=_Buffers,
+)
+_Handler = ctypes.CFUNCTYPE(_Address, ctypes.POINTER(_Frame))
+_ALIVE: list[Any] = []  # handlers, which XLA calls as long as the process lives
+
+
+def register_host_function(name: str, function: Callable[..., Sequence[np.ndarray]]) -> bool:
+    """Have compiled programs call a NumPy function by a name; False if XLA has no such way."""
+    handler = _Handler(functools.partial(_handle, function))
+    try:
+        capsule = jax.ffi.pycapsule(ctypes.cast(handler, ctypes.c_void_p).value)
+        _ALIVE.append(handler)
+        jax.ffi.register_ffi_target(name, capsule, platform="cpu")
+    except (AttributeError, jax.errors.JaxRuntimeError):
+        return False
+    return True
+
+
+def _handle(function, frame):
+    """Answer a call of XLA: compute the results in place. Returns an error of XLA, or None."""
+    frame = frame.contents
+    if frame.extension and frame.extension.contents.kind == _METADATA:
+        version = frame.extension.contents.metadata.contents.version
+        version.major, version.minor = _VERSION
+        return None
+    try:
+        results = function(*_arrays(frame.arguments))
+        for place, result in zip(_arrays(frame.results), results, strict=True):
+            place[...] = result
+    except KeyboardInterrupt:
+        interrupt_main()
+        return _failure(frame, "interrupted")
+    except BaseException:  # nothing may be raised through C
+        return _failure(frame, traceback.format_exc())
+    return None
+
+
+def _arrays(buffers):
+    """The arrays of the program, as NumPy sees them."""
+    return [_array(buffers.each[k].contents) for k in range(buffers.count)]
+
+
+def _array(buffer):
+    shape, dtype = tuple(buffer.shape[: buffer.rank]), _DTYPES[buffer.dtype]
+    size = dtype.itemsize
+    for length in shape:
+        size *= length
+    if size == 0:
+        return np.zeros(shape, dtype)
+    return np.ndarray(shape, dtype, (ctypes.c_char * size).from_address(buffer.data))
+
+
+def _failure(frame, text):
+    """An error of XLA, which it frees."""
+    given = _Failure(ctypes.sizeof(_Failure), None, text.encode(), _FAILED)
+    return frame.interface.contents.fail(given)

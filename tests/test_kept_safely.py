@@ -1,0 +1,407 @@
+"""Kept programs: nothing of the user's is removed, nobody else's is run, and none is outdated."""
+
+import os
+import pickle
+import subprocess
+import sys
+import textwrap
+import threading
+import types
+import zlib
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.common import code_digest, jax_internals, keeping, program_folder
+from jaxcable.common.program_folder import Place, opened
+from jaxcable.elements.straight import Straight
+from jaxcable.equilibrium import newton
+
+posix = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="owners and modes of POSIX")
+KEYS = [16 * f"{k:02x}" for k in range(4)]
+
+
+@pytest.fixture(autouse=True)
+def settings_of_jax(monkeypatch):
+    """Put jax's settings back, and keep no programs after a test."""
+    names = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
+    before = [getattr(jax.config, name) for name in names]
+    monkeypatch.setattr(keeping, "_place", [])
+    monkeypatch.setattr(keeping, "_before", [])
+    yield
+    for name, value in zip(names, before, strict=True):
+        jax.config.update(name, value)
+    jax_internals.reset_cache()
+
+
+# --- what is ours
+
+
+def fill(place):
+    """Four programs of 300 bytes and what jax adds, the first used longest ago; other things."""
+    ours = [place.programs / f"{key}.program" for key in KEYS]
+    ours[1] = place.compiled / f"jit__fn-{64 * 'a'}-cache"
+    for k, path in enumerate(ours):
+        path.write_bytes(bytes(300))
+        os.utime(path, (k, k))
+    others = [
+        place.folder / "thesis.docx",
+        place.programs / "notes.program",
+        place.programs / f"{KEYS[0]}.program.bak",
+        place.compiled / "jit_mine-cache",
+        place.folder / f"{KEYS[0]}.program",
+    ]
+    for path in others:
+        path.write_bytes(bytes(5000))
+        os.utime(path, (0, 0))  # older than all of ours
+    return ours, others
+
+
+def test_only_our_files_are_removed_and_the_oldest_first(tmp_path):
+    place = opened(tmp_path, 1200)
+    ours, others = fill(place)
+    place.make_room()
+    assert all(path.exists() for path in (*ours, *others))  # 1200 bytes of ours
+    Place(place.folder, 1000).make_room()  # 800 may be left
+    assert [path.exists() for path in ours] == [False, False, True, True]
+    assert all(path.exists() for path in others)
+    Place(place.folder, 0).make_room()
+    assert not any(path.exists() for path in ours) and all(path.exists() for path in others)
+    assert (place.programs / "CACHEDIR.TAG").read_bytes()[:43] == (
+        b"Signature: 8a477f597d28d172789f06886806bc55"
+    )
+
+
+def test_a_folder_that_is_not_marked_is_left_alone(tmp_path):
+    place = opened(tmp_path, 0)
+    ours, _ = fill(place)
+    for folder in (place.programs, place.compiled):
+        (folder / "CACHEDIR.TAG").write_text("Signature: 8a477f597d28d172789f06886806bc55\n# pip")
+    place.make_room()
+    assert all(path.exists() for path in ours)
+    place.write(KEYS[0], b"new")
+    assert ours[0].read_bytes() == bytes(300)
+
+
+@posix
+def test_links_are_not_followed(tmp_path):
+    place = opened(tmp_path / "kept", 0)
+    precious = tmp_path / "precious"
+    precious.mkdir()
+    (precious / f"{KEYS[0]}.program").write_bytes(bytes(300))
+    link = place.programs / f"{KEYS[0]}.program"
+    link.symlink_to(precious / link.name)
+    assert place.read(KEYS[0]) is None
+    place.make_room()
+    assert link.is_symlink() and (precious / link.name).exists()
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "programs").symlink_to(precious)
+    with pytest.raises(ValueError, match="symbolic link"):
+        jc.keep_programs(tmp_path / "other")
+    (tmp_path / "reached").symlink_to(tmp_path / "kept")  # the way there is the user's own
+    assert opened(tmp_path / "reached", 9).folder == tmp_path / "kept"
+
+
+def test_a_folder_with_other_things_of_that_name_is_refused(tmp_path):
+    (tmp_path / "xla").mkdir()
+    (tmp_path / "xla" / "compiler.cc").write_text("int main() {}")
+    with pytest.raises(ValueError, match=r"folder: .*xla: holds files that jaxcable has not"):
+        jc.keep_programs(tmp_path)
+    assert [path.name for path in (tmp_path / "xla").iterdir()] == ["compiler.cc"]
+    assert not keeping._place
+
+
+# --- whose they are
+
+
+@posix
+@pytest.mark.parametrize("inside", [False, True])
+def test_a_folder_that_others_can_write_to_is_refused(inside, tmp_path, monkeypatch):
+    opened(tmp_path / "kept", 9)
+    (tmp_path / "kept" / ("programs" if inside else "")).chmod(0o770)
+    with pytest.raises(ValueError, match=r"folder: .*other users can write there.*`chmod go-w"):
+        jc.keep_programs(tmp_path / "kept")
+    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(tmp_path / "kept"))
+    with pytest.warns(RuntimeWarning, match="other users can write there.*no programs are kept"):
+        jc.keep_programs()
+    assert not keeping._place
+
+
+@posix
+def test_what_belongs_to_another_user_is_refused(tmp_path, monkeypatch):
+    place = opened(tmp_path, 1 << 20)
+    place.write(KEYS[0], b"of mine")
+    assert place.read(KEYS[0]) == b"of mine"
+    monkeypatch.setattr(os, "geteuid", lambda: os.getuid() + 1)
+    with pytest.raises(ValueError, match="belongs to another user"):
+        jc.keep_programs(tmp_path)
+    with pytest.warns(RuntimeWarning, match="belongs to another user.*compiled anew"):
+        assert keeping._load(place, KEYS[0], []) is None
+
+
+@posix
+def test_a_file_that_others_can_write_is_not_loaded(tmp_path):
+    place = opened(tmp_path, 1 << 20)
+    place.write(KEYS[0], b"of mine")
+    (place.programs / f"{KEYS[0]}.program").chmod(0o666)
+    with pytest.warns(RuntimeWarning, match="other users can write"):
+        assert keeping._load(place, KEYS[0], []) is None
+
+
+def test_folders_that_are_none():
+    for folder in ("", 3):
+        with pytest.raises(ValueError, match=r"folder = .*: expected the path of a folder"):
+            jc.keep_programs(folder)
+
+
+# --- damage
+
+
+@pytest.mark.parametrize("text", [b"", b"no zlib", zlib.compress(b"no pickle"), None])
+def test_a_file_that_makes_no_sense_is_said_and_not_used(text, tmp_path):
+    place = opened(tmp_path, 1 << 20)
+    text = zlib.compress(pickle.dumps(("two", "parts"))) if text is None else text
+    place.write(KEYS[0], text)  # with a right checksum
+    with pytest.warns(RuntimeWarning, match="is damaged; the program is compiled anew"):
+        assert keeping._load(place, KEYS[0], []) is None
+
+
+def test_a_file_under_another_key_is_not_used(tmp_path):
+    place = opened(tmp_path, 1 << 20)
+    place.write(KEYS[0], b"program")
+    os.rename(place.programs / f"{KEYS[0]}.program", place.programs / f"{KEYS[1]}.program")
+    with pytest.raises(program_folder.DamagedError):
+        place.read(KEYS[1])
+    assert place.read(KEYS[2]) is None
+
+
+# --- of which code
+
+
+def test_the_digest_is_of_the_code_in_memory(monkeypatch):
+    same = code_digest.code_digest()
+    jc.solve(*jc.scenes.flat_net())
+    assert code_digest.code_digest() == same  # work changes nothing
+    found = {same}
+
+    def changed(change):
+        with monkeypatch.context() as patch:
+            change(patch)
+            found.add(code_digest.code_digest())
+        assert code_digest.code_digest() == same
+
+    text = textwrap.dedent("""
+        def tension(self, state, nodes, motion):
+            return 2.0 * state
+    """)
+    for k, code in enumerate((text, text.replace("2.0", "3.0"))):
+        space = {"__name__": Straight.__module__}
+        exec(code, space)
+        space["tension"].__qualname__ = "Straight.tension"
+        changed(lambda patch, space=space: patch.setattr(Straight, "tension", space["tension"]))
+        assert len(found) == 2 + k
+    (name, number) = next((n, v) for n, v in vars(newton).items() if type(v) is float)
+    changed(lambda patch: patch.setattr(newton, name, 2 * number))
+    assert len(found) == 4
+    inner = Straight.end_forces if "end_forces" in vars(Straight) else Straight.tension
+    constants = (*inner.__code__.co_consts, "more")
+    changed(
+        lambda patch: patch.setattr(inner, "__code__", inner.__code__.replace(co_consts=constants))
+    )
+    assert len(found) == 5
+
+
+def test_replaced_by_a_function_of_the_user_nothing_is_kept(monkeypatch):
+    monkeypatch.setattr(Straight, "tension", lambda self: 0.0)
+    with pytest.raises(code_digest.ForeignError, match="test_kept_safely"):
+        code_digest.code_digest()
+
+
+def test_lines_and_comments_do_not_count():
+    codes = [
+        "def f(x):\n    return {'a', 'b'} & x",
+        "\n\n# words\ndef f(x):\n    return {'a', 'b'} & x",
+    ]
+    code = [compile(text, name, "exec") for text, name in zip(codes, "ab", strict=True)]
+    assert code_digest._of_code(code[0]) == code_digest._of_code(code[1])
+    other = compile(codes[0].replace("'a'", "'c'"), "a", "exec")
+    assert code_digest._of_code(code[0]) != code_digest._of_code(other)
+
+
+def test_all_modules_that_programs_are_made_of_are_imported_with_the_package():
+    """What is imported later would be missing in the digest."""
+    root = os.path.dirname(jc.__file__)
+    code = "import sys, jaxcable; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = run.stdout.split()
+    files = [
+        os.path.relpath(os.path.join(folder, name), root)[: -len(".py")].replace(os.sep, ".")
+        for folder, _, names in os.walk(root)
+        for name in names
+        if name.endswith(".py")
+    ]
+    modules = {f"jaxcable.{name.removesuffix('.__init__')}" for name in files if name != "__init__"}
+    described = set(filter(code_digest.is_described, modules))
+    assert described <= set(loaded) and len(described) > 150
+    for run in jc.common.compilation._PROGRAMS:
+        made = run.__wrapped__
+        if made.__module__.startswith("jaxcable"):
+            assert code_digest.is_described(made.__module__) and "<" not in made.__qualname__
+
+
+EDITED = """
+    import pathlib, sys
+    import jax; jax.config.update("jax_enable_x64", True)
+    import jaxcable as jc
+    jc.keep_programs(sys.argv[1])
+    if len(sys.argv) > 2:
+        file = pathlib.Path(jc.elements.straight.__file__)
+        old, new = "return stiffness * strain if law", "return 2.0 * stiffness * strain if law"
+        text = file.read_text()
+        assert text.count(old) == 1
+        file.write_text(text.replace(old, new))
+    nodes = [[-1.0, 0, 0], [1, 0, 0], [0, 0, 0.0]]
+    cables = jc.Cables([[0, 2], [1, 2]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 1]) + jc.restrained([2], "xy"))
+    load = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -300.0)))
+    solution = jc.solve(structure, [jc.Phase(pretension=1000.0), load])
+    print(int(solution.status), float(solution.displacement[2, 2]))
+"""
+
+
+def test_source_that_is_edited_between_import_and_first_call(tmp_path):
+    """Its program is one of the source that was imported; the next process compiles anew."""
+    import shutil
+
+    shutil.copytree(os.path.dirname(jc.__file__), tmp_path / "jaxcable")
+    names = "JAX_COMPILATION_CACHE_DIR", "JAXCABLE_PROGRAMS"
+    clean = {k: v for k, v in os.environ.items() if k not in names}
+    clean |= {"PYTHONPATH": str(tmp_path), "PYTHONDONTWRITEBYTECODE": "1"}
+    clean |= {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+
+    def printed(*arguments):
+        command = [sys.executable, "-c", textwrap.dedent(EDITED), *map(str, arguments)]
+        run = subprocess.run(command, env=clean, cwd=tmp_path, capture_output=True, timeout=120)
+        assert run.returncode == 0, run.stderr.decode()
+        code, sag = run.stdout.split()
+        assert int(code) == jc.status.OK
+        return float(sag)
+
+    before = printed(tmp_path / "kept", "edit")
+    after = [printed(tmp_path / folder) for folder in ("kept", "empty")]
+    assert after[0] == after[1] and abs(after[0]) < 0.9 * abs(before)
+
+
+# --- threads
+
+
+def together(function, count=8, rounds=30):
+    """Call a function from several threads at once, many times; True if all have ended."""
+    barrier, errors = threading.Barrier(count), []
+
+    def work():
+        try:
+            barrier.wait()
+            for _ in range(rounds):
+                function()
+        except Exception as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(count)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30)
+    assert not errors
+    return not any(thread.is_alive() for thread in threads)
+
+
+def test_settings_are_as_before_when_threads_compile_at_once():
+    import gc
+    import time
+    import warnings
+
+    from jaxcable.common.checks import suspect, without_warnings
+    from jaxcable.common.compilation import without_collection
+
+    seconds = jax.config.jax_persistent_cache_min_compile_time_secs
+
+    def compiles():
+        with jax_internals.not_kept_by_jax(), without_collection(), without_warnings():
+            assert jax.config.jax_persistent_cache_min_compile_time_secs == float("inf")
+            time.sleep(1e-4)
+            assert not gc.isenabled()
+            suspect("not issued")
+
+    assert gc.isenabled()
+    filters = list(warnings.filters)
+    assert together(compiles)
+    assert gc.isenabled() and warnings.filters == filters
+    assert jax.config.jax_persistent_cache_min_compile_time_secs == seconds
+    with pytest.warns(jc.InputWarning, match="issued"):
+        suspect("issued")
+
+
+PARALLEL = """
+    import sys, threading
+    import jax; jax.config.update("jax_enable_x64", True)
+    import jaxcable as jc
+    jc.keep_programs(sys.argv[1])
+    before = jax.config.jax_persistent_cache_min_compile_time_secs
+    def work(n):
+        codes[n] = int(jc.solve(*jc.scenes.saddle(n, 2)).status)
+    codes = {}
+    threads = [threading.Thread(target=work, args=(n,)) for n in (2, 3, 4)]
+    for thread in threads: thread.start()
+    for thread in threads: thread.join()
+    assert codes == {2: 0, 3: 0, 4: 0}, codes
+    assert before == jax.config.jax_persistent_cache_min_compile_time_secs == 0.05
+    jc.keep_programs(limit=0)
+    assert jax.config.jax_persistent_cache_min_compile_time_secs == 1.0
+    assert jax.config.jax_compilation_cache_dir is None
+"""
+
+
+def test_threads_that_analyse_at_once_keep_their_programs(tmp_path):
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    clean |= {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+    command = [sys.executable, "-W", "error", "-c", textwrap.dedent(PARALLEL), str(tmp_path)]
+    run = subprocess.run(command, env=clean, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    assert len(list((tmp_path / "programs").glob("*.program"))) == 3
+
+
+# --- what jax lacks
+
+
+def test_without_a_way_to_store_programs(tmp_path, monkeypatch):
+    monkeypatch.setattr(jax_internals, "_said", set())
+    monkeypatch.setattr(jax_internals, "serializer", lambda: None)
+    with pytest.warns(RuntimeWarning, match=f"jax {jax.__version__} lacks .*serialize_executable"):
+        jc.keep_programs(tmp_path)
+    structure, phases = jc.scenes.flat_net()
+    jc.forget_programs()
+    assert int(jc.solve(structure, phases).status) == jc.status.OK
+    assert not list((tmp_path / "programs").glob("*.program"))
+    jc.keep_programs(tmp_path)  # is said once
+
+
+def test_without_the_settings_of_jax(tmp_path, monkeypatch):
+    monkeypatch.setattr(jax_internals, "_said", set())
+    monkeypatch.setattr(jax_internals, "settings", lambda: None)
+    with pytest.warns(RuntimeWarning, match="lacks jax.config.values: programs are not kept"):
+        jc.keep_programs(tmp_path)
+    with pytest.raises(code_digest.ForeignError):
+        keeping._key(("jaxcable.analysis.solver", "_analyse"), np.ones(2), {})
+
+
+def test_a_program_that_jax_cannot_describe_is_said_and_not_kept(tmp_path, monkeypatch):
+    def fails(_):
+        raise NotImplementedError("constants")
+
+    monkeypatch.setattr(jax_internals, "serializer", lambda: (fails, None))
+    program = types.SimpleNamespace(as_text=lambda: "")
+    with pytest.warns(RuntimeWarning, match="cannot be kept: NotImplementedError: constants"):
+        keeping._store(opened(tmp_path, 9), KEYS[0], program)
