@@ -251,7 +251,9 @@ def test_drawings_that_are_no_nets(tmp_path):
             space.delete_entity(entity)
         space.add_circle((0, 0), 1)
 
-    with pytest.raises(FileError, match=r"has no lines or polylines .* 0 POINT, 1 CIRCLE"):
+    with pytest.raises(
+        FileError, match=r"has no lines or polylines .* 0 POINT; CIRCLE \(1\), layer '0'"
+    ):
         read_dxf(drawing(tmp_path / "net.dxf", change=only_blocks))
     point = drawing(tmp_path / "net.dxf", change=lambda d, s: s.add_line((5, 5, 5), (5, 5, 5)))
     with pytest.raises(FileError, match=r"net.dxf: LINE \w+ on layer '0': a line without length"):

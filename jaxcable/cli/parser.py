@@ -90,11 +90,19 @@ def _reads(command, scene=True):
         )
         command.add_argument("--scale", type=_positive, metavar="S", help=text)
         text = "of DXF and OBJ: largest distance of points that become one node, m (default 1e-6)"
-        command.add_argument("--tol", type=_positive, default=1e-6, metavar="D", help=text)
+        command.add_argument("--tol", type=_positive, metavar="D", help=text)
         text = 'of a DXF file: layer whose points are supports, "*" for all points'
         command.add_argument("--supports", metavar="LAYER", help=text)
         text = "of a DXF file: largest distance of arcs from chords in their place, m"
         command.add_argument("--sagitta", type=_positive, metavar="D", help=text)
+        text = "of a DXF file: read layers that are off or frozen, and invisible entities, too"
+        command.add_argument("--hidden", action="store_true", help=text)
+        text = (
+            "of CSV tables: what the file calls the columns node, x, y, z, support, fx, ..., first, "
+            "last, kind, group, ..., as x=X_COORD support=Fixed; free=NAME for a column in which 1 "
+            "means free"
+        )
+        command.add_argument("--columns", nargs="+", metavar="COLUMN=NAME", help=text)
         text = "make nodes where links cross in plan or touch, of these groups (default: of all)"
         command.add_argument("--split", nargs="*", metavar="GROUP", help=text)
     text = "largest file that is read, MB (default 64)"
