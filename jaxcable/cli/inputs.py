@@ -75,7 +75,7 @@ _FOR = {
 def refuse_options(options: Namespace, names: Sequence[str], why: str) -> None:
     """Raise `Refused` if one of some options is given that would do nothing."""
     for name in names:
-        if getattr(options, name, None) not in (None, False, []):
+        if getattr(options, name, None) not in (None, False, ()):
             raise Refused(f"--{name.replace('_', '-')}: {why}")
 
 

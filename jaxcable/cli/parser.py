@@ -98,9 +98,9 @@ def _reads(command, scene=True):
         text = "of a DXF file: read layers that are off or frozen, and invisible entities, too"
         command.add_argument("--hidden", action="store_true", help=text)
         text = (
-            "of CSV tables: what the file calls the columns node, x, y, z, support, fx, ..., first, "
-            "last, kind, group, ..., as x=X_COORD support=Fixed; free=NAME for a column in which 1 "
-            "means free"
+            "of CSV tables: what the files call the columns node, x, y, z, support, fx, first, "
+            "last, kind, group and others, as x=X_COORD support=Fixed; free=NAME for a column in "
+            "which 1 means free"
         )
         command.add_argument("--columns", nargs="+", metavar="COLUMN=NAME", help=text)
         text = "make nodes where links cross in plan or touch, of these groups (default: of all)"
@@ -178,13 +178,18 @@ def _view(commands):
 
 
 def _form(commands):
-    text = "find the form of a net of cables and bars; further phases are kept"
+    text = (
+        "find the form of a net of cables and bars under loads of the scene; other phases are kept"
+    )
     command = _command(
         commands, "form", form, text, "net.json --force-density 50 --save formed.json"
     )
     _reads(command)
-    method = command.add_mutually_exclusive_group(required=True)
-    text = "force density, N/m: a number, or group=number for each group"
+    method = command.add_mutually_exclusive_group()
+    text = (
+        "force density, N/m: a number, or group=number for each group (default: what the first "
+        "phase with force densities states)"
+    )
     method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
     text = "tension of all cables in the form, N; likewise"
     method.add_argument("--tension", nargs="+", metavar="T", help=text)
@@ -193,6 +198,11 @@ def _form(commands):
         "group=drawn for that in the scene, or group=number, m; their forces are found"
     )
     command.add_argument("--length", nargs="+", metavar="L", help=text)
+    text = (
+        "phases whose loads act in the form, from 1, or none (default: the first phase that has "
+        "loads)"
+    )
+    command.add_argument("--loads", nargs="+", metavar="PHASE", help=text)
     command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
 
 

@@ -116,7 +116,7 @@ def _net(found: Found, table: Omissions) -> Net:
     _count_whole(data, table)
     held = np.array(fixed)
     spread = Spread(nodes_at, links, on_edges, list(faces.values()), on_faces)
-    loads = nodal_loads(np.array(own), spread, densities, held.any(axis=1), table)
+    loads = nodal_loads(np.array(own), spread, densities, held[:, 0], table)
     return Net(
         nodes=nodes_at,
         links=links,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
 from os import PathLike
-from typing import NamedTuple
 
 from ..common import checks
 
@@ -11,7 +11,8 @@ _PLACES = 3  # places that are named in a row
 _ROWS = 12  # rows that a warning shows
 
 
-class Omission(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Omission:
     """A row of the table: something in a file that has not been read.
 
     Attributes:
