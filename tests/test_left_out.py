@@ -1,9 +1,9 @@
 """Files as programs and mail really deliver them: read whole, refused with the place, or told.
 
 Every file here is a small one of a real format (compas 1 and 2, jax_fdm and compas_fofin as these
-programs write them; DXF by ezdxf; CSV as spreadsheets save it), changed in one way. A reader either
-reads it whole, or names each thing that it leaves out in one warning and in ``omissions``, or raises
-a `FileError` of one line that names the file.
+programs write them; DXF by ezdxf; CSV as spreadsheets save it), changed in one way. A reader reads
+it whole, or names each thing that it leaves out in one warning and in ``omissions``, or raises a
+`FileError` of one line that names the file.
 """
 
 import copy
@@ -68,7 +68,7 @@ def network():
 
 
 def mesh():
-    """A square of two triangles as jax_fdm writes a mesh, with default attributes of compas_fofin."""
+    """A square of two triangles as jax_fdm writes it, with default attributes of compas_fofin."""
     corners = {"0": (0, 0), "1": (2, 0), "2": (2, 2), "3": (0, 2)}
     zero = {"px": 0.0, "py": 0.0, "pz": 0.0}
     return {
@@ -89,7 +89,7 @@ def mesh():
 
 
 def session(items):
-    """A session as compas_session dumps it: the scene has the objects beside the tree of its view."""
+    """A session as compas_session dumps it: objects beside the tree of what is shown."""
     root = {"name": "ROOT", "children": [{"item": "9434", "settings": {"show": True}}]}
     scene = {"name": "Scene", "root": root, "items": items}
     return {
@@ -161,8 +161,11 @@ JSON = {
     ),
     "a session": (
         session([cable_mesh()]),
-        ["attribute 'constraint' of a vertex (1)", "attribute 'thickness' of a vertex (4)"]
-        + ["field 'constraints' (1)"],
+        [
+            "attribute 'constraint' of a vertex (1)",
+            "attribute 'thickness' of a vertex (4)",
+            "field 'constraints' (1)",
+        ],
     ),
     "a session with more": (
         session([{"dtype": "compas.geometry/Line", "data": {"start": [0]}}, mesh(), network()]),
@@ -258,7 +261,7 @@ def test_loads_of_faces_act_at_their_corners(tmp_path):
 
 
 def test_loads_in_a_result_count_once(tmp_path):
-    """jax_fdm writes results with the loads of edges in those of nodes, and at the edges as well."""
+    """jax_fdm writes results with the loads of edges in those of nodes, and at the edges, too."""
     data = network()
     node = {"x": 1, "z": -1.0, "pz": -2.0, "rz": 0.0}  # 1 N/m twice, 1 m down: 2 N
     data = changed(data, (*NODE, "1"), node)
@@ -321,6 +324,10 @@ def references(document, space):
     document.layout("Layout1").add_line((0, 0), (1, 1))
 
 
+CURVED = "3DFACE", "ELLIPSE", "LWPOLYLINE with arcs", "POLYLINE fitted by a spline", "SOLID"
+CURVED += "SPLINE", "TEXT"
+
+
 def curves(document, space):
     space.add_spline([(0, 0), (1, 1), (2, 0)])
     space.add_ellipse((0, 0), (2, 0), 0.5)
@@ -329,7 +336,6 @@ def curves(document, space):
     fitted.dxf.flags |= 4
     space.add_3dface([(0, 0), (1, 0), (1, 1)])
     space.add_text("roof")
-    space.add_mesh()
     space.add_solid([(0, 0), (1, 0), (1, 1)])
 
 
@@ -343,8 +349,7 @@ DXF = {
     "curves, faces, texts": (
         curves,
         1,
-        ["3DFACE (1)", "ELLIPSE (1)", "LWPOLYLINE with arcs (1)", "MESH (1)"]
-        + ["POLYLINE fitted by a spline (1)", "SOLID (1)", "SPLINE (1)", "TEXT (1)"],
+        [f"{word} (1)" for word in CURVED],
     ),
     "a line drawn twice": (
         lambda d, s: s.add_line((1, 0), (0, 0), dxfattribs={"layer": "Größe ∅"}),
@@ -480,7 +485,7 @@ CSV = {
         "support: there is no column 'fixed'",
     ),
     "two flags": (
-        NODES.replace("support", "support,free").replace("\nA,0,0,0.5,1", "\nA,0,0,0.5,1,0"),
+        "node,x,y,z,support,free\nA,0,0,0.5,1,0\n",
         {},
         "has both support and free",
     ),
@@ -578,7 +583,7 @@ def dome():
 def test_form_takes_loads_and_force_densities_of_the_scene(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     structure, loads, heights = dome()
-    assert heights(-2e3).max() > 0.7  # m
+    assert heights(-2e3).max() > 0.5  # m: it is no flat grid
     snow = jc.Phase(loads=jc.NodalLoads([12], (0.0, 0.0, -50.0)))
     for phases in (
         [jc.Phase(force_density=-2e3), jc.Phase(loads=loads), snow],
@@ -612,10 +617,10 @@ def test_form_tells_what_it_does_not_take(tmp_path, capsys, monkeypatch):
     nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
     cables = {"a": jc.Cables([[0, 1], [1, 2]], 1e5), "b": jc.Cables([[1, 3]], 1e5)}
     structure = jc.Structure(nodes, cables, jc.pinned([0, 2, 3]))
-    pressure = jc.CablePressure(5.0, on="a")
+    settled = jc.SupportMovement([0], (0.0, 0.0, -0.01))
     phases = [
         jc.Phase(force_density={"a": 100.0}, pretension={"b": 70.0}),
-        jc.Phase(loads=[jc.NodalLoads([1], (0.0, 0.0, -60.0)), pressure]),
+        jc.Phase(loads=[jc.NodalLoads([1], (0.0, 0.0, -60.0)), settled]),
         jc.Phase(removes="b"),
         jc.Phase(pretension={"a": 30.0}),
     ]
@@ -628,11 +633,11 @@ def test_form_tells_what_it_does_not_take(tmp_path, capsys, monkeypatch):
     assert "force densities: those of phase 1, a\n" in out
     rows = err.split("left out:\n")[1].splitlines()
     assert [row.split(":")[0] for row in rows] == [
-        "  CablePressure (1), phase 2",
+        "  SupportMovement (1), phase 2",
         "  pretension (2), phase 1, phase 4",
     ]
     found, later = jc.load_scene("form.json")
     np.testing.assert_allclose(found.nodes[1], [1, 1 / 3, -0.2], atol=1e-14)  # 60 / (3 100)
     assert later[0].force_density == {"a": 100.0, "b": 100.0} and len(later[0].loads) == 1
-    assert type(later[1].loads[0]) is jc.CablePressure and later[2].removes is not None
+    assert type(later[1].loads[0]) is jc.SupportMovement and later[2].removes is not None
     assert len(later) == 3

@@ -136,42 +136,43 @@ def _densities(options, structure, phases, lengths, table):
     given: Any = None
     if options.force_density is not None:
         given = inputs.values(options.force_density, structure, "--force-density")
-    values, used = [None] * len(names), [False] * len(names)
-    if own is not None and options.tension is None:
-        used = [density is None for density in spread(given, structure, "--force-density")]
-        if lengths is not None:
-            lengths_of = spread(lengths, structure, "--length")
-            used = [use and length is None for use, length in zip(used, lengths_of, strict=True)]
-        scene = spread(phases[own].force_density, structure, "force_density")
-        used = [use and q is not None for use, q in zip(used, scene, strict=True)]
-        values = [q if use else None for use, q in zip(used, scene, strict=True)]
-    elif own is None and options.tension is None and given is None:
+    elif own is None and options.tension is None:
         raise Refused(
             f"{options.scene}: states no force densities; give --force-density or --tension"
         )
+    open_ = [word is None for word in spread(given, structure, "--force-density")]
+    if lengths is not None:
+        lengths_of = spread(lengths, structure, "--length")
+        open_ = [free and length is None for free, length in zip(open_, lengths_of, strict=True)]
+    scene = [None] * len(names)
+    if own is not None:
+        scene = spread(phases[own].force_density, structure, "force_density")
+    stated = [q is not None for q in scene]
+    used = [s and o and options.tension is None for s, o in zip(stated, open_, strict=True)]
     if any(used):
-        groups = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
-        print(f"force densities: those of phase {own + 1}{groups}")
-    for k, phase in enumerate(phases):
-        for field in ABSOLUTE:
-            if getattr(phase, field) is not None and not (
-                field == "force_density" and k == own and all(used)
-            ):
-                part = " of some groups" if field == "force_density" and any(used) else ""
-                table.add(
-                    f"{field}{part}", f"phase {k + 1}", "the prestress of the form replaces it"
-                )
-        if phase.adds is not None:
-            why = "the form is that of all elements; they are there from the beginning"
-            table.add("adds", f"phase {k + 1}", why)
+        some = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
+        print(f"force densities: those of phase {own + 1}{some}")
+    _count_replaced(phases, own if used == stated else None, table)
     if options.tension is not None:
         return None
     if not any(used):
         return given
-    stated = spread(given, structure, "--force-density")
+    words = spread(given, structure, "--force-density")
     return structure.arrange(
-        [q if use else word for use, q, word in zip(used, values, stated, strict=True)]
+        [q if use else word for use, q, word in zip(used, scene, words, strict=True)]
     )
+
+
+def _count_replaced(phases, own, table):
+    """Count the prestress of the scene that the form replaces; phase `own` has that of the form."""
+    for k, phase in enumerate(phases):
+        for field in ABSOLUTE:
+            if getattr(phase, field) is not None and (field, k) != ("force_density", own):
+                why = "the prestress of the form replaces it"
+                table.add(field, f"phase {k + 1}", why)
+        if phase.adds is not None:
+            why = "the form is that of all elements; they are there from the beginning"
+            table.add("adds", f"phase {k + 1}", why)
 
 
 def _in_plane(positions):

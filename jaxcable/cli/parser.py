@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -14,6 +15,9 @@ from ..common.keeping import keep_programs
 from ..files.reading import number, whole
 from . import convert, demo, form, info, new, optimize, plot, schema, solve, view
 from .guard import guarded
+
+_NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+"""Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
 
@@ -71,6 +75,7 @@ def _command(commands, name, module, help_, example):
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=module.run)
+    command._negative_number_matcher = _NEGATIVE
     return command
 
 
