@@ -180,6 +180,16 @@ JSON = {
         "node['0'].is_support: expected true or false, got 'yes'",
     ),
     "a missing node": (changed(network(), (*EDGE, "0", "8"), {}), "there is no node '8'"),
+    "no coordinates": (
+        changed(
+            changed(network(), (*NODE, "1"), {}), ("data", "default_node_attributes"), {"pz": 0}
+        ),
+        "node['1']: has no coordinates x, y, z",
+    ),
+    "a coordinate that is null": (
+        changed(network(), (*NODE, "1", "x"), None),
+        "node['1'].x: expected a finite number, got null",
+    ),
     "a loop": (changed(network(), (*EDGE, "0", "0"), {}), "an edge from a node to itself"),
     "not finite": (changed(network(), (*NODE, "1", "x"), float("nan")), "NaN is no number"),
     "attributes in a list": (
@@ -290,6 +300,17 @@ def test_groups_and_unstressed_lengths(tmp_path):
     data = changed(data, (*EDGE, "0", "1", "q"), -1.0)
     net, told = read(data, tmp_path)
     assert net.kinds == ("bar", "cable") and told == ["attribute 'l0' of an edge (1)"]
+
+
+def test_supports_in_some_directions_are_not_written(tmp_path):
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5)
+    held = jc.pinned([0, 2]) + jc.restrained([1], "y")
+    structure = jc.Structure([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], cables, held)
+    with pytest.warns(
+        jc.InputWarning, match=r"support in some directions \(1\), node 1: nodes are"
+    ):
+        (path,) = jc.files.save_network(tmp_path / "net.json", structure)
+    assert outcome(read_network, path)[0].fixed[:, 0].tolist() == [True, False, True]
 
 
 # --- DXF

@@ -84,6 +84,17 @@ def number(attributes: Mapping[str, Any], key: str, where: str) -> float:
     return float(value)
 
 
+def coordinates(attributes: Mapping[str, Any], where: str) -> list[float]:
+    """The position of a node; coordinates that are not given are zero, unless none is given."""
+    given = [axis for axis in "xyz" if axis in attributes]
+    if not given:
+        raise FileError(f"{where}: has no coordinates x, y, z")
+    for axis in given:
+        if attributes[axis] is None:
+            raise FileError(f"{where}.{axis}: expected a finite number, got null")
+    return [number(attributes, axis, where) for axis in "xyz"]
+
+
 def flag(attributes: Mapping[str, Any], key: str, where: str, absent: bool = False) -> bool:
     """Whether the flag under a key is set: true, false, 1 or 0."""
     value = attributes.get(key)

@@ -88,7 +88,7 @@ def _net(found: Found, table: Omissions) -> Net:
         node = about.merged(given, defaults, inside + where)
         about.count_unread(node, about.NODE, f"a {kind}", where, table)
         where = inside + where
-        places.append([about.number(node, axis, where) for axis in "xyz"])
+        places.append(about.coordinates(node, where))
         own.append([about.number(node, "p" + axis, where) for axis in "xyz"])
         # every flag is looked at, so that none is wrong
         fixed.append([max([about.flag(node, word, where) for word in about.SUPPORTS])] * 3)
