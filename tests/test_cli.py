@@ -140,8 +140,9 @@ def test_form_writes_a_scene_in_equilibrium(scene, capsys):
     structure, phases = jc.scenes.saddle(2, 2)
     jc.save_scene("saddle.json", (structure, phases))
     for words in (["--tension", "5000"], ["--force-density", "4000"]):
-        assert main(["form", "saddle.json", *words, "--save", "form.json"]) == 0
-        assert "wrote form.json" in capsys.readouterr().out
+        assert main(["form", "saddle.json", *words, "--loads", "none", "--save", "form.json"]) == 0
+        assert "loads in the form: none\n" in (out := capsys.readouterr().out)
+        assert "wrote form.json" in out
         found, (prestress, loading) = jc.load_scene("form.json")
         assert loading.loads is not None and loading.pretension is None
         solution = jc.solve(found, [prestress])

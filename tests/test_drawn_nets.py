@@ -262,7 +262,7 @@ def test_arcs_are_chords(degrees, clockwise, tmp_path):
     turn = sorted([math.degrees(first), math.degrees(last)])
     space.add_arc((0, 0, 700), 100 * radius, *turn, dxfattribs={"layer": "c"})
     document.saveas(tmp_path / "arcs.dxf")
-    with pytest.raises(jc.files.FileError, match=r"1 ARC, 1 LWPOLYLINE with arcs.*give sagitta"):
+    with pytest.raises(jc.files.FileError, match=r"ARC \(1\), layer 'c': give sagitta.*; LWPOLY"):
         read_dxf(tmp_path / "arcs.dxf")
     net = read_dxf(tmp_path / "arcs.dxf", sagitta=sagitta)
     # rounding of the bulge and of the tangent of the quarter angle

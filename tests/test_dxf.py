@@ -102,12 +102,19 @@ def test_what_is_left_out_is_counted(tmp_path):
         space.add_line((1, 0, 1 / 3), (0, 0, 0), dxfattribs={"layer": "again"})
 
     path = drawing(tmp_path / "net.dxf", change=change)
-    words = (
-        "1 3DFACE, 2 CIRCLE, 1 INSERT, 1 LWPOLYLINE with arcs, 1 POINT, 1 POLYLINE mesh, 1 links"
-    )
-    with pytest.warns(jc.InputWarning, match=f"net.dxf: left out: {words}.*explode blocks first"):
+    with pytest.warns(jc.InputWarning, match=r"net.dxf: left out:\n  3DFACE \(1\), layer '0'\n"):
         net = read_dxf(path)
     assert len(net.links) == 6
+    assert [(row.what, row.count) for row in net.omissions] == [
+        ("3DFACE", 1),
+        ("CIRCLE", 2),
+        ("INSERT", 1),
+        ("LWPOLYLINE with arcs", 1),
+        ("POINT", 1),
+        ("POLYLINE mesh", 1),
+        ("link that occurs again", 1),
+    ]
+    assert "explode blocks first" in net.omissions[2].why and "'again'" in net.omissions[6].where
 
 
 @pytest.mark.parametrize("name", ["hypar_net", "geiger_dome", "saddle_net"])
@@ -244,7 +251,9 @@ def test_drawings_that_are_no_nets(tmp_path):
             space.delete_entity(entity)
         space.add_circle((0, 0), 1)
 
-    with pytest.raises(FileError, match=r"has no lines or polylines .* 0 POINT, 1 CIRCLE"):
+    with pytest.raises(
+        FileError, match=r"has no lines or polylines .* 0 POINT; CIRCLE \(1\), layer '0'"
+    ):
         read_dxf(drawing(tmp_path / "net.dxf", change=only_blocks))
     point = drawing(tmp_path / "net.dxf", change=lambda d, s: s.add_line((5, 5, 5), (5, 5, 5)))
     with pytest.raises(FileError, match=r"net.dxf: LINE \w+ on layer '0': a line without length"):

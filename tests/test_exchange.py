@@ -41,13 +41,16 @@ vt 0 0
 
 def test_obj_lines_become_a_net(tmp_path):
     (tmp_path / "net.obj").write_text(OBJ)
-    net = read_obj(tmp_path / "net.obj", scale=1e-3)
+    words = r"line that occurs again \(1\), line 14\n  point that no line touches \(1\), point 6$"
+    with pytest.warns(jc.InputWarning, match=words):
+        net = read_obj(tmp_path / "net.obj", scale=1e-3)
     # points nearer than 1e-6 m are one; the point that no line touches is none; links occur once
     assert net.nodes.tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0.5]]
     assert net.links.tolist() == [[0, 1], [1, 2], [3, 1], [3, 0]]
     assert net.groups == ("edge", "edge", "field", "field")
     assert net.names == ("1", "2", "4", "5") and not net.fixed.any()
-    apart = read_obj(tmp_path / "net.obj", tolerance=1e-5)
+    with pytest.warns(jc.InputWarning, match="occurs again"):
+        apart = read_obj(tmp_path / "net.obj", tolerance=1e-5)
     assert len(apart.nodes) == 5
     structure, phases = net.scene([0, 2, 3], axial_stiffness=1e5, pretension=100.0)
     assert list(structure.elements) == ["edge", "field"]

@@ -8,6 +8,15 @@ from ..files import save_dxf, save_network, save_scene
 from . import inputs, outputs
 from .guard import Refused, require_writable
 
+PROPERTIES = "axial_stiffness", "weight", "strength", "expansion", "pretension", "force_density"
+"""Options that complete a net to a scene."""
+
+_NOT_THERE = {
+    ".dxf": "a drawing has no stiffnesses, prestress or loads",
+    ".compas.json": "without a result it has no stiffnesses, prestress or loads",
+}
+"""What files of a kind do not hold of a scene."""
+
 
 def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
@@ -15,6 +24,10 @@ def run(options: Namespace) -> None:
     require_writable(options.save)
     name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
+        others = ("anchors", "bars", "split", "tol", "supports", "sagitta", "hidden", "columns")
+        inputs.refuse_options(options, (*PROPERTIES, *others), "is for nets, not for scenes")
+        if not name.endswith(".dxf"):
+            inputs.refuse_options(options, ("scale",), "is for drawings (.dxf)")
         options.scene, scale = options.files[0], options.scale or 1.0
         scene = inputs.scene(options)
     else:
@@ -29,14 +42,14 @@ def run(options: Namespace) -> None:
     except ValueError as error:
         raise Refused(f"{options.save}: {error}") from None
     count = sum(len(group.links) for group in scene.structure.groups)
-    print(f"wrote {options.save}: {scene.structure.n_node} nodes, {count} links")
+    lost = next((f"; {text}" for end, text in _NOT_THERE.items() if name.endswith(end)), "")
+    print(f"wrote {options.save}: {scene.structure.n_node} nodes, {count} links{lost}")
 
 
 def _scene(options):
     """The scene of the net that `options` name."""
     net = inputs.net(options)
-    names = ("axial_stiffness", "weight", "strength", "expansion", "pretension", "force_density")
-    properties = {name: getattr(options, name) for name in names}
+    properties = {name: getattr(options, name) for name in PROPERTIES}
     properties = {
         name: inputs.numbers(words, "--" + name.replace("_", "-"))
         for name, words in properties.items()

@@ -88,9 +88,12 @@ def _exit_status(error):
 
 
 def _warn(message, category, *_, **__):
-    """Print a warning as one line, without its place in this program."""
+    """Print a warning without its place in this program: one line, and one for each row in it."""
     ours = issubclass(category, InputWarning | UnstableWarning)
-    say(f"warning: {message}" if ours else f"{message}")
+    first, *rows = str(message).splitlines() or [""]
+    say(f"warning: {first}" if ours else first)
+    for row in rows:  # of the table of what a reader leaves out
+        print(f"  {' '.join(row.split())}", file=sys.stderr)
 
 
 def say(line: str) -> None:

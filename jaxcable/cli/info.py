@@ -23,6 +23,7 @@ def run(options: Namespace) -> None:
     """Print the contents of the files that `options` name."""
     if inputs.is_scene(options):
         options.scene = options.files[0]
+        inputs.refuse_unread(options)
         return _scene(*inputs.scene(options))
     return _net(inputs.net(options))
 

@@ -49,7 +49,7 @@ def net(options: Namespace) -> Net:
     if options.split is None:
         return found
     # chords are that far from ends which lie on their arc
-    tolerance = max(options.tol, options.sagitta or 0.0)
+    tolerance = max(options.tol or 1e-6, options.sagitta or 0.0)
     try:
         made = found.split(options.split or None, tolerance=tolerance)
     except ValueError as error:
@@ -61,24 +61,71 @@ def net(options: Namespace) -> Net:
     return made
 
 
+_FOR = {
+    "scale": (".obj", ".dxf"),
+    "tol": (".obj", ".dxf"),
+    "supports": (".dxf",),
+    "sagitta": (".dxf",),
+    "hidden": (".dxf",),
+    "columns": (".csv",),
+}
+"""Suffixes of the files that options of reading are for."""
+
+
+def refuse_options(options: Namespace, names: Sequence[str], why: str) -> None:
+    """Raise `Refused` if one of some options is given that would do nothing."""
+    for name in names:
+        if getattr(options, name, None) not in (None, False, ()):
+            raise Refused(f"--{name.replace('_', '-')}: {why}")
+
+
+def refuse_unread(options: Namespace) -> None:
+    """Raise `Refused` for options that files of this kind do not take, such as --scale of CSV."""
+    suffix = Path(options.files[0]).suffix.lower()
+    for name, suffixes in _FOR.items():
+        takes_split = name == "tol" and options.split is not None
+        if suffix not in suffixes and not takes_split:
+            refuse_options(options, [name], f"is for files {', '.join(suffixes)} only")
+
+
+def _columns(words):
+    """Names of columns, from ``x=X_COORD y=...``; None if none are given."""
+    if words is None:
+        return None
+    pairs = [part.partition("=") for word in words for part in word.split(",") if part]
+    for name, equals, own in pairs:
+        if not (name and equals and own):
+            raise Refused(f"--columns: expected column=name in the file: {' '.join(words)}")
+    return {name: own for name, _, own in pairs}
+
+
 def _read(options):
     """The `Net` in the files of a command: OBJ, DXF, JSON of compas or jax_fdm, two CSV tables."""
     paths, largest = [Path(path) for path in options.files], int(options.largest * 1e6)
     suffixes = [path.suffix.lower() for path in paths]
+    refuse_unread(options)
+    tolerance = 1e-6 if options.tol is None else options.tol
     if suffixes == [".csv", ".csv"]:
-        return read_csv(paths[0], paths[1], largest=largest)
+        try:
+            columns = _columns(options.columns)
+            return read_csv(paths[0], paths[1], largest=largest, columns=columns)
+        except FileError:
+            raise
+        except ValueError as error:
+            raise Refused(f"--{error}") from None
     if len(paths) != 1:
         raise Refused("files: expected one file, or two CSV tables: nodes and links")
     if suffixes == [".obj"]:
-        return read_obj(paths[0], options.scale or 1.0, tolerance=options.tol, largest=largest)
+        return read_obj(paths[0], options.scale or 1.0, tolerance=tolerance, largest=largest)
     if suffixes == [".dxf"]:
         try:
             return read_dxf(
                 paths[0],
                 options.scale,
-                tol=options.tol,
+                tol=tolerance,
                 supports=options.supports,
                 sagitta=options.sagitta,
+                hidden=options.hidden,
                 largest=largest,
             )
         except FileError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import warnings
 from collections.abc import Sequence
 from importlib import metadata
@@ -15,6 +16,9 @@ from ..common.keeping import keep_programs
 from ..files.reading import number, whole
 from . import convert, demo, form, info, new, optimize, plot, schema, solve, view
 from .guard import guarded, say
+
+_NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
+"""Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
 
 _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrupted (Ctrl-C)"
 
@@ -76,6 +80,7 @@ def _command(commands, name, module, help_, example):
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=module.run)
+    command._negative_number_matcher = _NEGATIVE
     return command
 
 
@@ -95,11 +100,19 @@ def _reads(command, scene=True):
         )
         command.add_argument("--scale", type=_positive, metavar="S", help=text)
         text = "of DXF and OBJ: largest distance of points that become one node, m (default 1e-6)"
-        command.add_argument("--tol", type=_positive, default=1e-6, metavar="D", help=text)
+        command.add_argument("--tol", type=_positive, metavar="D", help=text)
         text = 'of a DXF file: layer whose points are supports, "*" for all points'
         command.add_argument("--supports", metavar="LAYER", help=text)
         text = "of a DXF file: largest distance of arcs from chords in their place, m"
         command.add_argument("--sagitta", type=_positive, metavar="D", help=text)
+        text = "of a DXF file: read layers that are off or frozen, and invisible entities, too"
+        command.add_argument("--hidden", action="store_true", help=text)
+        text = (
+            "of CSV tables: what the files call the columns node, x, y, z, support, fx, first, "
+            "last, kind, group and others, as x=X_COORD support=Fixed; free=NAME for a column in "
+            "which 1 means free"
+        )
+        command.add_argument("--columns", nargs="+", metavar="COLUMN=NAME", help=text)
         text = "make nodes where links cross in plan or touch, of these groups (default: of all)"
         command.add_argument("--split", nargs="*", metavar="GROUP", help=text)
     text = "largest file that is read, MB (default 64)"
@@ -175,13 +188,18 @@ def _view(commands):
 
 
 def _form(commands):
-    text = "find the form of a net of cables and bars; further phases are kept"
+    text = (
+        "find the form of a net of cables and bars under loads of the scene; other phases are kept"
+    )
     command = _command(
         commands, "form", form, text, "net.json --force-density 50 --save formed.json"
     )
     _reads(command)
-    method = command.add_mutually_exclusive_group(required=True)
-    text = "force density, N/m: a number, or group=number for each group"
+    method = command.add_mutually_exclusive_group()
+    text = (
+        "force density, N/m: a number, or group=number for each group (default: what the first "
+        "phase with force densities states)"
+    )
     method.add_argument("--force-density", nargs="+", metavar="Q", help=text)
     text = "tension of all cables in the form, N; likewise"
     method.add_argument("--tension", nargs="+", metavar="T", help=text)
@@ -190,6 +208,11 @@ def _form(commands):
         "group=drawn for that in the scene, or group=number, m; their forces are found"
     )
     command.add_argument("--length", nargs="+", metavar="L", help=text)
+    text = (
+        "phases whose loads act in the form, from 1, or none (default: the first phase that has "
+        "loads)"
+    )
+    command.add_argument("--loads", nargs="+", metavar="PHASE", help=text)
     command.add_argument("--save", metavar="FILE", help="scene to write (.json)")
 
 

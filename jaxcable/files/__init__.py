@@ -19,16 +19,21 @@ OpenSees, ``.py``                                                    `save_opens
 A `Net` is completed to a scene by its method ``scene``, with supports and stiffnesses; its method
 ``split`` makes nodes where links cross.
 
+What a reader leaves out of a file is told in one `InputWarning` and listed in ``Net.omissions``, a
+table of `Omission`; scene files have no field that is not read, other than comments.
+
 Files are data: nothing in them is executed. A file with wrong contents raises a `FileError` that
 names the file and the line or field. `scene_schema` describes scene files to editors.
 """
 
 from .codec import register
-from .dxf import read_dxf, save_dxf
+from .dxf import read_dxf
+from .dxf_writing import save_dxf
 from .nets import Net
 from .network_writing import save_network
 from .networks import read_network
 from .obj import read_obj
+from .omissions import Omission
 from .opensees import save_opensees
 from .pairs import read_csv
 from .reading import LARGEST, FileError
@@ -41,6 +46,7 @@ __all__ = [
     "LARGEST",
     "FileError",
     "Net",
+    "Omission",
     "load_result",
     "load_scene",
     "read_csv",

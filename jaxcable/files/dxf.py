@@ -1,38 +1,40 @@
-"""Nets from drawings in DXF files, and structures as such drawings (by ezdxf, the extra `dxf`)."""
+"""Nets from drawings in DXF files (by ezdxf, the extra `dxf`)."""
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import io
 import itertools
 import logging
 from os import PathLike
-from pathlib import Path
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ..analysis.solution import Solution
-from ..common.checks import suspect
 from ..common.compilation import without_collection
-from ..elements import Bars
-from ..model.parts import groups_by_name, one_case
-from ..model.structure import Structure
-from ..model.topology import require_same
 from .arcs import curve
 from .lines import net_of
 from .nets import Net
-from .reading import LARGEST, FileError, read_bytes, written
+from .omissions import Omissions
+from .reading import LARGEST, FileError, read_bytes
 
-_METRES = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
+METRES = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
 """Metres per unit, by the code in the header: inch, foot, mm, cm, m."""
 
-_COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
-_GREY = 8  # of points
-_BARS, _SUPPORTS = "jaxcable bars", "jaxcable supports"  # properties of a drawing: names of layers
-_FORBIDDEN = str.maketrans(dict.fromkeys('<>/\\":;?*|=`,', "_"))  # in names of layers
+BARS, SUPPORTS = "jaxcable bars", "jaxcable supports"
+"""Properties of a drawing that `save_dxf` has written: names of layers."""
+
+_SPLINE_FIT = 4  # bit in the flags of a POLYLINE, whose vertices then are not all on its curve
+_ARCS = "give sagitta=..., m (--sagitta), for chords of arcs"
+_CURVED = "convert it to a polyline first, in the drawing"
+_WHY = {
+    **dict.fromkeys(("ARC", "LWPOLYLINE with arcs", "POLYLINE with arcs"), _ARCS),
+    **dict.fromkeys(("SPLINE", "ELLIPSE", "CIRCLE", "POLYLINE fitted by a spline"), _CURVED),
+    "INSERT": "blocks are not read: explode blocks first, in the drawing",
+}
+"""Why kinds of entities are left out, or what to do."""
 
 
 def read_dxf(
@@ -42,14 +44,16 @@ def read_dxf(
     tol: float = 1e-6,
     supports: str | None = None,
     sagitta: float | None = None,
+    hidden: bool = False,
     largest: int = LARGEST,
 ) -> Net:
     """Read the lines and polylines of a drawing; its layers become groups.
 
     LINE, LWPOLYLINE and POLYLINE in model space become links, one for each straight piece; ends
     nearer than `tol` become one node, and a link that occurs twice is taken once. What is left out
-    (arcs, faces, texts, blocks, links that occur again) is counted in an `InputWarning`. Lines that
-    cross or touch have no node there: see `Net.split`.
+    (arcs, faces, texts, blocks, layers that are off or frozen, paper space, links that occur again)
+    is counted in an `InputWarning` and in ``Net.omissions``. Lines that cross or touch have no node
+    there: see `Net.split`.
 
     Args:
         path: path of the file, DXF in ASCII.
@@ -62,6 +66,7 @@ def read_dxf(
             `save_dxf` has written, if the drawing is its own, and else for no support.
         sagitta: largest distance of arcs (ARC, and polylines with bulges) from the chords that take
             their place, m; None leaves them out.
+        hidden: whether to read layers that are off or frozen, and invisible entities, too.
         largest: largest size that is read, bytes.
 
     Returns:
@@ -88,7 +93,7 @@ def read_dxf(
         raise ValueError(f"scale = {scale}, tol = {tol}: expected positive numbers")
     if sagitta is not None and not 0 < sagitta < np.inf:
         raise ValueError(f"sagitta = {sagitta}: expected a positive number")
-    library = _library()
+    ezdxf = library()
     data = read_bytes(path, largest)
     try:
         text = data.decode("utf-8-sig")
@@ -97,11 +102,11 @@ def read_dxf(
     try:
         with without_collection():  # a drawing has no garbage while it is read
             # lines may end as Windows ends them, which the parser leaves to its stream
-            document = library.read(io.StringIO(text, newline=None))
+            document = ezdxf.read(io.StringIO(text, newline=None))
             unit = document.header.get("$INSUNITS", 0)
-            metres = float(_METRES.get(unit, 0.0) if scale is None else scale)
+            metres = float(METRES.get(unit, 0.0) if scale is None else scale)
             sag = sagitta / metres if sagitta is not None and metres else None
-            entities = [_content(entity, sag) for entity in document.modelspace()]
+            entities, table = _shown(document, sag, hidden)
             own = [(str(key), str(layer)) for key, layer in document.header.custom_vars]
     except Exception as error:  # whatever a foreign parser makes of a damaged file
         told = " ".join(str(error).split())[:120]
@@ -111,17 +116,37 @@ def read_dxf(
             f"{path}: $INSUNITS = {unit}: no unit that is known; give scale=..., m (--scale)"
         )
     if supports is None:
-        marked = {layer for kind, _, layer, _ in entities if kind == "POINT"}
-        supports = next((name for key, name in own if key == _SUPPORTS and name in marked), None)
+        marked = {entity.layer for entity in entities if entity.kind == "POINT"}
+        supports = next((name for key, name in own if key == SUPPORTS and name in marked), None)
     try:
-        net = _net(path, entities, metres, tol, supports)
+        net = _net(entities, metres, tol, supports, table)
     except FileError as error:
         raise FileError(f"{path}: {error}") from None
-    bars = [("bar" if (_BARS, group) in own else "cable") for group in net.groups or ()]
-    return dataclasses.replace(net, kinds=tuple(bars))
+    table.warn(path)
+    bars = [("bar" if (BARS, group) in own else "cable") for group in net.groups or ()]
+    return dataclasses.replace(net, kinds=tuple(bars), omissions=table.table())
 
 
-def _library() -> ModuleType:
+def _shown(document, sagitta, hidden):
+    """Entities of model space, a list, and the `Omissions` of what is not shown in the drawing."""
+    table, layers, files = Omissions(), _unseen_layers(document), _references(document)
+    found = []
+    for entity in document.modelspace():
+        content = _content(entity, sagitta, layers)
+        name = str(entity.dxf.get("name", "")).lower() if content.kind == "INSERT" else ""
+        if content.unseen and not hidden:
+            why = f"{content.unseen} in the drawing; hidden=True (--hidden) reads it"
+            table.add(content.kind, f"layer {content.layer!r}", why)
+        elif name in files:
+            why = "drawings that this one refers to are not read: bind them first"
+            table.add("external reference", repr(files[name]), why)
+        else:
+            found.append(content)
+    _count_paper(document, table)
+    return found, table
+
+
+def library() -> ModuleType:
     """The module `ezdxf`."""
     try:
         import ezdxf
@@ -131,11 +156,30 @@ def _library() -> ModuleType:
     return ezdxf
 
 
-def _content(entity, sagitta):
-    """Kind, place in words, layer, and points of an entity; no points if it is left out.
+class _Entity(NamedTuple):
+    """What of an entity is read.
+
+    Attributes:
+        kind: its kind, in the words of the format.
+        where: its place in words.
+        layer: its layer.
+        points: those along it, in units of the drawing; none if it is left out.
+        unseen: why it is not shown in the drawing, in words; empty if it is.
+    """
+
+    kind: str
+    where: str
+    layer: str
+    points: list[tuple[float, float, float]]
+    unseen: str
+
+
+def _content(entity, sagitta, layers):
+    """The `_Entity` of an entity of ezdxf.
 
     Args:
         sagitta: of chords in place of arcs, in units of the drawing; None leaves out arcs.
+        layers: dict from name of a layer, in small letters, to why it is not shown.
     """
     kind, points = entity.dxftype(), []
     if kind == "LINE":
@@ -154,37 +198,75 @@ def _content(entity, sagitta):
     elif kind == "POLYLINE":
         if not (entity.is_2d_polyline or entity.is_3d_polyline):
             kind = "POLYLINE mesh"
+        elif entity.dxf.flags & _SPLINE_FIT:
+            kind = "POLYLINE fitted by a spline"
         elif entity.has_arc:
             kind = "POLYLINE with arcs"
             points = [] if sagitta is None else curve(entity, sagitta)
         else:
             points = [*entity.points_in_wcs()]
             points += points[:1] if entity.is_closed else []
-    where = f"{kind} {entity.dxf.handle} on layer {entity.dxf.layer!r}"
-    return kind, where, entity.dxf.layer, [tuple(point) for point in points]
+    layer = str(entity.dxf.get("layer", "0"))
+    where = f"{kind} {entity.dxf.get('handle', '?')} on layer {layer!r}"
+    unseen = layers.get(layer.lower(), "")
+    if entity.dxf.get("invisible", 0):
+        unseen = "invisible"
+    return _Entity(kind, where, layer, [tuple(point) for point in points], unseen)
 
 
-def _net(path, entities, metres, tol, supports):
-    """The `Net` of the entities of a drawing."""
-    places, lines, marks, left = [], [], [], collections.Counter()
-    for kind, where, layer, points in entities:
+def _unseen_layers(document):
+    """Why layers are not shown: dict from their names, in small letters, to "frozen" or "off"."""
+    why = {}
+    for layer in document.layers:
+        if layer.is_frozen() or layer.is_off():
+            why[layer.dxf.name.lower()] = "frozen" if layer.is_frozen() else "off"
+    return why
+
+
+def _count_paper(document, table):
+    """Count what is drawn on layouts of paper, but for the windows on the model."""
+    for layout in document.layouts:
+        if layout.is_any_paperspace:
+            count = sum(entity.dxftype() != "VIEWPORT" for entity in layout)
+            why = "model space alone is read"
+            table.add("entity in paper space", f"layout {layout.name!r}", why, count)
+
+
+def _references(document):
+    """Names of files that blocks refer to, by the name of the block in small letters."""
+    return {
+        block.name.lower(): str(block.block.dxf.get("xref_path", "?"))
+        for block in document.blocks
+        if block.block is not None and block.block.is_xref
+    }
+
+
+def _net(entities, metres, tol, supports, table):
+    """The `Net` of the entities of a drawing that are shown.
+
+    Args:
+        entities: `_Entity` of what is read, a list.
+        table: `Omissions`, which counts what is left out.
+    """
+    places, lines, marks = [], [], []
+    for kind, where, layer, points, _ in entities:
         if not np.isfinite(np.array(points, float)).all():
             raise FileError(f"{where}: a coordinate that is not finite")
         if kind == "POINT":
             marks.append((where, layer, points[0]))
         elif len(points) < 2:
-            left[kind] += 1
+            table.add(kind, f"layer {layer!r}", _WHY.get(kind, ""))
         else:
             first = len(places)
             places += points
             numbers = range(first, len(places))
             lines += [(where, layer, i, j) for i, j in itertools.pairwise(numbers)]
     if not lines:
-        told = "".join(f", {count} {kind}" for kind, count in sorted(left.items()))
-        told += _hint(left)
-        raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told}")
-    net, repeated = net_of(metres * np.array(places, float), lines, tol)
-    left["links that occur again"] += repeated
+        told = "".join(f"; {row}" for row in table.table())
+        raise FileError(f"has no lines or polylines in model space: {len(marks)} POINT{told:.500}")
+    net, repeated, _ = net_of(metres * np.array(places, float), lines, tol)
+    for where in repeated:
+        table.add("link that occurs again", where)
     distance, node = np.array([]), np.array([], int)
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))
@@ -197,105 +279,11 @@ def _net(path, entities, metres, tol, supports):
         if support:
             net.fixed[number] = True
         elif off > tol:
-            left["POINT"] += 1
+            table.add("POINT", f"layer {layer!r}", "off the nodes")
     if supports is not None and not any(held):
         layers = ", ".join(map(repr, on)) or "none"
         raise FileError(
             f"supports = {supports!r}: there is no POINT on this layer; there are on: {layers}"
         )
-    told = ", ".join(f"{count} {kind}" for kind, count in sorted(left.items()) if count)
-    if told:
-        suspect(f"{path}: left out: {told}{_hint(left)}")
     by_layer = {layer: np.array(sorted(nodes), np.int32) for layer, nodes in on.items()}
     return dataclasses.replace(net, marks=by_layer)
-
-
-def _hint(left):
-    """What to do about what is left out, as text; `left` counts it by kind."""
-    arcs = any(left[kind] for kind in ("ARC", "LWPOLYLINE with arcs", "POLYLINE with arcs"))
-    hint = "; give sagitta=..., m (--sagitta), for chords of arcs" if arcs else ""
-    blocks = "; blocks (INSERT) are not read: explode blocks first, in the drawing"
-    return hint + (blocks if left["INSERT"] else "")
-
-
-def save_dxf(
-    path: str | PathLike[str],
-    structure: Structure,
-    solution: Solution | None = None,
-    scale: float = 1.0,
-) -> list[Path]:
-    """Write a structure as a drawing, with a layer and a colour for each group.
-
-    Elements are lines, and cables over several nodes polylines. Nodes are points: those that are
-    held on the layer ``supports``, others on the layer ``nodes``. Properties of the drawing say
-    which layers are bars, and which one has supports that are held in all directions, so that
-    `read_dxf` finds both.
-
-    Args:
-        path: path of the file, ending with .dxf.
-        structure: `Structure`.
-        solution: its `Solution`, for the positions in its end; if it has failed, those of the last
-            converged state. None draws the nodes as they are in the structure.
-        scale: metres per unit of the drawing: 1 for metres, 1e-3 for mm, 1e-2 for cm, 0.0254 for
-            inches, 0.3048 for feet.
-
-    Returns:
-        Paths of the files written, a list.
-
-    Raises:
-        ValueError: another suffix or scale, groups whose names are one layer, a batch, another
-            structure than that of the solution; ezdxf is not installed.
-        OSError: the file cannot be written.
-
-    Example:
-        >>> import tempfile, pathlib
-        >>> structure, phases = jc.scenes.flat_net(load=15.0)
-        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.dxf"
-        >>> _ = jc.files.save_dxf(path, structure, jc.solve(structure, phases))
-        >>> net = jc.files.read_dxf(path)
-        >>> print(f"{net.nodes[:, 2].min():.6f} m")
-        -0.012838 m
-    """
-    path = Path(path)
-    if path.suffix.lower() != ".dxf":
-        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .dxf")
-    units = {metres: unit for unit, metres in _METRES.items()}
-    if scale not in units:
-        known = ", ".join(map(str, sorted(units)))
-        raise ValueError(f"scale = {scale}: expected the metres of a unit, one of {known}")
-    places = np.asarray(structure.nodes, float)
-    if solution is not None:
-        one_case(solution)
-        require_same(structure, solution.last.topology, "solution")
-        places = np.asarray(solution.last.positions, float)
-    document = _library().new("R2010")
-    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
-    space, points = document.modelspace(), (places / scale).tolist()
-    layers = {"0", "defpoints"}
-    for number, (name, group) in enumerate(groups_by_name(structure)):
-        layer = (name or type(group).__name__).translate(_FORBIDDEN)[:255]
-        if layer.lower() in layers:  # the format does not tell small letters from capitals
-            raise ValueError(f"elements: a group {name!r} needs the layer {layer!r}; rename it")
-        layers.add(layer.lower())
-        document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
-        if isinstance(group, Bars):
-            document.header.custom_vars.append(_BARS, layer)
-        for chain in group.links.array.tolist():
-            ends = [k for k, _ in itertools.groupby(chain)]  # shorter chains are padded
-            if len(ends) == 2:
-                space.add_line(points[ends[0]], points[ends[1]], dxfattribs={"layer": layer})
-            else:
-                space.add_polyline3d([points[k] for k in ends], dxfattribs={"layer": layer})
-    fixed = np.asarray(structure.supports.fixed(structure.n_node))
-    held, pinned = fixed.any(axis=1), fixed[:, :3].all(axis=1)
-    for layer, mask in (("supports", held), ("nodes", ~held)):
-        while layer in layers:
-            layer += "_"
-        document.layers.add(layer, color=_GREY)
-        if mask is held and (held == pinned).all():
-            document.header.custom_vars.append(_SUPPORTS, layer)
-        for k in np.flatnonzero(mask):
-            space.add_point(points[k], dxfattribs={"layer": layer})
-    with written(path) as stream:
-        document.write(stream)
-    return [path]

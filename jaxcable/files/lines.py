@@ -23,11 +23,13 @@ class Drawn(NamedTuple):
 
     Attributes:
         net: `Net` with groups, and with the numbers of points from 1 as names; without supports.
-        repeated: number of lines that are there already, between the same nodes.
+        repeated: places in the file of lines between nodes that a line joins already, a list.
+        unused: numbers from 0 of points that no line touches, a list.
     """
 
     net: Net
-    repeated: int
+    repeated: list[str]
+    unused: list[int]
 
 
 def net_of(
@@ -48,12 +50,16 @@ def net_of(
     if not np.abs(places).max() < _FARTHEST:
         raise FileError(f"coordinates beyond {_FARTHEST:.0e} m; is the scale right?")
     node = _joined(places, tolerance)
-    found = {}
+    found: dict[tuple[int, int], tuple[int, int, str]] = {}
+    repeated = []
     for where, label, i, j in lines:
         first, second = int(node[i]), int(node[j])
         if first == second:
             raise FileError(f"{where}: a line without length")
-        found.setdefault((min(first, second), max(first, second)), (first, second, label))
+        pair = min(first, second), max(first, second)
+        if pair in found:
+            repeated.append(where)
+        found.setdefault(pair, (first, second, label))
     links: np.ndarray = np.array([(i, j) for i, j, _ in found.values()], np.int32)
     used, links = np.unique(links, return_inverse=True)  # drop points without a line
     links = links.reshape(-1, 2).astype(np.int32)
@@ -66,7 +72,7 @@ def net_of(
         groups=tuple(label for *_, label in found.values()),
         names=tuple(str(k + 1) for k in origin[used]),
     )
-    return Drawn(net, len(lines) - len(found))
+    return Drawn(net, repeated, np.flatnonzero(~np.isin(node, used)).tolist())
 
 
 def _joined(places, tolerance):

@@ -19,6 +19,7 @@ from ..model.structure import Structure
 from ..model.supports import Supports, pinned
 from ..scenes import Scene
 from . import crossings, doubts
+from .omissions import Omission
 
 PROPERTIES = ("axial_stiffness", "rest_length", "weight", "strength", "expansion")
 STATEMENTS = ("pretension", "force_density", "prestrain")
@@ -41,6 +42,8 @@ class Net:
         names: names of the nodes in the file, a tuple; "" for nodes that `split` has made.
         marks: dict from the name of a layer to the numbers of the nodes at which it has points;
             of drawings only.
+        omissions: what the file holds and the net does not, a tuple of `Omission`; the reader has
+            shown it in an `InputWarning`.
 
     Example:
         >>> nodes, links = np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[0, 1]])
@@ -58,6 +61,7 @@ class Net:
     groups: tuple[str, ...] | None = None
     names: tuple[str, ...] = ()
     marks: dict[str, Int[np.ndarray, " n"]] = dataclasses.field(default_factory=dict)
+    omissions: tuple[Omission, ...] = ()
 
     def scene(
         self,

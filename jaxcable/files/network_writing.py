@@ -15,6 +15,7 @@ from ..common.types import ArrayLike, Int
 from ..model.parts import groups_by_name, one_case, per_group, pieces
 from ..model.structure import Structure
 from ..model.topology import require_same
+from .omissions import Omissions
 from .reading import written
 
 
@@ -27,7 +28,8 @@ def save_network(
 ) -> list[Path]:
     """Write a structure as a Graph, or a Mesh, that compas 2 opens and `read_network` reads.
 
-    Nodes have ``x, y, z`` (m), ``is_support`` where all displacements are held, and the load
+    Nodes have ``x, y, z`` (m), ``is_support`` where all displacements are held (supports in some
+    directions only are left out, with an `InputWarning`), and the load
     ``px, py, pz`` (N). Edges are the straight pieces of elements, with ``group`` and the length
     ``l`` (m); with a solution also the force ``f`` (N), the force density ``q = f / l`` (N/m) and,
     for elements of two nodes, the unstressed length ``l0`` (m). Of a catenary, ``f`` is the mean of
@@ -74,6 +76,10 @@ def save_network(
     if not np.isfinite(places).all():
         raise ValueError(f"nodes[{int(np.argwhere(~np.isfinite(places))[0][0])}]: not finite")
     held = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].all(axis=1))
+    table = Omissions()
+    some = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].any(axis=1)) & ~held
+    for k in np.flatnonzero(some).tolist():
+        table.add("support in some directions", f"node {k}", "nodes are held wholly, or free")
     nodes: dict[str, Any] = {}
     for k, place in enumerate(places.tolist()):
         nodes[str(k)] = dict(zip("xyz", place, strict=True))
@@ -88,6 +94,7 @@ def save_network(
     text = json.dumps(whole, allow_nan=False)
     with written(path) as stream:
         stream.write(text + "\n")
+    table.warn(path)
     return [path]
 
 

@@ -3,22 +3,44 @@
 from __future__ import annotations
 
 from os import PathLike
+from typing import Any
 
 import numpy as np
 
+from . import attributes as about
+from .finding import Found, find_net
 from .nets import Net
+from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
+from .spreading import Spread, nodal_loads
 
-_SUPPORTS = ("is_support", "is_anchor", "is_fixed")  # of jax_fdm, compas_fofin, compas_fd
+_LISTED = frozenset(
+    "node edge vertex face edgedata facedata dna dea dva dfa default_node_attributes "
+    "default_edge_attributes default_vertex_attributes default_face_attributes".split()
+)
+_ORDER = frozenset("max_node max_vertex max_face max_edge adjacency halfedge name".split())
+"""Fields of a net that follow from others."""
 
 
 def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
     """Read a network, graph or mesh that compas 1 or 2, compas_fd or jax_fdm has written as JSON.
 
-    The net has the positions of nodes, supports (``is_support``, ``is_anchor`` or ``is_fixed``),
-    loads ``px, py, pz`` in newtons, edges, and force densities ``q`` in N/m; an edge without ``q``,
-    or with zero, has no force density. Edges with a negative force density become bars. The edges
-    of a mesh are those of its faces.
+    The file may also be the session of a program, such as compas_fofin: its first net is read. The
+    net has
+
+    - positions of nodes, and supports: ``is_support``, ``is_anchor`` or ``is_fixed`` (true or 1);
+    - edges (of a mesh those of its faces) with force densities ``q``, N/m; zero is none. Edges with
+      a negative force density become bars. If none has ``q``, unstressed lengths ``l0``, m, are
+      read. ``group`` names the group of an edge;
+    - loads ``px, py, pz``: of nodes in newtons, of edges in N/m, of faces in N/m2, along x, y, z.
+      Loads of edges and faces become loads of nodes as in jax_fdm, in the positions of the file:
+      half of the load of an edge acts at each end; the load of a face acts through its edges, each
+      with the triangle up to the mean of the corners. Files of results have these loads in those of
+      nodes already: if the loads of nodes alone are in balance with ``q``, none is added.
+
+    Everything else that is not empty is counted in an `InputWarning` and in ``Net.omissions``. Not
+    counted are names, colors, and results: forces and lengths that agree with ``q`` and the
+    positions, ``l0`` beside ``q``, residuals, and attributes whose names begin with ``_``.
 
     Args:
         path: path of the file.
@@ -41,111 +63,230 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
         [2.0]
     """
     data = read_json(path, largest)
+    table = Omissions()
     try:
-        return _net(data)
+        found = find_net(data, table)
+        net = _net(found, table)
     except FileError as error:
         raise FileError(f"{path}: {error}") from None
+    table.warn(path)
+    return net
 
 
-def _net(data):
+def _net(found: Found, table: Omissions) -> Net:
     """The `Net` in the data of a file."""
-    for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
-        if isinstance(data.get(key), dict):
-            data = data[key]
+    data, inside = found
     mesh = "vertex" in data
     kind = "vertex" if mesh else "node"
-    nodes = _table(data, kind)
+    nodes = _table(data, kind, inside)
     if not nodes:
-        raise FileError(f"{kind}: missing; no network or mesh of compas")
-    defaults = data.get(f"default_{kind}_attributes") or data.get("dva" if mesh else "dna") or {}
-    names = {name: k for k, name in enumerate(nodes)}
-    places, fixed, loads = [], [], []
-    for name, attributes in nodes.items():
+        raise FileError(f"{inside}{kind}: missing; no network or mesh of compas")
+    defaults = _defaults(data, kind, "dva" if mesh else "dna")
+    places, fixed, own = [], [], []
+    for name, given in nodes.items():
         where = f"{kind}[{name!r}]"
-        if not isinstance(attributes, dict) or not isinstance(defaults, dict):
-            raise FileError(f"{where}: expected an object of attributes")
-        attributes = {**defaults, **attributes}
-        places.append([_number(attributes, axis, where) for axis in "xyz"])
-        fixed.append([any(attributes.get(word) is True for word in _SUPPORTS)] * 3)
-        loads.append([_number(attributes, "p" + axis, where) for axis in "xyz"])
-    edges = _mesh_edges(data, names) if mesh else _edges(data, names)
+        node = about.merged(given, defaults, inside + where)
+        about.count_unread(node, about.NODE, f"a {kind}", where, table)
+        where = inside + where
+        places.append(about.coordinates(node, where))
+        own.append([about.number(node, "p" + axis, where) for axis in "xyz"])
+        # every flag is looked at, so that none is wrong
+        fixed.append([max([about.flag(node, word, where) for word in about.SUPPORTS])] * 3)
+    names = {name: k for k, name in enumerate(nodes)}
+    faces = _faces(data, names, inside) if mesh else {}
+    edges = _sides(data, faces, names, table) if mesh else _edges(data, names, inside, table)
     if not edges:
-        raise FileError("edge: the network has no edges")
-    default = data.get("default_edge_attributes") or data.get("dea") or {}
-    default = default if isinstance(default, dict) else {}
-    densities = np.array(
-        [_number({**default, **attributes}, "q", f"edge {ij}") for ij, attributes in edges.items()]
-    )
-    loads = np.array(loads)
-    known = densities != 0
+        what = "face: the mesh has no faces, hence" if mesh else "edge: the network has"
+        raise FileError(f"{inside}{what} no edges")
+    of_all = _defaults(data, "edge", "dea")
+    edges = {pair: about.merged(given, of_all, f"edge {pair}") for pair, given in edges.items()}
+    shown = list(names)
+    edges = {
+        pair: edge
+        for pair, edge in edges.items()
+        if about.flag(edge, "_is_edge", _place(shown, pair), True)
+        and about.flag(edge, "is_edge", _place(shown, pair), True)
+    }
+    nodes_at, links = np.array(places), np.array(list(edges), np.int32).reshape(-1, 2)
+    if not len(links):
+        raise FileError(f"{inside}edge: no edge of the mesh is one of the net")
+    lengths = np.linalg.norm(nodes_at[links[:, 1]] - nodes_at[links[:, 0]], axis=1)
+    densities, on_edges = _numbers_of_edges(edges, lengths, shown, table)
+    on_faces = _loads_of_faces(data, faces, table)
+    _count_whole(data, table)
+    held = np.array(fixed)
+    spread = Spread(nodes_at, links, on_edges, list(faces.values()), on_faces)
+    loads = nodal_loads(np.array(own), spread, densities, held[:, 0], table)
     return Net(
-        nodes=np.array(places),
-        links=np.array(list(edges), np.int32),
-        fixed=np.array(fixed),
+        nodes=nodes_at,
+        links=links,
+        fixed=held,
         loads=loads if loads.any() else None,
-        values={"force_density": np.where(known, densities, np.nan)} if known.any() else {},
-        kinds=tuple("bar" if q < 0 else "cable" for q in densities),
+        values=_values(edges, densities, shown, table),
+        **_kinds(edges, densities, shown, table),
         names=tuple(names),
+        omissions=table.table(),
     )
 
 
-def _table(data, key):
+def _numbers_of_edges(edges, lengths, names, table):
+    """Force densities [n_edge] and loads per length [n_edge, 3]; counts what is not read."""
+    densities, loads = [], []
+    for (pair, edge), length in zip(edges.items(), lengths, strict=True):
+        where = _place(names, pair)
+        densities.append(about.number(edge, "q", where))
+        loads.append([about.number(edge, "p" + axis, where) for axis in "xyz"])
+        about.count_unread(edge, about.EDGE, "an edge", where, table)
+        about.count_results(edge, densities[-1], float(length), where, table)
+    return np.array(densities), np.array(loads)
+
+
+def _values(edges, densities, names, table):
+    """Force densities, or else unstressed lengths, by name of the property."""
+    known = densities != 0
+    if known.any():
+        for (pair, edge), stated in zip(edges.items(), known, strict=True):
+            if not stated and not about.empty(edge.get("l0")):
+                why = "other edges have force densities"
+                table.add("attribute 'l0' of an edge", _place(names, pair), why)
+        return {"force_density": np.where(known, densities, np.nan)}
+    rest = np.array([about.number(edge, "l0", _place(names, p)) for p, edge in edges.items()])
+    if (rest < 0).any():
+        pair = list(edges)[int((rest < 0).argmax())]
+        raise FileError(f"{_place(names, pair)}.l0: expected a length, got {rest.min()}")
+    return {"rest_length": np.where(rest > 0, rest, np.nan)} if rest.any() else {}
+
+
+def _kinds(edges, densities, names, table):
+    """Kinds and groups of the edges; a group with a negative force density is one of bars."""
+    labels = []
+    for pair, edge in edges.items():
+        label = edge.get("group")
+        if not isinstance(label, str | None):
+            table.add("attribute 'group' of an edge", _place(names, pair), "is no text")
+            label = None
+        labels.append(label or "")
+    negative = (densities < 0).tolist()
+    if len(set(labels)) < 2:
+        return {"kinds": tuple("bar" if bar else "cable" for bar in negative)}
+    pushed = {label for label, bar in zip(labels, negative, strict=True) if bar and label}
+    kinds = [bar or label in pushed for label, bar in zip(labels, negative, strict=True)]
+    plain = [
+        label or ("bars" if bar else "cables") for label, bar in zip(labels, kinds, strict=True)
+    ]
+    return {"kinds": tuple("bar" if bar else "cable" for bar in kinds), "groups": tuple(plain)}
+
+
+def _loads_of_faces(data, faces, table):
+    """Loads of faces per area, [n_face, 3]; counts attributes that are not read."""
+    defaults = _defaults(data, "face", "dfa")
+    given = _table(data, "facedata", "")
+    for name in given.keys() - faces.keys():
+        table.add("attributes of a face that is not there", f"facedata[{name!r}]")
+    loads = []
+    for name in faces:
+        where = f"facedata[{name!r}]"
+        face = about.merged(given.get(name), defaults, where)
+        about.count_unread(face, about.FACE, "a face", where, table)
+        loads.append([about.number(face, "p" + axis, where) for axis in "xyz"])
+    return np.array(loads).reshape(-1, 3)
+
+
+def _count_whole(data, table):
+    """Count what a net has beside nodes, edges and faces."""
+    whole = data.get("attributes")
+    if isinstance(whole, dict):
+        # the density of surfaces; without a thickness, which is counted, it has no weight
+        about.count_unread(whole, frozenset(("density",)), "the whole", "attributes", table)
+    for key, value in data.items():
+        if key not in _LISTED | _ORDER | {"attributes"} | about.LOOKS and not about.empty(value):
+            table.add(f"field {key!r}", "", about.WHY.get(key, ""))
+
+
+def _place(names, pair):
+    """The place of an edge in words, by the names of its nodes."""
+    return f"edge {names[pair[0]]}-{names[pair[1]]}"
+
+
+def _table(data, key, inside):
     """The object under a key, a dict; empty if there is none."""
-    found = data.get(key, {})
+    found = data.get(key)
+    found = {} if found is None else found
     if not isinstance(found, dict):
-        raise FileError(f"{key}: expected an object")
+        raise FileError(f"{inside}{key}: expected an object")
     return found
 
 
-def _number(attributes, key, where):
-    """The finite number under a key of attributes; 0 if there is none."""
-    value = attributes.get(key)
-    value = 0.0 if value is None else value
-    number = not isinstance(value, bool) and isinstance(value, int | float)
-    if not number or not abs(value) < 1e300:
-        raise FileError(f"{where}.{key}: expected a finite number, got {value!r:.40}")
-    return float(value)
+def _defaults(data, kind, short):
+    """Attributes that a file states for all nodes, edges or faces, a dict."""
+    for key in (f"default_{kind}_attributes", short):
+        if data.get(key) is not None:
+            return _table(data, key, "")
+    return {}
 
 
-def _edges(data, names):
+def _edges(data, names, inside, table):
     """Edges of a network, each once: dict from pairs of node numbers to attributes."""
-    found = {}
-    for i, others in _table(data, "edge").items():
+    found: dict[tuple[int, int], Any] = {}
+    for i, others in _table(data, "edge", inside).items():
         if not isinstance(others, dict):
-            raise FileError(f"edge[{i!r}]: expected an object")
-        for j, attributes in others.items():
-            attributes = {} if attributes is None else attributes
-            if not isinstance(attributes, dict):
-                raise FileError(f"edge[{i!r}][{j!r}]: expected an object of attributes")
-            _put(found, names, i, j, attributes, f"edge[{i!r}][{j!r}]")
+            raise FileError(f"{inside}edge[{i!r}]: expected an object")
+        for j, given in others.items():
+            where = f"edge[{i!r}][{j!r}]"
+            _put(found, names, (i, j), about.merged(given, {}, inside + where), where, table)
     return found
 
 
-def _mesh_edges(data, names):
+def _faces(data, names, inside):
+    """Faces of a mesh: dict from their names to node numbers around them."""
+    found = {}
+    for name, face in _table(data, "face", inside).items():
+        where = f"{inside}face[{name!r}]"
+        if not isinstance(face, list) or len(face) < 2:
+            raise FileError(f"{where}: expected a list of vertices")
+        for vertex in map(str, face):
+            if vertex not in names:
+                raise FileError(f"{where}: there is no node {vertex!r}")
+        found[name] = [names[str(vertex)] for vertex in face]
+    return found
+
+
+def _sides(data, faces, names, table):
     """Edges of the faces of a mesh, each once: dict from pairs of node numbers to attributes."""
     of_pair = {}
-    for key, attributes in _table(data, "edgedata").items():
-        pair = frozenset(key.replace("(", "").replace(")", "").replace(",", "-").split("-"))
-        of_pair[frozenset(word.strip() for word in pair)] = (
-            attributes if isinstance(attributes, dict) else {}
+    for key, given in _table(data, "edgedata", "").items():
+        words = key.replace("(", "").replace(")", "").replace(",", "-").split("-")
+        where = f"edgedata[{key!r}]"
+        of_pair[frozenset(word.strip(" '\"") for word in words)] = (
+            where,
+            about.merged(given, {}, where),
         )
-    found = {}
-    for name, face in _table(data, "face").items():
-        if not isinstance(face, list) or len(face) < 2:
-            raise FileError(f"face[{name!r}]: expected a list of vertices")
-        for i, j in zip(face, face[1:] + face[:1], strict=True):
-            attributes = of_pair.get(frozenset((str(i), str(j))), {})
-            _put(found, names, str(i), str(j), attributes, f"face[{name!r}]")
+    found: dict[tuple[int, int], Any] = {}
+    shown, used = list(names), set()
+    for name, ring in faces.items():
+        for i, j in zip(ring, ring[1:] + ring[:1], strict=True):
+            pair = frozenset((shown[i], shown[j]))
+            used.add(pair)
+            if (j, i) not in found:
+                given = of_pair.get(pair, ("", {}))[1]
+                _put(found, names, (shown[i], shown[j]), given, f"face[{name!r}]", table)
+    for pair in of_pair.keys() - used:
+        where, given = of_pair[pair]
+        if not all(map(about.empty, given.values())):
+            table.add("edge that is no side of a face", where)
     return found
 
 
-def _put(found, names, i, j, attributes, where):
+def _put(found, names, ends, given, where, table):
     """Add an edge between two named nodes to a dict, unless it is in it already."""
-    for name in (i, j):
+    for name in ends:
         if name not in names:
             raise FileError(f"{where}: there is no node {name!r}")
-    pair = names[i], names[j]
+    pair = names[ends[0]], names[ends[1]]
     if pair[0] == pair[1]:
         raise FileError(f"{where}: an edge from a node to itself")
-    if pair[::-1] not in found:
-        found.setdefault(pair, attributes)
+    there = found.get(pair, found.get(pair[::-1]))
+    if there is None:
+        found[pair] = given
+    elif there != given:
+        table.add("edge that occurs again", where, "with other attributes; the first is read")

@@ -11,7 +11,22 @@ import numpy as np
 from . import reading
 from .lines import net_of
 from .nets import Net
+from .omissions import Omissions
 from .reading import LARGEST, FileError, read_text
+
+_APPEARANCE = frozenset("vt vn s usemtl mtllib lod bevel c_interp d_interp usemap maplib".split())
+"""Statements that change the look only: textures, normals, smoothing, materials, details."""
+
+_CURVES = (
+    "vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con ctech stech "
+    "bzp bsp cdc cdp res"
+)
+_FREE_FORM = {
+    **dict.fromkeys(_CURVES.split(), "free-form curves are not read: convert them to polylines"),
+    **dict.fromkeys(("call", "csh"), "nothing in a file is executed"),
+    "p": "points carry no link",
+}
+"""Why other statements are left out."""
 
 
 def read_obj(
@@ -25,7 +40,9 @@ def read_obj(
 
     Programs often write separate points for every line: points nearer than `tolerance` become one
     node, and a link that occurs twice is taken once. Groups (``g``, ``o``) become groups of the
-    net. Everything else in the file is skipped.
+    net. Textures, normals and materials are skipped. What else is left out (free-form
+    curves, lines that occur again, points that no line touches) is counted in an `InputWarning` and
+    in ``Net.omissions``.
 
     Args:
         path: path of the file.
@@ -53,36 +70,76 @@ def read_obj(
     """
     if not 0 < scale < np.inf or not 0 <= tolerance < np.inf:
         raise ValueError(f"scale = {scale}, tolerance = {tolerance}: expected positive numbers")
+    table, rings = Omissions(), set()
     points, lines, group, named = [], [], "", False
-    for number, text in enumerate(read_text(path, largest).splitlines(), 1):
-        words = text.split("#")[0].split()
+    for number, text in _statements(read_text(path, largest)):
+        words, place = text.split("#")[0].split(), f"line {number}"
         kind, words = (words[0], words[1:]) if words else ("", [])
         try:
             if kind == "v":
-                points.append([reading.number(word) for word in words[:3]])
-                if len(points[-1]) != 3 or not np.isfinite(points[-1]).all():
-                    raise ValueError("a point has three finite coordinates")
+                points.append(_position(words, table, place))
             elif kind in ("l", "f"):
                 chain = [_point(word, len(points)) for word in words]
                 if len(chain) < 2:
                     raise ValueError("a line has at least two points")
-                chain += chain[:1] if kind == "f" else []
-                lines += [(f"line {number}", group, *pair) for pair in itertools.pairwise(chain)]
+                if kind == "f":
+                    chain += chain[:1]
+                    rings.add(place)
+                lines += [(place, group, *pair) for pair in itertools.pairwise(chain)]
             elif kind in ("g", "o"):
                 group, named = " ".join(words), True
+            elif kind and kind not in _APPEARANCE:
+                table.add(f"statement {kind!r}", place, _FREE_FORM.get(kind, ""))
         except ValueError as error:
-            raise FileError(f"{path}: line {number}: {error}") from None
+            raise FileError(f"{path}: {place}: {error}") from None
     if not points or not lines:
-        raise FileError(f"{path}: has {len(points)} points (v) and {len(lines)} lines (l): no net")
+        rows = "".join(f"; {row}" for row in table.table())
+        raise FileError(
+            f"{path}: has {len(points)} points (v) and {len(lines)} lines (l): no net{rows:.300}"
+        )
     with np.errstate(over="ignore"):
         places = scale * np.array(points)
     try:
         drawn = net_of(places, lines, tolerance)
     except ValueError as error:
         raise FileError(f"{path}: {error}") from None
+    for place in drawn.repeated:
+        if place not in rings:  # faces share their edges
+            table.add("line that occurs again", place)
+    for k in drawn.unused:
+        table.add("point that no line touches", f"point {k + 1}")
+    table.warn(path)
     groups = drawn.net.groups
     several = named and groups is not None and len(set(groups)) > 1
-    return dataclasses.replace(drawn.net, groups=groups if several else None)
+    return dataclasses.replace(
+        drawn.net, groups=groups if several else None, omissions=table.table()
+    )
+
+
+def _statements(text):
+    """Generate pairs (number of the first line, statement); a backslash continues a line."""
+    first, begun = 0, ""
+    for number, line in enumerate(text.splitlines(), 1):
+        first = first or number
+        if line.rstrip().endswith("\\"):
+            begun += line.rstrip()[:-1] + " "
+            continue
+        yield first, begun + line
+        first, begun = 0, ""
+    if begun:
+        yield first, begun
+
+
+def _position(words, table, place):
+    """The three coordinates of a point; colours may follow them, and a weight is left out."""
+    numbers = [reading.number(word) for word in words]
+    if len(numbers) < 3 or not np.isfinite(numbers).all():
+        raise ValueError("a point has three finite coordinates")
+    if len(numbers) == 4 and numbers[3] != 1.0:
+        table.add("weight of a point", place, "rational curves are not read")
+    if len(numbers) not in (3, 4, 6, 7):
+        table.add("point with more numbers than coordinates and color", place)
+    return numbers[:3]
 
 
 def _point(word, count):

@@ -1,0 +1,129 @@
+"""Lines of CSV tables, whose first line names the columns."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from os import PathLike
+from typing import NamedTuple
+
+import numpy as np
+
+from . import reading
+from .omissions import Omissions
+from .reading import FileError, read_text
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
+
+
+class Line(NamedTuple):
+    """A line of a table.
+
+    Attributes:
+        place: the file and the line, in words.
+        fields: dict from column to text.
+        commas: whether numbers have decimal commas.
+    """
+
+    place: str
+    fields: dict[str, str]
+    commas: bool
+
+    def text(self, column: str) -> str:
+        """The text in a column; empty if the table has no such column."""
+        return self.fields.get(column, "")
+
+    def number(self, column: str, absent: float | None = None) -> float:
+        """The number in a column; `absent`, unless it is None, for an empty field."""
+        word = self.text(column)
+        if not word and absent is not None:
+            return absent
+        if self.commas and _DECIMAL_COMMA.fullmatch(word):
+            word = word.replace(",", ".")
+        try:
+            value = reading.number(word)
+        except ValueError as error:
+            raise FileError(f"{self.place}: {column}: {error}") from None
+        if not np.isfinite(value):
+            raise FileError(f"{self.place}: {column}: {word!r} is not finite")
+        return value
+
+
+def read_table(
+    path: str | PathLike[str],
+    known: Sequence[str],
+    needed: Sequence[str],
+    own: Mapping[str, str] | None,
+    table: Omissions,
+    largest: int,
+) -> list[Line]:
+    """The lines of a table after its header.
+
+    Args:
+        path: path of the file.
+        known: names of the columns that are read.
+        needed: those of them that must be there.
+        own: names of columns by what the file calls them, in small letters; columns that are
+            neither there nor known are left out. None refuses them.
+        table: what is left out.
+        largest: largest size that is read, bytes.
+    """
+    text = read_text(path, largest)
+    lines = [
+        (k, line)
+        for k, line in enumerate(io.StringIO(text, newline=None), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if not lines:
+        raise FileError(f"{path}: is empty")
+    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")
+    try:
+        header, *records = csv.reader([line for _, line in lines], delimiter=mark, strict=True)
+    except csv.Error as error:
+        raise FileError(f"{path}: no table: {error}") from None
+    columns = _columns(f"{path}: line {lines[0][0]}", header, known, needed, own, table)
+    if not records:
+        raise FileError(f"{path}: has no rows")
+    if len(records) != len(lines) - 1:
+        raise FileError(f"{path}: a field with a line break; quotes are not closed")
+    words = [word.strip() for record in records for word in record]
+    points = any(_DECIMAL_POINT.fullmatch(word) and word != "." for word in words)
+    found = []
+    for (line, _), record in zip(lines[1:], records, strict=True):
+        place = f"{path}: line {line}"
+        if len(record) != len(header):
+            raise FileError(f"{place}: {len(record)} fields, the header has {len(header)}")
+        pairs = zip(columns, map(str.strip, record), strict=True)
+        fields = {name: word for name, word in pairs if name is not None}
+        found.append(Line(place, fields, mark != "," and not points))
+    return found
+
+
+def _columns(place, header, known, needed, own, table):
+    """The name of every column of a header, None for those that are left out."""
+    words = [word.strip().lower() for word in header]
+    named = own or {}
+    columns = [named.get(word, word if word not in named.values() else None) for word in words]
+    for number, (word, name) in enumerate(zip(words, columns, strict=True)):
+        if name in known:
+            continue
+        if own is None:
+            raise FileError(
+                f"{place}: unknown column {word!r}; known are {', '.join(known)}; columns=... "
+                "(--columns) names those of other programs"
+            )
+        columns[number] = None
+        table.add(f"column {word!r}", place, "is named by none of the columns that are read")
+    for word, name in named.items():
+        if name in known and name not in columns:
+            raise FileError(f"{place}: {name}: there is no column {word!r}")
+    for name in known:
+        if columns.count(name) > 1:
+            raise FileError(f"{place}: column {name!r} occurs twice")
+    for name in needed:
+        if name not in columns:
+            raise FileError(f"{place}: column {name!r} is missing")
+    return columns

@@ -1,0 +1,104 @@
+"""Structures and results as drawings in DXF files (by ezdxf, the extra `dxf`)."""
+
+from __future__ import annotations
+
+import itertools
+from os import PathLike
+from pathlib import Path
+
+import numpy as np
+
+from ..analysis.solution import Solution
+from ..elements import Bars
+from ..model.parts import groups_by_name, one_case
+from ..model.structure import Structure
+from ..model.topology import require_same
+from .dxf import BARS, METRES, SUPPORTS, library
+from .reading import written
+
+_COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
+_GREY = 8  # of points
+_FORBIDDEN = str.maketrans(dict.fromkeys('<>/\\":;?*|=`,', "_"))  # in names of layers
+
+
+def save_dxf(
+    path: str | PathLike[str],
+    structure: Structure,
+    solution: Solution | None = None,
+    scale: float = 1.0,
+) -> list[Path]:
+    """Write a structure as a drawing, with a layer and a colour for each group.
+
+    Elements are lines, and cables over several nodes polylines. Nodes are points: those that are
+    held on the layer ``supports``, others on the layer ``nodes``. Properties of the drawing say
+    which layers are bars, and which one has supports that are held in all directions, so that
+    `read_dxf` finds both.
+
+    Args:
+        path: path of the file, ending with .dxf.
+        structure: `Structure`.
+        solution: its `Solution`, for the positions in its end; if it has failed, those of the last
+            converged state. None draws the nodes as they are in the structure.
+        scale: metres per unit of the drawing: 1 for metres, 1e-3 for mm, 1e-2 for cm, 0.0254 for
+            inches, 0.3048 for feet.
+
+    Returns:
+        Paths of the files written, a list.
+
+    Raises:
+        ValueError: another suffix or scale, groups whose names are one layer, a batch, another
+            structure than that of the solution; ezdxf is not installed.
+        OSError: the file cannot be written.
+
+    Example:
+        >>> import tempfile, pathlib
+        >>> structure, phases = jc.scenes.flat_net(load=15.0)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "net.dxf"
+        >>> _ = jc.files.save_dxf(path, structure, jc.solve(structure, phases))
+        >>> net = jc.files.read_dxf(path)
+        >>> print(f"{net.nodes[:, 2].min():.6f} m")
+        -0.012838 m
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".dxf":
+        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .dxf")
+    units = {metres: unit for unit, metres in METRES.items()}
+    if scale not in units:
+        known = ", ".join(map(str, sorted(units)))
+        raise ValueError(f"scale = {scale}: expected the metres of a unit, one of {known}")
+    places = np.asarray(structure.nodes, float)
+    if solution is not None:
+        one_case(solution)
+        require_same(structure, solution.last.topology, "solution")
+        places = np.asarray(solution.last.positions, float)
+    document = library().new("R2010")
+    document.header["$INSUNITS"], document.header["$MEASUREMENT"] = units[scale], 1
+    space, points = document.modelspace(), (places / scale).tolist()
+    layers = {"0", "defpoints"}
+    for number, (name, group) in enumerate(groups_by_name(structure)):
+        layer = (name or type(group).__name__).translate(_FORBIDDEN)[:255]
+        if layer.lower() in layers:  # the format does not tell small letters from capitals
+            raise ValueError(f"elements: a group {name!r} needs the layer {layer!r}; rename it")
+        layers.add(layer.lower())
+        document.layers.add(layer, color=_COLOURS[number % len(_COLOURS)])
+        if isinstance(group, Bars):
+            document.header.custom_vars.append(BARS, layer)
+        for chain in group.links.array.tolist():
+            ends = [k for k, _ in itertools.groupby(chain)]  # shorter chains are padded
+            if len(ends) == 2:
+                space.add_line(points[ends[0]], points[ends[1]], dxfattribs={"layer": layer})
+            else:
+                space.add_polyline3d([points[k] for k in ends], dxfattribs={"layer": layer})
+    fixed = np.asarray(structure.supports.fixed(structure.n_node))
+    held, pinned = fixed.any(axis=1), fixed[:, :3].all(axis=1)
+    for layer, mask in (("supports", held), ("nodes", ~held)):
+        while layer in layers:
+            layer += "_"
+        document.layers.add(layer, color=_GREY)
+        if mask is held and (held == pinned).all():
+            document.header.custom_vars.append(SUPPORTS, layer)
+        for k in np.flatnonzero(mask):
+            space.add_point(points[k], dxfattribs={"layer": layer})
+    with written(path) as stream:
+        document.write(stream)
+    return [path]

@@ -1,0 +1,87 @@
+"""Loads of edges and faces as loads of nodes, as force density programs spread them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..common.types import Bool, Float, Int
+from .omissions import Omissions
+
+_BALANCED = 1e-3
+"""Unbalanced force of nodes, over the largest load of edges and faces, that counts as balance.
+
+Programs that work in single precision leave less; loads that are missing leave the whole of it.
+"""
+
+
+class Spread(NamedTuple):
+    """Loads of edges and faces.
+
+    Attributes:
+        nodes: positions, [n_node, 3], m.
+        links: node numbers of the edges, [n_edge, 2].
+        on_edges: loads per length, [n_edge, 3], N/m.
+        faces: node numbers around the faces, lists.
+        on_faces: loads per area, [n_face, 3], N/m2.
+    """
+
+    nodes: Float[np.ndarray, "n_node 3"]
+    links: Int[np.ndarray, "n_edge 2"]
+    on_edges: Float[np.ndarray, "n_edge 3"]
+    faces: list[list[int]]
+    on_faces: Float[np.ndarray, "n_face 3"]
+
+    def total(self) -> Float[np.ndarray, "n_node 3"]:
+        """Their share of every node, [n_node, 3], N."""
+        found = np.zeros_like(self.nodes)
+        ends = self.nodes[self.links]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        for side in (0, 1):
+            np.add.at(found, self.links[:, side], 0.5 * lengths[:, None] * self.on_edges)
+        for ring, load in zip(self.faces, self.on_faces, strict=True):
+            if load.any():
+                corners = self.nodes[ring]
+                following = np.roll(corners, -1, axis=0)
+                middle = corners.mean(axis=0)
+                areas = 0.5 * np.linalg.norm(np.cross(corners - middle, following - middle), axis=1)
+                for shares in (areas, np.roll(areas, 1)):  # of a side, at both of its ends
+                    np.add.at(found, ring, 0.5 * shares[:, None] * load)
+        return found
+
+
+def nodal_loads(
+    own: Float[np.ndarray, "n_node 3"],
+    spread: Spread,
+    densities: Float[np.ndarray, " n_edge"],
+    held: Bool[np.ndarray, " n_node"],
+    table: Omissions,
+) -> Float[np.ndarray, "n_node 3"]:
+    """Loads of nodes with those of edges and faces, [n_node, 3], N.
+
+    Programs write results with the loads of edges and faces both as such and in the loads of nodes.
+    In such a file the loads of nodes alone are in balance with the force densities.
+
+    Args:
+        own: loads of nodes in the file, N.
+        spread: loads of edges and faces.
+        densities: force densities of the edges, N/m; zero for none.
+        held: whether a support holds a node.
+        table: what is left out.
+    """
+    more = spread.total()
+    free = ~held
+    size = np.abs(more[free]).max(initial=0.0)
+    if own[free].any() and densities.any() and size > 0:
+        rest = own.copy()
+        ends = spread.nodes[spread.links]
+        pull = densities[:, None] * (ends[:, 1] - ends[:, 0])
+        np.add.at(rest, spread.links[:, 0], pull)
+        np.add.at(rest, spread.links[:, 1], -pull)
+        if np.abs(rest[free]).max() <= _BALANCED * size:
+            why = "in the loads of nodes already, which are in balance with q"
+            table.add("load of an edge", "", why, int(spread.on_edges.any(axis=1).sum()))
+            table.add("load of a face", "", why, int(spread.on_faces.any(axis=1).sum()))
+            return own
+    return own + more
