@@ -12,7 +12,7 @@ from .guard import Refused, require_writable
 def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
     outputs.check_suffix(options.save, (".json", ".dxf"), "--save")
-    require_writable(options.save)
+    require_writable(options.save, inputs=options.files)
     name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
         options.scene, scale = options.files[0], options.scale or 1.0

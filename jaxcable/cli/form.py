@@ -23,7 +23,7 @@ from .guard import Refused, require_writable
 def run(options: Namespace) -> None:
     """Find the form that `options` ask for, print its numbers, write it."""
     outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save)
+    require_writable(options.save, inputs=[options.scene])
     structure, phases = inputs.scene(options)
     stated: dict[str, Any]
     try:

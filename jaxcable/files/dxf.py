@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 
 from ..analysis.solution import Solution
 from ..common.checks import suspect
+from ..common.writing import written
 from ..elements import Bars
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
@@ -25,7 +26,7 @@ from ..model.topology import require_same
 from .arcs import curve
 from .lines import net_of
 from .nets import Net
-from .reading import LARGEST, FileError, read_bytes, written
+from .reading import LARGEST, FileError, read_bytes
 
 _METRES = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0}
 """Metres per unit, by the code in the header: inch, foot, mm, cm, m."""
