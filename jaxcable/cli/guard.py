@@ -111,7 +111,9 @@ def require_writable(*paths: str | Path | None, inputs: Sequence[str] = ()) -> N
         OSError: a file cannot be written.
     """
     named: set[str] = set()
-    for path in filter(None, paths):
+    for path in paths:
+        if path is None:
+            continue
         target = os.path.realpath(path)
         for name in inputs:
             if os.path.exists(target) and os.path.exists(name) and os.path.samefile(target, name):

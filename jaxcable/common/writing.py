@@ -58,7 +58,7 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
         finish()
         target = replaceable(path)
         permissions = _permissions(target)
-        handle, name = _open_beside(target)
+        handle, name = _open_beside(target, path)
         staged.append((name, target, permissions))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         streams.append(open(handle, mode, **text))
@@ -102,7 +102,7 @@ def replaceable(path: str | PathLike[str]) -> Path:
 
 def require_writable(path: str | PathLike[str]) -> None:
     """Raise OSError if `written` could not write this file; nothing is left behind."""
-    handle, name = _open_beside(replaceable(path))
+    handle, name = _open_beside(replaceable(path), path)
     os.close(handle)
     os.unlink(name)
     AT_EXIT.remove(name)
@@ -114,7 +114,7 @@ def create(path: str | PathLike[str], content: bytes) -> bool:
     Of several processes that create the same file, one does.
     """
     target = Path(path)
-    handle, name = _open_beside(target)
+    handle, name = _open_beside(target, path)
     try:
         with open(handle, "wb") as stream:
             stream.write(content)
@@ -147,12 +147,12 @@ def put_arrays(
                 np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
 
 
-def _open_beside(target):
-    """A new file in the folder of another: its descriptor and name; errors name the other file."""
+def _open_beside(target, path):
+    """A new file in the folder of `target`: its descriptor and name; errors name `path`."""
     try:
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=".jaxcable-", suffix=".part")
     except OSError as error:
-        raise type(error)(error.errno, error.strerror, str(target)) from None
+        raise type(error)(error.errno, error.strerror, str(path)) from None
     AT_EXIT.append(name)
     return handle, name
 
