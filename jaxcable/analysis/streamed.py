@@ -103,9 +103,8 @@ class Study:
         parts = []
         for k, (_, results) in enumerate(self.chunks()):
             if parts and _told(results) != _told(parts[0]):
-                raise ValueError(
-                    f"{self.file(k)}: holds {_told(results)}, other chunks {_told(parts[0])}; {_ANEW}"
-                )
+                held, others = _told(results), _told(parts[0])
+                raise ValueError(f"{self.file(k)}: holds {held}, other chunks {others}; {_ANEW}")
             parts.append(results)
         for name in names:
             if name not in parts[0]:
@@ -276,17 +275,14 @@ def _begin(study, compute, shapes, cases):
     known = _description(path)
     if "function" not in known:
         raise ValueError(
-            f"folder: {study.folder} holds a study of an earlier version of jaxcable, which did not "
-            "note what it computes; take another folder (Study(folder, n_case, chunk) still reads "
-            "that one)"
+            f"folder: {study.folder} holds a study of an earlier version of jaxcable, which did "
+            "not note what it computes; take another folder (results.Study still reads that one)"
         )
     other = [f"{k} = {known.get(k)}, not {v}" for k, v in told.items() if known.get(k) != v]
     if other:
         hint = ""
         if any(text.startswith("function") for text in other):
-            hint = (
-                " (function: the digest of what is computed, with the model and all arrays in it)"
-            )
+            hint = " (function: digest of what is computed, with the model and all arrays in it)"
         raise ValueError(
             f"folder: {study.folder} holds a study with {'; '.join(other)}{hint}; take another "
             "folder, or delete this one"
@@ -351,9 +347,9 @@ def _read(path, count, headers=False):
             raise ValueError(f"{path}: {name} has shape {shape}, not of {count} cases; {_ANEW}")
     if not found:
         raise ValueError(f"{path}: holds no results; {_ANEW}")
-    return (
-        {name: (shape[1:], dtype) for name, (shape, dtype) in found.items()} if headers else found
-    )
+    if headers:
+        return {name: (shape[1:], dtype) for name, (shape, dtype) in found.items()}
+    return found
 
 
 def _array(stream):
