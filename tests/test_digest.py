@@ -33,9 +33,9 @@ def test_what_is_computed_counts_and_not_how_it_is_called():
         of(lambda x: {"b": jax.jit(lambda y: y * values)(x)}),  # another name of the result
         of(lambda x: {"a": jax.jit(lambda y: y + values)(x)}),
         of(lambda x: {"a": jax.jit(lambda y: y * (values + 1))(x)}),
-        of(named, np.ones((2, 3))),
         of(named, np.ones(3, np.float32)),
         of(lambda x: x),
+        of(lambda x: x, np.ones((2, 3))),
         of(lambda x: 2.0 * x),
         of(lambda x: jax.lax.scan(lambda s, _: (s * x, None), x, None, length=3)[0]),
         of(lambda x: jax.lax.scan(lambda s, _: (s * x, None), x, None, length=4)[0]),
@@ -54,7 +54,7 @@ def test_large_constants_count_to_their_last_byte():
     assert of(lambda x: x + jnp.asarray(values).sum()) != before
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(eq=False)
 class Offset:
     by: np.ndarray
 
