@@ -1,13 +1,16 @@
 """Objects own their arrays: what a user does with his own afterwards changes nothing."""
 
+import collections
 import dataclasses
 import inspect
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.common.owned import owned
 from jaxcable.common.tree import Indices
 from jaxcable.files.codec import TYPES
 
@@ -144,3 +147,52 @@ def test_every_class_that_users_construct_is_among_the_examples():
         own for own in walk(jc) if own not in known and own.__name__ not in made_by_the_package
     }
     assert others and all(hasattr(own, "_all_fields") for own in others)  # results, as pytrees
+
+
+def test_what_is_owned_cannot_be_written_to_and_what_nobody_can_change_is_not_copied():
+    nodes = np.array(NODES)
+    structure = jc.Structure(nodes, {"net": CABLES}, jc.pinned([0, 1, 2, 3]))
+    with pytest.raises(ValueError, match="read-only"):
+        structure.nodes[3] += 1.0
+    assert jc.replace(structure, supports=jc.pinned([0, 1])).nodes is structure.nodes
+    assert structure.elements["net"] is CABLES
+    traced = jnp.asarray(NODES)
+    assert jc.replace(structure, nodes=traced).nodes is traced
+    view = np.broadcast_to(nodes, nodes.shape)  # read-only, of an array that is not
+    moved = jc.replace(structure, nodes=view)
+    nodes[3] += 1.0
+    assert not view.flags.writeable and (moved.nodes == np.array(NODES)).all()
+    found = jax.tree.map(lambda x: 2 * x, structure)
+    assert (found.nodes == 2 * np.array(NODES)).all() and isinstance(found.nodes, np.ndarray)
+
+
+def test_other_containers_are_taken_apart():
+    """Those that jax knows: what is in them is copied, and they are made anew."""
+    one, ordered = np.zeros(2), collections.OrderedDict(b=np.zeros(2), a=[np.zeros(1)])
+    kept = owned({"x": (one, jc.scenes.Scene(None, [one])), "y": ordered, "z": "text"})
+    one += 1.0
+    ordered["b"] += 1.0
+    ordered["a"].append(one)
+    assert kept["x"][0].sum() == kept["x"][1].phases[0].sum() == kept["y"]["b"].sum() == 0.0
+    assert list(kept["y"]) == ["b", "a"] and len(kept["y"]["a"]) == 1 and kept["z"] == "text"
+    masked = owned(np.ma.masked_array([1.0, 2.0], [True, False]))
+    assert not masked.flags.writeable
+
+
+def test_results_do_not_change_with_arguments_either():
+    """Of functions that keep what they are given, or a part of it."""
+    structure, (prestress, loading) = jc.scenes.flat_net(increments=(1, 1))
+    phases, force, start = [prestress, loading], np.full((4, 3), -1.0), np.array([3.0, 4.0])
+    held = np.eye(3)
+    made = [
+        jc.solve(structure, phases),
+        jc.restrained([0], "x", axes=held),
+        jc.loads.combine({"a": jc.NodalLoads([0, 1, 2, 3], force)}, np.ones(1)),
+        jc.minimize(lambda x: ((x - 1.0) ** 2).sum(), start, steps=1).params,
+        jc.Section.polygon(held[:, :2], [], STEEL, size=0.5),
+    ]
+    before = content(made)
+    phases.pop()
+    for array in (force, start, held):
+        array += 1.0
+    assert content(made) == before

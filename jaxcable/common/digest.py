@@ -59,9 +59,7 @@ class _Digests:
 
     def of(self, value: Any) -> bytes:
         """The digest of any object; of unknown ones that of their text without addresses."""
-        if isinstance(value, core.ClosedJaxpr):
-            return _hash(self.of(value.jaxpr), *map(self.of, value.consts))
-        if isinstance(value, core.Jaxpr):
+        if isinstance(value, core.ClosedJaxpr | core.Jaxpr):
             return self._once(value, self._jaxpr)
         if isinstance(value, jax.Array | np.ndarray):
             return self.of(value.tolist()) if value.dtype == object else self._once(value, _array)
@@ -89,6 +87,8 @@ class _Digests:
 
     def _jaxpr(self, jaxpr):
         """The digest of a jaxpr: its equations, with variables by the order in which they occur."""
+        constants = getattr(jaxpr, "consts", ())
+        jaxpr = getattr(jaxpr, "jaxpr", jaxpr)  # of one with constants; later in jax, itself
         numbers: dict[Any, int] = {}
 
         def atom(x):
@@ -109,7 +109,7 @@ class _Digests:
                     parts += [name.encode(), self.of(value)]
             self.host = False
             parts += map(new, equation.outvars)
-        return _hash(*parts, b"|", *map(atom, jaxpr.outvars))
+        return _hash(*map(self.of, constants), *parts, b"|", *map(atom, jaxpr.outvars))
 
     def _function(self, function):
         """The digest of a function by its name; on the host by its code and what belongs to it."""
