@@ -203,13 +203,14 @@ def _net(path, entities, metres, tol, supports):
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))
     on: dict[str, set[int]] = {}
+    fixed = net.fixed.copy()
     held = [supports in ("*", layer) for _, layer, _ in marks]
     for (where, layer, _), off, number, support in zip(marks, distance, node, held, strict=True):
         on.setdefault(layer, set()).update([int(number)] if off <= tol else [])
         if support and off > tol:
             raise FileError(f"{where}: a support that is {off:.3g} m off the nearest node")
         if support:
-            net.fixed[number] = True
+            fixed[number] = True
         elif off > tol:
             left["POINT"] += 1
     if supports is not None and not any(held):
@@ -221,7 +222,7 @@ def _net(path, entities, metres, tol, supports):
     if told:
         suspect(f"{path}: left out: {told}{_hint(left)}")
     by_layer = {layer: np.array(sorted(nodes), np.int32) for layer, nodes in on.items()}
-    return dataclasses.replace(net, marks=by_layer)
+    return dataclasses.replace(net, fixed=fixed, marks=by_layer)
 
 
 def _hint(left):
