@@ -21,6 +21,7 @@ from pathlib import Path
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
+from record import write
 
 import jaxcable as jc
 
@@ -110,8 +111,7 @@ def main():
         f"{int(solution.phases[1].path.n_slack[-1])}",
         file=out,
     )
-    RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "beam_scenes.txt").write_text(out.getvalue())
+    write(RESULTS / "beam_scenes.txt", out.getvalue())
     print(out.getvalue(), end="")
     draw(done)
 
@@ -152,7 +152,7 @@ def draw(done):
         title="saddle net, every fifth cable",
     )
     axes[2].legend(frameon=False)
-    figure.savefig(RESULTS / "beam_scenes.png", dpi=110)
+    write(RESULTS / "beam_scenes.png", figure, dpi=110)
 
 
 if __name__ == "__main__":

@@ -486,13 +486,16 @@ def corrected(claim, text):
 
 
 def main():
+    from record import write
+
     for file in dict.fromkeys(claim.file for claim in CLAIMS):
         path = ROOT / file
         text = before = path.read_text()
         for claim in CLAIMS:
             if claim.file == file:
                 text = corrected(claim, text)
-        path.write_text(text)
+        if text != before:
+            write(path, text)
         print(f"{file}: {'changed' if text != before else 'as the results have it'}")
 
 

@@ -22,6 +22,8 @@ import subprocess
 import sys
 import time
 
+from record import write
+
 PHASES = (2, 8, 32)
 SCENES = {
     "flat net": "flat_net",
@@ -207,7 +209,7 @@ def main(names):
         )
     if set(names) == set(SCENES):
         record.close()
-        (RESULTS / "first_call.json").write_text(json.dumps(rows, indent=1) + "\n")
+        write(RESULTS / "first_call.json", json.dumps(rows, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -20,6 +20,8 @@ import sys
 import time
 from pathlib import Path
 
+from record import write
+
 RESULT = Path(__file__).parent / "results" / "first_times.txt"
 
 
@@ -121,8 +123,7 @@ def main():
         f"\ngradient against central differences: {error:.1e} (relative to the largest entry)",
         file=out,
     )
-    RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text(out.getvalue())
+    write(RESULT, out.getvalue())
     print(out.getvalue(), end="")
 
 

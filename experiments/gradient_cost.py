@@ -31,7 +31,7 @@ import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-from record import commit
+from record import commit, write
 
 import jaxcable as jc
 from jaxcable.spaces.freedoms import number_freedoms
@@ -224,7 +224,7 @@ def draw(curves):
     axes.set_xlabel("step of the forward difference, relative to the pretension")
     axes.set_ylabel("error, relative to the largest entry")
     figure.legend(fontsize="small", ncols=3, loc="outside lower center")
-    figure.savefig(RESULTS / "gradient_cost.png", dpi=150)
+    write(RESULTS / "gradient_cost.png", figure, dpi=150)
 
 
 def main():
@@ -237,7 +237,7 @@ def main():
     )
     curves = costs(out)
     increments(out)
-    (RESULTS / "gradient_cost.txt").write_text(out.getvalue())
+    write(RESULTS / "gradient_cost.txt", out.getvalue())
     print(out.getvalue() + f"\n{time.perf_counter() - begin:.0f} s")
     draw(curves)
 

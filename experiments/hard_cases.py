@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import jax
 import numpy as np
 from hard_cases import CASES
-from record import Record
+from record import Record, write
 
 from jaxcable.common import status
 
@@ -105,7 +105,7 @@ def main():
     record(f"\noutcomes that were not expected: {', '.join(unexpected) or 'none'}")
     record.close()
     record(f"silent failures: {len(failures)}")
-    record.path.write_text("\n".join(record.lines) + "\n")
+    write(record.path, "\n".join(record.lines) + "\n")
     return len(failures)
 
 

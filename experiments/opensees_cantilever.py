@@ -41,6 +41,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from record import write
 
 HERE = Path(__file__).parent
 RESULT = HERE / "results" / "opensees_cantilever.txt"
@@ -388,7 +389,7 @@ def draw(solver, opensees, errors, control):
         f"reference: forceBeamColumn, {FINEST} elements (elastic: extrapolated)", fontsize=10
     )
     right.legend(fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    figure.savefig(RESULT.with_suffix(".png"), dpi=150)
+    write(RESULT.with_suffix(".png"), figure, dpi=150)
 
 
 def processor():
@@ -464,9 +465,8 @@ def main():
         f"Newton iterations at n = 10, loading + release: jaxcable {own[0]} + {own[1]}, "
         f"OpenSees {peer[0]} + {peer[1]}.\n"
     )
-    RESULT.parent.mkdir(exist_ok=True)
     draw(solvers[10], opensees, errors, elastic)
-    RESULT.write_text(out.getvalue())
+    write(RESULT, out.getvalue())
     if "--times" in sys.argv:
         out.seek(0)
         out.truncate()
@@ -477,7 +477,7 @@ def main():
         say(NOTES)
         load = os.getloadavg()[2]
         say(f"\nload average of the machine meanwhile: {load:.1f} (one process is ours)")
-        TIMES.write_text(out.getvalue())
+        write(TIMES, out.getvalue())
     opensees.close()
 
 

@@ -23,6 +23,19 @@ def commit():
     return git("rev-parse", "--short", "HEAD") + ("-dirty" if changed else "")
 
 
+def write(path, content, dpi=130):
+    """Write a text, or a picture of matplotlib, completely or not at all."""
+    from jaxcable.common.writing import written
+
+    path.parent.mkdir(exist_ok=True)
+    text = isinstance(content, str)
+    with written(path, "w" if text else "wb") as stream:
+        if text:
+            stream.write(content)
+        else:
+            content.savefig(stream, format=path.suffix[1:], dpi=dpi)
+
+
 class Record:
     """Prints lines, and keeps them for `results/NAME.txt`, which `close` writes.
 
@@ -49,7 +62,6 @@ class Record:
     def close(self, figure=None):
         """Write the table, and the picture if there is one."""
         self(f"\n{time.perf_counter() - self.begin:.0f} s in all, compilation included")
-        RESULTS.mkdir(exist_ok=True)
-        self.path.write_text("\n".join(self.lines) + "\n")
+        write(self.path, "\n".join(self.lines) + "\n")
         if figure is not None:
-            figure.savefig(self.picture, dpi=130)
+            write(self.picture, figure)

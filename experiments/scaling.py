@@ -30,7 +30,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from record import commit
+from record import commit, write
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results"
@@ -217,11 +217,11 @@ def main():
     for name in asked:
         if name in parts:
             kept[name] = {"machine": machine(), "found": parts[name]()}
-            store.write_text(json.dumps(kept, indent=1) + "\n")
+            write(store, json.dumps(kept, indent=1) + "\n")
     if "draw" in asked:
         from scaling_report import draw, tables
 
-        (RESULTS / "scaling.txt").write_text(tables(kept))
+        write(RESULTS / "scaling.txt", tables(kept))
         print(tables(kept))
         draw(kept, RESULTS / "scaling.png")
 

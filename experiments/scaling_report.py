@@ -3,6 +3,7 @@
 import statistics
 
 import matplotlib
+from record import write
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -308,5 +309,5 @@ def draw(kept, path):
     right.set(title="Load cases of a net of 48 unknowns")
     right.grid(True, alpha=0.3)
     right.legend(fontsize=8, loc="center right", bbox_to_anchor=(1.0, 0.36))
-    figure.savefig(path, dpi=130)
+    write(path, figure, dpi=130)
     plt.close(figure)

@@ -24,6 +24,8 @@ import subprocess
 import time
 from pathlib import Path
 
+from record import write
+
 RESULT = Path(__file__).parent / "results" / "section_equilibrium.txt"
 TOLERANCES = [1e-4, 1e-6, 1e-8, 1e-10, 1e-12, None]
 NUMBER = 1000
@@ -211,8 +213,7 @@ def main():
             f"compile: batch {np.median(compiling, axis=0)[0]:.1f} s, "
             f"in turn {np.median(compiling, axis=0)[1]:.1f} s"
         )
-    RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text(out.getvalue())
+    write(RESULT, out.getvalue())
 
 
 if __name__ == "__main__":

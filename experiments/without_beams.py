@@ -25,6 +25,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from record import write
+
 ROOT = Path(__file__).parent.parent
 RESULT = Path(__file__).parent / "results" / "without_beams.txt"
 BEFORE, AFTER = "ab1c109", "b95432b"
@@ -163,8 +165,7 @@ def main():
         f"range {ratios[0]:.3f} - {ratios[-1]:.3f} in {PAIRS} pairs",
         f"largest difference of a deflection {max(abs(p[1] - p[3]) for p in pairs):.1e} m",
     ]
-    RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text("\n".join(lines) + "\n")
+    write(RESULT, "\n".join(lines) + "\n")
     print(RESULT.read_text(), end="")
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.common.writing import written
 from jaxcable.files import FileError
-from jaxcable.files.reading import written
 from jaxcable.files.results import flat
 
 SMALL = {  # sizes of scenes that are quick to solve

@@ -1,12 +1,14 @@
 """Studies of many cases in files: restarts, shares, and what is refused."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import textwrap
 import zipfile
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -96,17 +98,17 @@ def test_a_killed_process_loses_nothing_that_it_has_finished(tmp_path):
         return numbers.astype(float)
 
     study = jc.streamed(lambda x: {"square": x**2}, cases, tmp_path, 2, n_case=10)
-    assert begun == [6, 8]
+    assert begun == [0, 6, 8]  # first some cases, to see that they are the same
     np.testing.assert_array_equal(study.load()["square"], np.arange(10.0) ** 2)
 
 
 def test_a_file_is_there_as_a_whole_or_not_at_all(tmp_path, monkeypatch):
-    def cut(file, **_):
+    def cut(file, _):
         file.write(b"half")
         raise OSError("no space left")
 
     with monkeypatch.context() as patch:
-        patch.setattr(np, "savez", cut)
+        patch.setattr("jaxcable.analysis.streamed.put_arrays", cut)
         with pytest.raises(OSError, match="no space left"):
             jc.streamed(analyse, FORCES, tmp_path, 5)
     assert files(tmp_path) == ["study.json"]
@@ -138,3 +140,140 @@ def test_what_is_refused(tmp_path):
     assert not new.exists()
     with pytest.raises(ValueError, match="expected a dict of arrays by name, got"):
         jc.streamed(lambda force: force, FORCES, new)
+
+
+def sums(values, key=0):
+    """A function of one case that closes over an array and a random key."""
+    values, random = np.array(values), jax.random.key(key)
+    return lambda x: {"sum": x * values.sum() + jax.random.normal(random)}
+
+
+def square(x):
+    return {"square": x**2}
+
+
+def untouched(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def test_another_function_is_refused(tmp_path):
+    """Another array or key that it closes over, another result, another model."""
+
+    def model(height):
+        structure = jc.replace(STRUCTURE, nodes=STRUCTURE.nodes + np.array([0.0, 0.0, height]))
+        return lambda q: {"z": jc.force_density(structure, q)}
+
+    for begun, same, others in (
+        (sums([1.0]), sums([1.0]), [sums([2.0]), sums([1.0], key=1), lambda x: {"sum": x}]),
+        (model(0.0), model(0.0), [model(1.0)]),
+    ):
+        folder = tmp_path / str(len(others))
+        first = jc.streamed(begun, np.arange(3.0) + 1.0, folder).load()
+        before = untouched(folder)
+        again = jc.streamed(same, np.arange(3.0) + 1.0, folder).load()
+        assert all((again[name] == first[name]).all() for name in first)
+        for other in others:
+            with pytest.raises(ValueError, match=r"with function = \w+, not \w+ .* another folder"):
+                jc.streamed(other, np.arange(3.0) + 1.0, folder)
+        assert untouched(folder) == before
+
+
+def test_other_cases_of_a_function_and_other_versions_are_refused(tmp_path, monkeypatch):
+    def cases(scale):
+        return lambda numbers: scale * numbers.astype(float)
+
+    jc.streamed(square, cases(1.0), tmp_path, 4, n_case=100)
+    jc.streamed(square, cases(1.0), tmp_path, 4, n_case=100)
+    with pytest.raises(ValueError, match="a study with cases = "):
+        jc.streamed(square, cases(2.0), tmp_path, 4, n_case=100)
+    with monkeypatch.context() as patch:
+        patch.setattr(jax, "__version__", "0.1")
+        with pytest.raises(ValueError, match=r"a study with jax = .*, not 0.1; take"):
+            jc.streamed(square, cases(1.0), tmp_path, 4, n_case=100)
+    with pytest.raises(ValueError, match=r"expected arrays \[7, ...\] for 7 numbers"):
+        jc.streamed(square, lambda numbers: np.zeros(3), tmp_path / "new", n_case=7)
+
+
+def test_results_may_have_any_names(tmp_path):
+    names = ["file", "allow_pickle", "arr_0", "a", "a.npy", "../a/b", "\u00fc {}", "self"]
+
+    def named(x):
+        return {name: x + k for k, name in enumerate(names)}
+
+    jc.streamed(named, np.zeros(3), tmp_path, 2)
+    study = jc.streamed(named, np.zeros(3), tmp_path, 2)
+    found = study.load()
+    assert {n: found[n].tolist() for n in names} == {n: [k] * 3 for k, n in enumerate(names)}
+    assert np.load(study.file(0))["allow_pickle"].tolist() == [1.0, 1.0]
+    with pytest.raises(ValueError, match=r"no result 'fle'; there are .*; did you mean 'file'"):
+        study.load("fle")
+    for name in ("", "a\nb", 3):
+        with pytest.raises(ValueError, match="no name of printable characters"):
+            jc.streamed(lambda x, name=name: {name: x}, np.zeros(3), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def damage(study, kind):
+    """Do something to the second chunk of a study."""
+    path, first = study.file(1), study.file(0).read_bytes()
+    data = path.read_bytes()
+    if kind == "cut":
+        path.write_bytes(data[: len(data) // 2])
+    elif kind == "empty":
+        path.write_bytes(b"")
+    elif kind == "text":
+        path.write_text("a letter")
+    elif kind == "of other cases":
+        path.write_bytes(first)
+    elif kind == "other results":
+        np.savez(path, other=np.zeros(1))
+    elif kind == "objects":
+        np.savez(path, square=np.array([{}], dtype=object))
+    elif kind == "a folder":
+        path.unlink()
+        path.mkdir()
+    else:
+        at = data.index(np.float64(4.0).tobytes())
+        path.write_bytes(data[:at] + b"\x01" + data[at + 1 :])
+
+
+KINDS = ["cut", "empty", "text", "of other cases", "other results", "objects", "a folder", "a byte"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_chunks_are_named(tmp_path, kind):
+    study = jc.streamed(square, np.arange(3.0), tmp_path, 2)
+    damage(study, kind)
+    before = untouched(tmp_path)
+    said = rf"{re.escape(str(study.file(1)))}: .*; delete this file and run the study again"
+    with pytest.raises(ValueError, match=said):
+        study.load()
+    if kind != "a byte":  # which only those who read the numbers see
+        with pytest.raises(ValueError, match=said):
+            jc.streamed(square, np.arange(3.0), tmp_path, 2)
+    assert untouched(tmp_path) == before
+
+
+def test_folders_of_strangers_are_left_alone(tmp_path):
+    for k, (name, content, said) in enumerate(
+        (
+            ("study.json", "{", r"study.json: damaged, or not of jaxcable"),
+            ("study.json", "[1]", "study.json: describes no study of jaxcable"),
+            ("study.json", '{"title": "thesis"}', "study.json: describes no study of jaxcable"),
+            ("study.json", '{"n_case": 3, "chunk": 2, "cases": "ab"}', "of an earlier version"),
+            ("chunk-000001.npz", "mine", "holds chunk-000001.npz and no study.json"),
+        )
+    ):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        (folder / name).write_text(content)
+        (folder / "letter.txt").write_text("mine")
+        before = untouched(folder)
+        with pytest.raises(ValueError, match=said):
+            jc.streamed(square, np.arange(3.0), folder, 2)
+        assert untouched(folder) == before
+    (folder / name).unlink()
+    jc.streamed(square, np.arange(3.0), folder, 2)  # beside other files
+    assert (folder / "letter.txt").read_text() == "mine" and len(files(folder)) == 4
+    with pytest.raises(ValueError, match="is a file"):
+        jc.streamed(square, np.arange(3.0), folder / "letter.txt", 2)

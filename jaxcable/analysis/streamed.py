@@ -2,31 +2,36 @@
 
 Cases do not need each other. So processes that share a study share a folder and nothing else: no
 process waits for another, any of them can be killed, and any launcher can start them.
+
+A folder belongs to one study, which ``study.json`` describes: the cases, and what is computed of
+them, by their digests. No file is deleted, and none is replaced.
 """
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import hashlib
 import json
 import os
-import tempfile
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import jax
 import numpy as np
 
-from ..common import checks
+from ..common import checks, digest
 from ..common.types import Array, Float, Int, PyTree
+from ..common.writing import create, put_arrays, written
 from .batches import batched
 
 Cases: TypeAlias = "PyTree[Float[Array, 'n_case ...']]"
 
 _STUDY = "study.json"
 _AT_ONCE = 256  # cases: their data stay in cache
+_PROBED = 16  # cases that are compared where a function makes them
+_ANEW = "delete this file and run the study again, which computes these cases anew"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,17 +78,21 @@ class Study:
         return np.arange(k * self.chunk, min((k + 1) * self.chunk, self.n_case))
 
     def chunks(self) -> Iterator[tuple[Int[np.ndarray, " n"], dict[str, np.ndarray]]]:
-        """Numbers of cases, [n], and their results by name, [n, ...], chunk by chunk."""
+        """Numbers of cases, [n], and their results by name, [n, ...], chunk by chunk.
+
+        Raises:
+            ValueError: the file of a chunk is damaged, or of something else.
+        """
         for k in range(self.n_chunk):
             if self.file(k).exists():
-                with np.load(self.file(k)) as results:
-                    yield self.numbers(k), {name: results[name] for name in results.files}
+                numbers = self.numbers(k)
+                yield numbers, _read(self.file(k), len(numbers))
 
     def load(self, *names: str) -> dict[str, np.ndarray]:
         """Results of all cases by name, [n_case, ...]: those of `names`, or all.
 
         Raises:
-            ValueError: cases are missing.
+            ValueError: cases are missing, there is no such result, the file of a chunk is damaged.
         """
         missing = self.missing
         if missing:
@@ -91,7 +100,15 @@ class Study:
                 f"{self.folder}: {len(missing)} of {self.n_chunk} chunks are missing, the first is "
                 f"{missing[0]}; run the study again, it goes on where it was"
             )
-        parts = [results for _, results in self.chunks()]
+        parts = []
+        for k, (_, results) in enumerate(self.chunks()):
+            if parts and _told(results) != _told(parts[0]):
+                held, others = _told(results), _told(parts[0])
+                raise ValueError(f"{self.file(k)}: holds {held}, other chunks {others}; {_ANEW}")
+            parts.append(results)
+        for name in names:
+            if name not in parts[0]:
+                raise ValueError(f"no result {name!r}{checks.meant(name, parts[0])}")
         return {name: np.concatenate([part[name] for part in parts]) for name in names or parts[0]}
 
 
@@ -111,10 +128,16 @@ def streamed(
     Processes, of one machine or of several with a common folder, share the chunks out. Within a
     process a chunk is solved by `batched`.
 
+    The folder of a study knows what is computed: the traced function with the values of all that it
+    uses (the model, random keys), and the cases; of cases by a function it compares 16. A call with
+    something else is refused, also one with another version of jaxcable or jax. Functions of this
+    package that run on the host count by name and version.
+
     Args:
-        function: of one case, to a dict of arrays.
+        function: of one case, to a dict of arrays, whose names may be any printable texts.
         cases: pytree of arrays [n_case, ...]; or a function from numbers of cases, [n], NumPy, to
-            those of these cases, [n, ...], where all of them would not fit into memory.
+            those of these cases, [n, ...], where all of them would not fit into memory. It has to
+            return the same whenever it is called.
         folder: where the results go; made if it is not there.
         chunk: number of cases in a file, and in memory.
 
@@ -126,8 +149,9 @@ def streamed(
         `Study`; `missing` names the chunks of other processes that are not there yet.
 
     Raises:
-        ValueError: the folder holds another study (of other cases, or in chunks of another size);
-            no positive number of cases; no such share.
+        ValueError: the folder holds another study (of another function or model, of other cases, in
+            chunks of another size, of another version), or files that are no study's, or a damaged
+            one; no positive number of cases; no such share.
 
     Example:
         >>> import tempfile
@@ -138,48 +162,65 @@ def streamed(
         ([], [0.0, 2.5, 5.0, 7.5, 10.0])
     """
     checks.whole(chunk, "chunk")
-    some, count, digest = _cases(cases, n_case)
+    some, count, known_cases = _cases(cases, n_case)
     rank, processes = _share(share)
     study = Study(Path(folder), count, chunk)
-    _begin(study, digest)
     compute = batched(function, min(_AT_ONCE, chunk, count))
-    for k in range(rank, study.n_chunk, processes):
-        if study.file(k).exists():
+    size = min(chunk, count)
+    shapes = jax.tree.map(
+        lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _dtype(leaf)), known_cases
+    )
+    expected = _expected(compute, shapes)
+    _begin(study, compute, shapes, known_cases)
+    mine = range(rank, study.n_chunk, processes)
+    done = {k for k in mine if study.file(k).exists()}
+    for k in sorted(done):
+        _require(study.file(k), len(study.numbers(k)), expected)
+    for k in mine:
+        if k in done:
             continue
         numbers = study.numbers(k)
         # the last chunk is filled up with its last case: one program serves for all
-        filled = np.minimum(np.arange(k * chunk, k * chunk + min(chunk, count)), count - 1)
+        filled = np.minimum(np.arange(k * chunk, k * chunk + size), count - 1)
         results = compute(some(filled))
-        if not isinstance(results, dict):
-            raise ValueError(
-                f"function: expected a dict of arrays by name, got {type(results).__name__}"
-            )
-        _write(study.file(k), {n: np.asarray(a)[: len(numbers)] for n, a in results.items()})
+        arrays = {name: np.asarray(value)[: len(numbers)] for name, value in results.items()}
+        with written(study.file(k), "wb") as stream:
+            put_arrays(stream, arrays)
     return study
 
 
 def _cases(cases, n_case):
-    """A function from numbers to cases, the number of cases, and a digest of arrays or None."""
+    """A function from numbers to cases, the number of cases, and the cases that are compared."""
     if callable(cases):
         if n_case is None:
             raise ValueError("n_case: missing; a function of cases does not tell their number")
         checks.whole(n_case, "n_case")
-        return cases, n_case, None
-    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(cases)]
-    counts = {len(leaf) if leaf.ndim else None for leaf in leaves}
+        numbers = np.unique(np.linspace(0, n_case - 1, min(n_case, _PROBED)).astype(int))
+        probed = jax.tree.map(np.asarray, cases(numbers))
+        if _counts(probed) != {len(numbers)}:
+            raise ValueError(
+                f"cases: expected arrays [{len(numbers)}, ...] for {len(numbers)} numbers, got "
+                f"{[leaf.shape for leaf in jax.tree.leaves(probed)]}"
+            )
+        return cases, n_case, probed
+    cases = jax.tree.map(np.asarray, cases)
+    counts = _counts(cases)
     if len(counts) != 1 or None in counts or 0 in counts:
         raise ValueError("cases: expected arrays with one common leading axis, [n_case, ...]")
     (count,) = counts
     if n_case not in (None, count):
         raise ValueError(f"n_case = {n_case}: there are {count} cases")
-    digest = hashlib.blake2b(digest_size=16)
-    for leaf in leaves:
-        digest.update(repr((leaf.shape, leaf.dtype.str)).encode() + leaf.tobytes())
+    return (lambda numbers: jax.tree.map(lambda leaf: leaf[numbers], cases)), count, cases
 
-    def some(numbers):
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[numbers], cases)
 
-    return some, count, digest.hexdigest()
+def _counts(cases):
+    """Lengths of the leading axes of cases, a set; None where there is no axis."""
+    return {len(leaf) if leaf.ndim else None for leaf in jax.tree.leaves(cases)}
+
+
+def _dtype(leaf):
+    """The dtype with which jax computes."""
+    return jax.dtypes.canonicalize_dtype(leaf.dtype)
 
 
 def _share(share):
@@ -192,38 +233,136 @@ def _share(share):
     return rank, processes
 
 
-def _begin(study, digest):
+def _expected(compute, shapes):
+    """The results of a case, a dict from name to (shape, dtype); checks their names."""
+    results = jax.eval_shape(compute, shapes)
+    if not isinstance(results, dict):
+        raise ValueError(
+            f"function: expected a dict of arrays by name, got {type(results).__name__}"
+        )
+    for name, value in results.items():
+        if not isinstance(name, str) or not name or not name.isprintable():
+            raise ValueError(f"function: the result {name!r} has no name of printable characters")
+        if not isinstance(value, jax.ShapeDtypeStruct):
+            raise ValueError(f"function: the result {name!r} is a {type(value).__name__}, no array")
+    if not results:
+        raise ValueError("function: expected a dict of arrays by name, got an empty one")
+    return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
+
+
+def _begin(study, compute, shapes, cases):
     """Make the folder of a study, or see that it holds this one."""
-    study.folder.mkdir(parents=True, exist_ok=True)
-    told = {"n_case": study.n_case, "chunk": study.chunk, "cases": digest}
+    told = {
+        "n_case": study.n_case,
+        "chunk": study.chunk,
+        "cases": digest.of_arrays(cases),
+        "jaxcable": _version("jaxcable"),
+        "jax": jax.__version__,
+        "function": digest.of_function(compute, shapes),
+    }
     path = study.folder / _STUDY
+    if study.folder.exists() and not study.folder.is_dir():
+        raise ValueError(f"folder: {study.folder} is a file")
     if not path.exists():
-        _replace(path, lambda file: file.write(json.dumps(told).encode()))
-    known = json.loads(path.read_text())
-    for name, value in told.items():
-        if known.get(name) != value:
-            raise ValueError(
-                f"folder: {study.folder} holds a study with {name} = {known.get(name)}, not {value}"
-            )
+        for k in range(study.n_chunk):
+            if study.file(k).exists():
+                raise ValueError(
+                    f"folder: {study.folder} holds {study.file(k).name} and no {_STUDY} that tells "
+                    "what it is; take another folder, or move that file away"
+                )
+        study.folder.mkdir(parents=True, exist_ok=True)
+        create(path, json.dumps(told, indent=1).encode() + b"\n")
+    known = _description(path)
+    if "function" not in known:
+        raise ValueError(
+            f"folder: {study.folder} holds a study of an earlier version of jaxcable, which did "
+            "not note what it computes; take another folder (results.Study still reads that one)"
+        )
+    other = [f"{k} = {known.get(k)}, not {v}" for k, v in told.items() if known.get(k) != v]
+    if other:
+        hint = ""
+        if any(text.startswith("function") for text in other):
+            hint = " (function: digest of what is computed, with the model and all arrays in it)"
+        raise ValueError(
+            f"folder: {study.folder} holds a study with {'; '.join(other)}{hint}; take another "
+            "folder, or delete this one"
+        )
 
 
-def _write(path, results):
-    """Write results as a whole or not at all."""
-    _replace(path, lambda file: np.savez(file, **results))
-
-
-def _replace(path, write):
-    """Put a file in its place when it has been written."""
-    name = None
+def _version(name):
+    """The version of an installed package."""
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".new", delete=False) as file:
-            name = file.name
-            write(file)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(name, path)
-    except BaseException:
-        if name is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(name)
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return "unknown"
+
+
+def _description(path):
+    """What ``study.json`` says, a dict; ValueError if it is damaged, or a stranger's."""
+    try:
+        found = json.loads(path.read_text("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ValueError(
+            f"{path}: damaged, or not of jaxcable ({error}); take another folder, or move it away: "
+            "without it nobody knows what the chunks beside it are"
+        ) from None
+    if not isinstance(found, dict) or not {"n_case", "chunk"} <= found.keys():
+        raise ValueError(f"{path}: describes no study of jaxcable; take another folder")
+    return found
+
+
+def _told(results):
+    """Names, shapes of a case and dtypes of results, a dict."""
+    return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
+
+
+def _require(path, count, expected):
+    """Raise ValueError if a chunk cannot hold the `expected` results of `count` cases."""
+    found = _read(path, count, headers=True)
+    if found != expected:
+        raise ValueError(f"{path}: holds {found}, expected {expected}; {_ANEW}")
+
+
+def _read(path, count, headers=False):
+    """The arrays of a chunk of `count` cases by name, or what their headers say, as `_told` does.
+
+    Raises:
+        ValueError: the file is damaged, or has another number of cases.
+    """
+    found = {}
+    try:
+        with zipfile.ZipFile(path) as archive:
+            for name in archive.namelist():
+                if not name.endswith(".npy"):
+                    raise ValueError(f"holds {name!r}, which is no array")
+                with archive.open(name) as stream:
+                    found[name[:-4]] = _header(stream) if headers else _array(stream)
+    except (PermissionError, FileNotFoundError):
         raise
+    except Exception as error:  # of zipfile, zlib and NumPy there are many kinds
+        raise ValueError(f"{path}: damaged, or no file of a study ({error}); {_ANEW}") from None
+    shapes = {name: one[0] if headers else one.shape for name, one in found.items()}
+    for name, shape in shapes.items():
+        if shape[:1] != (count,):
+            raise ValueError(f"{path}: {name} has shape {shape}, not of {count} cases; {_ANEW}")
+    if not found:
+        raise ValueError(f"{path}: holds no results; {_ANEW}")
+    if headers:
+        return {name: (shape[1:], dtype) for name, (shape, dtype) in found.items()}
+    return found
+
+
+def _array(stream):
+    """The array in a stream, which is that of a ``.npy`` file."""
+    return np.lib.format.read_array(stream, allow_pickle=False)
+
+
+def _header(stream):
+    """Shape, and name of the dtype, of the array in a stream."""
+    version = np.lib.format.read_magic(stream)
+    read = {
+        (1, 0): np.lib.format.read_array_header_1_0,
+        (2, 0): np.lib.format.read_array_header_2_0,
+    }
+    shape, _, dtype = read[version](stream)
+    return shape, dtype.name

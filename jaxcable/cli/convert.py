@@ -21,7 +21,7 @@ _NOT_THERE = {
 def run(options: Namespace) -> None:
     """Read the net or scene that `options` name and write it in the format of the suffix."""
     outputs.check_suffix(options.save, (".json", ".dxf"), "--save")
-    require_writable(options.save)
+    require_writable(options.save, inputs=options.files)
     name, scale = options.save.lower(), 1.0
     if name.endswith((".dxf", ".compas.json")) and inputs.is_scene(options):
         others = ("anchors", "bars", "split", "tol", "supports", "sagitta", "hidden", "columns")

@@ -13,13 +13,18 @@ from ..analysis import solver
 from ..common import status
 from ..scenes import hypar
 from . import outputs
-from .guard import require_writable
+from .guard import require_ours, require_writable
+
+_PICTURE = "hypar_net.png"
 
 
 def run(options: Namespace) -> None:
     """Prestress and load the net, print a table of deflections, write a picture."""
-    outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
-    require_writable(options.plot)
+    picture = _PICTURE if options.plot is None else options.plot
+    outputs.check_suffix(picture, outputs.PICTURES, "--plot")
+    require_writable(picture)
+    if options.plot is None:
+        require_ours(picture)
     structure, phases = scenes.hypar_net()
     free = hypar.plan()[2]
     offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)
@@ -62,5 +67,5 @@ def run(options: Namespace) -> None:
         "The plan of this net is not published; it was identified from these deflections, so the "
         "agreement is no validation."
     )
-    outputs.picture(plots.net(solution, magnify=5.0), options.plot)
-    print(f"\npicture   {options.plot}")
+    outputs.picture(plots.net(solution, magnify=5.0), picture)
+    print(f"\npicture   {picture}")

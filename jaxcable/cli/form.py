@@ -46,7 +46,7 @@ class _Acting(NamedTuple):
 def run(options: Namespace) -> None:
     """Find the form that `options` ask for, print its numbers, write it."""
     outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save)
+    require_writable(options.save, inputs=[options.scene])
     structure, phases = inputs.scene(options)
     table = Omissions()
     if phases[0].supports is not None:

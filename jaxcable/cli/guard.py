@@ -8,16 +8,17 @@ import sys
 import threading
 import warnings
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..common import writing
 from ..common.checks import InputWarning, UnstableWarning
 from ..common.interrupt import leave
 from ..common.status import AnalysisError
 from ..files import FileError
-from ..files.reading import written
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
+_HEAD = 4096  # bytes in which files say what has made them
 
 
 class Refused(Exception):  # noqa: N818 - the input is at fault, not the program
@@ -101,18 +102,37 @@ def say(line: str) -> None:
     print(f"jaxcable: {' '.join(line.split())}", file=sys.stderr)
 
 
-def require_writable(*paths: str | Path | None) -> None:
-    """Raise OSError if one of the files cannot be written: called before long work begins."""
+def require_writable(*paths: str | Path | None, inputs: Sequence[str] = ()) -> None:
+    """Raise an error if a file cannot be written, before long work begins; None is no file.
+
+    Args:
+        paths: files that a command writes.
+        inputs: files that it reads.
+
+    Raises:
+        Refused: a file would take the place of an input, or of another file of `paths`.
+        OSError: a file cannot be written.
+    """
+    named: set[str] = set()
     for path in paths:
         if path is None:
             continue
-        path = Path(path)
-        if path.is_dir():
-            raise IsADirectoryError(21, "Is a folder, not a file", str(path))
-        probe = path.with_name(f".{path.name}.probe")
-        try:
-            with written(probe) as stream:
-                stream.write("")
-        except OSError as error:
-            raise type(error)(error.errno, error.strerror, str(path)) from None
-        probe.unlink()
+        target = os.path.realpath(path)
+        for name in inputs:
+            if os.path.exists(target) and os.path.exists(name) and os.path.samefile(target, name):
+                raise Refused(f"{path}: is read by this command; give another name to write to")
+        if target in named and not target.endswith(".csv"):  # of tables, which have more names
+            raise Refused(f"{path}: named for two files that this command writes")
+        named.add(target)
+        writing.require_writable(path)
+
+
+def require_ours(path: str | Path) -> None:
+    """Raise `Refused` if a file, which the user has not named, is one that others have made."""
+    path = Path(path)
+    if not path.is_file():
+        return
+    with path.open("rb") as stream:
+        begin = stream.read(_HEAD)
+    if b"jaxcable" not in begin:
+        raise Refused(f"{path}: there already, and not of this program; --save names another file")

@@ -8,9 +8,9 @@ from argparse import Namespace
 from importlib import resources
 from pathlib import Path
 
+from ..common.writing import written_together
 from ..files import scene_schema
 from ..files.layout import laid_out
-from ..files.reading import written
 from . import outputs
 from .guard import Refused, require_writable
 
@@ -41,9 +41,9 @@ def run(options: Namespace) -> None:
     if options.force or not schema.exists():
         texts[schema] = laid_out(scene_schema()) + "\n"
     require_writable(*texts)
-    for path, text in texts.items():
-        with written(path) as stream:
-            stream.write(text)
+    with written_together() as begin:
+        for path, text in texts.items():
+            begin(path).write(text)
     name, picture = shlex.quote(str(scene)), shlex.quote(str(scene.with_suffix(".png")))
     print(f"wrote {scene}: {KINDS[options.kind]}")
     print(f"wrote {script}: the same in Python, with a picture and a page that turns")

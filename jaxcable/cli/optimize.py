@@ -32,7 +32,7 @@ def run(options: Namespace) -> None:
     start, there is no design, and nothing is written.
     """
     outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save)
+    require_writable(options.save, inputs=[options.scene])
     structure, phases = inputs.scene(options)
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from ..analysis.solution import Solution
 from ..common.status import OK, AnalysisError, raise_if_failed
 from ..files import save_dxf, save_network, save_opensees, save_result, save_vtk
-from ..files.reading import written
 from ..model.structure import Structure
+from ..plots import style
 from .guard import FAILED, Refused, say
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -28,9 +28,8 @@ def check_suffix(path: str | None, known: Sequence[str], option: str) -> None:
 
 
 def picture(figure: Figure, path: str) -> None:
-    """Save a figure; a file that could not be completed is not left behind."""
-    with written(path, "wb") as stream:
-        figure.savefig(stream, format=Path(path).suffix[1:].lower(), dpi=130)
+    """Save a figure as a file of moderate size."""
+    style.save(figure, path, dpi=130)
 
 
 def result(path: str | Path, structure: Structure, solution: Solution) -> list[Path]:

@@ -133,7 +133,8 @@ def _new(commands):
 def _demo(commands):
     text = "the hyperbolic paraboloid net beside the published deflections"
     command = _command(commands, "demo", demo, text, "--plot hypar.png")
-    command.add_argument("--plot", default="hypar_net.png", help="picture to write (png, pdf, svg)")
+    text = "picture to write (png, pdf, svg; default hypar_net.png)"
+    command.add_argument("--plot", metavar="FILE", help=text)
 
 
 def _solve(commands):

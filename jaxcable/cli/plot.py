@@ -14,7 +14,7 @@ from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
 from . import outputs
 from .analysed import shown
-from .guard import Refused, require_writable, say
+from .guard import Refused, require_ours, require_writable, say
 
 
 def run(options: Namespace) -> int | None:
@@ -29,7 +29,9 @@ def run(options: Namespace) -> int | None:
             raise Refused(f"--{name}: not of a diagram; give --of tension, or another colour")
     if options.sequence and options.reactions:
         raise Refused("--reactions: not in a sequence")
-    require_writable(path)
+    require_writable(path, inputs=[options.scene])
+    if options.save is None:
+        require_ours(path)
 
     def draw(structure: Structure, solution: Solution) -> Figure | None:
         if int(solution.status) != status.OK:

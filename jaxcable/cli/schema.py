@@ -5,9 +5,9 @@ from __future__ import annotations
 from argparse import Namespace
 from pathlib import Path
 
+from ..common.writing import written
 from ..files import scene_schema
 from ..files.layout import laid_out
-from ..files.reading import written
 from . import outputs
 from .guard import require_writable
 

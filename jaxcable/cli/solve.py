@@ -29,7 +29,8 @@ def run(options: Namespace) -> int | None:
     outputs.check_suffix(options.plot, outputs.PICTURES, "--plot")
     if options.report not in (None, "-"):
         outputs.check_suffix(options.report, outputs.REPORTS, "--report")
-    require_writable(options.plot, *options.save, None if options.report == "-" else options.report)
+    report_path = None if options.report == "-" else options.report
+    require_writable(options.plot, *options.save, report_path, inputs=[options.scene])
     structure, phases = inputs.scene(options)
     try:
         for path in options.save:

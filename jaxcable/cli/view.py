@@ -9,14 +9,16 @@ from pathlib import Path
 from .. import plots
 from . import outputs
 from .analysed import shown
-from .guard import require_writable
+from .guard import require_ours, require_writable
 
 
 def run(options: Namespace) -> int | None:
     """Write and open the page; returns the exit status, 1 if the analysis fails."""
     out = Path(options.scene).with_suffix(".html").name if options.save is None else options.save
     outputs.check_suffix(out, outputs.PAGES, "--save")
-    require_writable(out)
+    require_writable(out, inputs=[options.scene])
+    if options.save is None:
+        require_ours(out)
     title = Path(options.scene).stem
     solution, page = shown(
         options,

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .owned import owned
 from .types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 _T = TypeVar("_T")
@@ -81,8 +82,9 @@ class _Slot:
 def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str] = ()) -> Any:
     """Make `cls` a frozen dataclass and a pytree; fields that the options do not name are leaves.
 
-    Unlike with `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`:
-    constructors may validate values, while transformations may put any leaf in a field.
+    Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned`). Unlike with
+    `jax.tree_util.register_dataclass`, unflattening does not run `__post_init__`: constructors may
+    validate values, while transformations may put any leaf in a field.
 
     Options:
         static: names of fields that are metadata.
@@ -97,6 +99,16 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
     cls._static_fields = tuple(static)
     cls._data_fields = data
     cls._all_fields = tuple(f.name for f in dataclasses.fields(cls))
+    construct = cls.__init__
+
+    @functools.wraps(construct)
+    def init(obj, *arguments, **options):
+        construct(obj, *arguments, **options)
+        values = obj.__dict__
+        for name in data:
+            values[name] = owned(values[name])
+
+    cls.__init__ = init
 
     def flatten(obj):
         values = obj.__dict__

@@ -13,6 +13,7 @@ import numpy as np
 from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import PER_PHASE, Solution
 from ..common import checks
+from ..common.owned import owned
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[ArrayLike, ' n']"
@@ -58,9 +59,10 @@ class Target:
 
     def __post_init__(self):
         checks.floats(self.value, "value")
+        object.__setattr__(self, "value", owned(self.value))
         if isinstance(self.phase, bool) or not isinstance(self.phase, int | np.integer):
             raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
-        object.__setattr__(self, "at", _index(self.at))
+        object.__setattr__(self, "at", owned(_index(self.at)))
         if not self.within > 0:
             raise ValueError(f"within = {self.within!r}: must be positive")
 

@@ -271,13 +271,14 @@ def _net(entities, metres, tol, supports, table):
     if marks:
         distance, node = cKDTree(net.nodes).query(metres * np.array([p for *_, p in marks]))
     on: dict[str, set[int]] = {}
+    fixed = net.fixed.copy()
     held = [supports in ("*", layer) for _, layer, _ in marks]
     for (where, layer, _), off, number, support in zip(marks, distance, node, held, strict=True):
         on.setdefault(layer, set()).update([int(number)] if off <= tol else [])
         if support and off > tol:
             raise FileError(f"{where}: a support that is {off:.3g} m off the nearest node")
         if support:
-            net.fixed[number] = True
+            fixed[number] = True
         elif off > tol:
             table.add("POINT", f"layer {layer!r}", "off the nodes")
     if supports is not None and not any(held):
@@ -286,4 +287,4 @@ def _net(entities, metres, tol, supports, table):
             f"supports = {supports!r}: there is no POINT on this layer; there are on: {layers}"
         )
     by_layer = {layer: np.array(sorted(nodes), np.int32) for layer, nodes in on.items()}
-    return dataclasses.replace(net, marks=by_layer)
+    return dataclasses.replace(net, fixed=fixed, marks=by_layer)

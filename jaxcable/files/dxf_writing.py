@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from ..analysis.solution import Solution
+from ..common.writing import written
 from ..elements import Bars
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
 from .dxf import BARS, METRES, SUPPORTS, library
-from .reading import written
 
 _COLOURS = (5, 1, 3, 6, 4, 2)  # of groups, by the format's numbers: blue, red, green, ...
 _GREY = 8  # of points

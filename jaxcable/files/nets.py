@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..analysis.phases import Phase
 from ..common import checks
+from ..common.owned import owned
 from ..common.types import ArrayLike, Bool, Float, Int
 from ..elements import Bars, Cables
 from ..loads import NodalLoads
@@ -62,6 +63,10 @@ class Net:
     names: tuple[str, ...] = ()
     marks: dict[str, Int[np.ndarray, " n"]] = dataclasses.field(default_factory=dict)
     omissions: tuple[Omission, ...] = ()
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            object.__setattr__(self, field.name, owned(getattr(self, field.name)))
 
     def scene(
         self,

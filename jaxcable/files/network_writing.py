@@ -12,11 +12,11 @@ import numpy as np
 from ..analysis.solution import Solution
 from ..common import checks
 from ..common.types import ArrayLike, Int
+from ..common.writing import written
 from ..model.parts import groups_by_name, one_case, per_group, pieces
 from ..model.structure import Structure
 from ..model.topology import require_same
 from .omissions import Omissions
-from .reading import written
 
 
 def save_network(

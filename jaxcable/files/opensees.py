@@ -16,11 +16,11 @@ import numpy as np
 from ..analysis.presence import idle_of
 from ..analysis.solution import Solution
 from ..common import checks
+from ..common.writing import written
 from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
-from .reading import written
 
 
 def save_opensees(

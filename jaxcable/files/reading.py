@@ -1,4 +1,4 @@
-"""Reading of untrusted files, and writing of files that are never left half written.
+"""Reading of untrusted files.
 
 A file is data: nothing in it is executed, unpickled or looked up by name outside of constant
 tables. It is read up to a limit of size; the message that refuses it is one line, with the place of
@@ -7,17 +7,10 @@ the error.
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import json
-import os
-import tempfile
-from collections.abc import Iterator
 from os import PathLike
 from pathlib import Path
-from typing import IO, Any
-
-from ..common.interrupt import AT_EXIT
+from typing import Any
 
 LARGEST = 64 * 1024 * 1024
 """Default of the largest size that is read, bytes: enough for a net of a million links."""
@@ -134,37 +127,3 @@ def _whole(digits):
 def _refuse(name):
     """Raise ValueError for NaN and infinities."""
     raise ValueError(f"{name} is no number; a file holds finite numbers only")
-
-
-@contextlib.contextmanager
-def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
-    """A stream for a file that appears at `path` when it is written completely, or not at all.
-
-    Args:
-        path: path of the file.
-        mode: "w" for text in UTF-8, "wb" for bytes.
-
-    Raises:
-        OSError: the folder is missing, or the file cannot be written.
-    """
-    path = Path(os.path.realpath(path))  # replace the target of a link, not the link
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, "Is not a regular file", str(path))
-    if path.exists() and not os.access(path, os.W_OK):
-        raise PermissionError(errno.EACCES, "Permission denied", str(path))
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-    AT_EXIT.append(name)
-    try:
-        text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
-        with open(handle, mode, **text) as stream:
-            yield stream
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)  # mkstemp allows the user alone to read its files
-        os.replace(name, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(name)
-        raise
-    finally:
-        AT_EXIT.remove(name)

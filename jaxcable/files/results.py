@@ -16,10 +16,11 @@ import numpy as np
 
 from ..analysis.solution import Solution
 from ..common import status
+from ..common.writing import put_arrays, written, written_together
 from ..model.parts import Column, columns, first_and_last, groups_by_name, one_case, per_group
 from ..model.structure import Structure
 from ..model.topology import require_same
-from .reading import LARGEST, FileError, read_json, written
+from .reading import LARGEST, FileError, read_json
 
 FORMAT = "jaxcable result"
 _PER_NODE = ("positions", "displacement", "reactions", "load", "rotation", "reaction_moments")
@@ -62,8 +63,7 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
     path = Path(path)
     if path.suffix == ".npz":
         with written(path, "wb") as stream:
-            arrays = flat(structure, solution)
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # no name is an option
+            put_arrays(stream, flat(structure, solution), compressed=True)
         return [path]
     if path.suffix == ".json":
         numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
@@ -73,11 +73,11 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
             stream.write("\n")
         return [path]
     if path.suffix == ".csv":
-        done = []
-        for name, rows in tables(structure, solution).items():
-            done.append(path.with_name(f"{path.stem}-{name}.csv"))
-            with written(done[-1]) as stream:
-                stream.write(as_csv(rows))
+        texts = {name: as_csv(rows) for name, rows in tables(structure, solution).items()}
+        done = [path.with_name(f"{path.stem}-{name}.csv") for name in texts]
+        with written_together() as begin:
+            for name, text in zip(done, texts.values(), strict=True):
+                begin(name).write(text)
         return done
     raise ValueError(f"path = {str(path)!r}: expected a name that ends with .npz, .json or .csv")
 

@@ -33,11 +33,12 @@ from os import PathLike
 from ..analysis.phases import Phase
 from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
+from ..common.writing import written
 from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
 from .layout import laid_out
-from .reading import LARGEST, FileError, read_json, written
+from .reading import LARGEST, FileError, read_json
 
 FORMAT = "jaxcable scene"
 VERSION = 1

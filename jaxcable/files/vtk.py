@@ -9,10 +9,10 @@ import jax
 import numpy as np
 
 from ..analysis.solution import Solution
+from ..common.writing import written, written_together
 from ..model.parts import columns, groups_by_name, one_case, per_group, pieces
 from ..model.structure import Structure
 from ..model.topology import require_same
-from .reading import written
 
 _LINE = 3  # cell type of VTK
 
@@ -60,8 +60,15 @@ def save_vtk(
         vectors = {name: np.asarray(getattr(last, field)) for name, field in names.items()}
         scalars = {column.label: column.values for column in columns(structure.groups, last.told)}
         scalars["rest_length"] = per_group(structure, last.rest_length)
-        _write(path, structure, np.asarray(last.positions), vectors, scalars)
+        with written(path) as stream:
+            _write(stream, structure, np.asarray(last.positions), vectors, scalars)
         return [path]
+    with written_together() as begin:
+        return _increments(path, structure, solution, begin)
+
+
+def _increments(path, structure, solution, open_file):
+    """Write one file for every converged increment; returns their paths."""
     done = []
     for phase in solution.phases:
         good = np.flatnonzero(np.asarray(phase.path.status) == 0)
@@ -78,12 +85,13 @@ def save_vtk(
                 for name, result in phase.path.told.items()
             }
             scalars = {column.label: column.values for column in columns(structure.groups, told)}
-            _write(done[-1], structure, begin + moved, {"displacement": moved}, scalars)
+            moves = {"displacement": moved}
+            _write(open_file(done[-1]), structure, begin + moved, moves, scalars)
     return done
 
 
-def _write(path, structure, points, vectors, scalars):
-    """Write one file: points [n_node, 3], vectors of points, scalars of elements per group."""
+def _write(stream, structure, points, vectors, scalars):
+    """Write the text of a file: points [n_node, 3], vectors at points, scalars of elements."""
     ends, element, group = pieces(structure.groups)
     names = ", ".join(
         f"{k} {name}".strip() for k, (name, _) in enumerate(groups_by_name(structure))
@@ -105,8 +113,7 @@ def _write(path, structure, points, vectors, scalars):
     lines += [f"POINT_DATA {len(points)}"]
     for name, values in vectors.items():
         lines += [f"VECTORS {name} double", *_rows(values)]
-    with written(path) as stream:
-        stream.write("\n".join(lines) + "\n")
+    stream.write("\n".join(lines) + "\n")
 
 
 def _title(text):

@@ -16,6 +16,7 @@ from PIL import Image
 
 from ..analysis.solution import Solution
 from ..common.types import Int
+from ..common.writing import written
 from ..model.parts import pieces
 from ..model.structure import Structure
 from .glyphs import draw_supports, support_keys, supports
@@ -185,7 +186,9 @@ def _gif(images, path, rate):
     """Save all frames as a GIF that repeats, the last frame for longer."""
     times = [round(1000 / rate)] * len(images)
     times[-1] *= _HOLD
-    images[0].save(path, save_all=True, append_images=images[1:], duration=times, loop=0)
+    with written(path, "wb") as stream:
+        options = {"save_all": True, "append_images": images[1:], "duration": times, "loop": 0}
+        images[0].save(stream, "GIF", **options)
 
 
 def _palette():
@@ -207,7 +210,8 @@ def _html(images, path, rate):
         frames.append(f'"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"')
     page = _PAGE.replace("WIDTH", str(images[0].width)).replace("LAST", str(len(images) - 1))
     page = page.replace("WAIT", str(round(1000 / rate))).replace("FRAMES", ",\n".join(frames))
-    path.write_text(page, encoding="utf-8")
+    with written(path) as stream:
+        stream.write(page)
 
 
 _PAGE = """<!DOCTYPE html>

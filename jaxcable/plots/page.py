@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..common.types import ArrayLike
+from ..common.writing import written
 
 _TYPES: dict[str, Any] = {"f": np.dtype("<f4"), "u": np.dtype("<u4"), "b": np.dtype("u1")}
 SCRIPTS = ("data", "camera", "shape", "draw", "pick", "panel", "main")
@@ -89,5 +90,6 @@ def write(
     whole = "".join([before, *pieces])
     if path is not None:
         path = Path(path)
-        path.write_text(whole, encoding="utf-8")
+        with written(path) as stream:
+            stream.write(whole)
     return Page(whole, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Literal
 
 import matplotlib
@@ -14,6 +15,11 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.text import Text
+
+from ..common.writing import written
+
+MADE_BY = "jaxcable (matplotlib)"
+"""What pictures say of themselves in their metadata."""
 
 SIZE = 9.5
 """Size of all text, in points: 6 or more when a picture is printed 10 cm wide."""
@@ -72,8 +78,29 @@ def finish(figure: Figure, path: str | os.PathLike[str] | None = None, dpi: floa
     """Set the size of all text, save to `path` unless it is None, return the figure."""
     resize(figure)
     if path is not None:
-        figure.savefig(path, dpi=dpi)
+        save(figure, path, dpi)
     return figure
+
+
+def save(figure: Figure, path: str | os.PathLike[str], dpi: float) -> None:
+    """Save a figure, completely or not at all, in the format of the suffix, or as PNG without one.
+
+    Raises:
+        ValueError: matplotlib has no format of that name. OSError: the file cannot be written.
+    """
+    if hasattr(path, "write"):  # a stream
+        figure.savefig(path, dpi=dpi)
+        return
+    path = Path(path)
+    if not path.suffix:
+        path = path.with_name(f"{path.name}.png")
+    kind, known = path.suffix[1:].lower(), sorted(figure.canvas.get_supported_filetypes())
+    if kind not in known:
+        raise ValueError(f"path = {str(path)!r}: expected a name that ends with one of {known}")
+    names = {"png": "Software", "pdf": "Creator", "svg": "Creator"}
+    metadata = {names[kind]: MADE_BY} if kind in names else None
+    with written(path, "wb") as stream:
+        figure.savefig(stream, format=kind, dpi=dpi, metadata=metadata)
 
 
 def colour_map() -> Colormap:

@@ -14,7 +14,7 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State
 from ..common import status
-from ..files.reading import written
+from ..common.writing import written_together
 from ..files.results import as_csv
 from ..model.parts import groups_by_name, one_case, there
 from ..model.structure import Structure
@@ -109,9 +109,9 @@ class Report:
             texts = {path: self.text(rows=10**9)}  # all lines
         else:
             raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")
-        for name, text in texts.items():
-            with written(name) as stream:
-                stream.write(text)
+        with written_together() as begin:
+            for name, text in texts.items():
+                begin(name).write(text)
         return list(texts)
 
     def __str__(self) -> str:

@@ -1,0 +1,64 @@
+"""Arrays and containers that an object owns: what its user does with his own changes nothing.
+
+An array that is shared with a user can change after it has been checked, and what was worked out
+from it does not follow. Objects therefore keep copies, which nobody can write to: an attempt is
+NumPy's error instead of half a change.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import jax
+import numpy as np
+
+_T = TypeVar("_T")
+
+_IMMUTABLE = (type(None), bool, int, float, complex, str, bytes, jax.Array, np.generic)
+
+
+def owned(value: _T, is_owner: type | tuple[type, ...] = ()) -> _T:
+    """Copy the NumPy arrays, lists and dicts of a pytree; the copies of arrays are read-only.
+
+    Arrays of jax, which nobody can change, are not copied, nor are arrays that are such copies.
+
+    Args:
+        value: array, number, or pytree.
+        is_owner: classes of objects that own what is in them, and are left as they are.
+    """
+    return _owned(value, is_owner)
+
+
+def _owned(value, is_owner):
+    """See `owned`."""
+    kind = type(value)
+    if kind is np.ndarray:
+        return value if _is_frozen(value) else _frozen_copy(value)
+    if isinstance(value, _IMMUTABLE) or hasattr(kind, "_all_fields") or isinstance(value, is_owner):
+        return value
+    if kind is dict:
+        return {key: _owned(item, is_owner) for key, item in value.items()}
+    if kind is list or kind is tuple:
+        return kind([_owned(item, is_owner) for item in value])
+    if isinstance(value, np.ndarray):  # a subclass, such as a file in memory
+        return _frozen_copy(value)
+    leaves, tree = jax.tree.flatten(value, is_leaf=lambda x: x is not value)
+    if len(leaves) == 1 and leaves[0] is value:
+        return value
+    return jax.tree.unflatten(tree, [_owned(leaf, is_owner) for leaf in leaves])
+
+
+def _is_frozen(array):
+    """Whether an array, and every array that it is a view of, is read-only."""
+    while type(array) is np.ndarray and not array.flags.writeable:
+        if array.base is None:
+            return True
+        array = array.base
+    return False
+
+
+def _frozen_copy(array):
+    """A read-only copy of an array."""
+    array = np.array(array)
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,166 @@
+"""Writing of files: each appears when it is written completely, or not at all.
+
+What was there before stays whole until then. Everything in this package that writes a file does so
+here, and nothing in it deletes a file that it has not made.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from .interrupt import AT_EXIT
+
+
+@contextlib.contextmanager
+def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
+    """Open a stream for a file that appears at `path` when the block ends; not if it fails.
+
+    Args:
+        path: path of the file.
+        mode: "w" for text in UTF-8, "wb" for bytes.
+
+    Raises:
+        OSError: the folder is missing, or the file cannot be written.
+    """
+    with written_together() as begin:
+        yield begin(path, mode)
+
+
+@contextlib.contextmanager
+def written_together() -> Iterator[Callable[..., IO[Any]]]:
+    """Write several files, which appear together when the block ends; none if it fails.
+
+    The block gets a function of the arguments of `written` that opens the stream of the next file;
+    the stream before it is complete then.
+    """
+    staged: list[tuple[str, Path, int]] = []
+    streams: list[IO[Any]] = []
+
+    def finish():
+        for stream in streams:
+            stream.flush()
+            os.fsync(stream.fileno())
+            stream.close()
+        streams.clear()
+
+    def begin(path, mode="w"):
+        finish()
+        target = replaceable(path)
+        permissions = _permissions(target)
+        handle, name = _open_beside(target, path)
+        staged.append((name, target, permissions))
+        text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
+        streams.append(open(handle, mode, **text))
+        return streams[0]
+
+    try:
+        yield begin
+        finish()
+        for name, target, permissions in staged:
+            os.chmod(name, permissions)  # mkstemp allows the user alone to read its files
+            os.replace(name, target)
+    except BaseException:
+        for stream in streams:
+            with contextlib.suppress(OSError):
+                stream.close()
+        for name, _, _ in staged:
+            with contextlib.suppress(OSError):
+                os.unlink(name)
+        raise
+    finally:
+        for name, _, _ in staged:
+            AT_EXIT.remove(name)
+
+
+def replaceable(path: str | PathLike[str]) -> Path:
+    """The file that is written for `path`: that at the end of a link, not the link.
+
+    Raises:
+        OSError: something else than a file is there, or a file that may not be changed (also where
+            the user could change everything).
+    """
+    target = Path(os.path.realpath(path))
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "Is a folder, not a file", str(path))
+    if target.exists() and not target.is_file():
+        raise OSError(errno.EINVAL, "Is not a regular file", str(path))
+    if target.exists() and not (os.access(target, os.W_OK) and _permissions(target) & 0o222):
+        raise PermissionError(errno.EACCES, "Permission denied", str(path))
+    return target
+
+
+def require_writable(path: str | PathLike[str]) -> None:
+    """Raise OSError if `written` could not write this file; nothing is left behind."""
+    handle, name = _open_beside(replaceable(path), path)
+    os.close(handle)
+    os.unlink(name)
+    AT_EXIT.remove(name)
+
+
+def create(path: str | PathLike[str], content: bytes) -> bool:
+    """Write a file unless there is one, which stays as it is; returns whether it was written.
+
+    Of several processes that create the same file, one does.
+    """
+    target = Path(path)
+    handle, name = _open_beside(target, path)
+    try:
+        with open(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(name, _permissions(target))
+        try:
+            os.link(name, target)
+        except FileExistsError:
+            return False
+        except OSError:  # a file system without links
+            if target.exists():
+                return False
+            os.replace(name, target)
+        return True
+    finally:
+        with contextlib.suppress(OSError):
+            os.unlink(name)
+        AT_EXIT.remove(name)
+
+
+def put_arrays(
+    stream: IO[bytes], arrays: Mapping[str, np.ndarray], compressed: bool = False
+) -> None:
+    """Write arrays to a stream as ``.npz``; other than for `np.savez` every name will do."""
+    kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+    with zipfile.ZipFile(stream, "w", kind) as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
+
+
+def _open_beside(target, path):
+    """A new file in the folder of `target`: its descriptor and name; errors name `path`."""
+    try:
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".jaxcable-", suffix=".part")
+    except OSError as error:
+        raise type(error)(error.errno, error.strerror, str(path)) from None
+    AT_EXIT.append(name)
+    return handle, name
+
+
+def _permissions(target):
+    """Permissions of a file: those that it has, or those of a new one."""
+    with contextlib.suppress(OSError):
+        return stat.S_IMODE(target.stat().st_mode)
+    umask = os.umask(0)
+    os.umask(umask)
+    return 0o666 & ~umask
