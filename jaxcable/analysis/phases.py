@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,26 +9,23 @@ import jax
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, kept, not_negative, positive, refuse
+from ..common.rules import refuse
 from ..common.selection import Named, Only, Selection
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import Jacked, Prestressable, Sagging
-from ..elements.element import Element
-from ..elements.prestress import Stated, of_each
+from ..elements.prestress import Stated
 from ..loads import as_list
 from ..loads.load import Load
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Supports
+from .prestress_rules import capacity_rules, span_rules, value_rules
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
 """Statements that replace the prestress of an element."""
 INCREMENTS = ("shortening", "temperature")
 """Statements that change the prestress of an element."""
-
-_TENSIONS = ("pretension", "force_density", "jacking")
-
 
 PLACES = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
@@ -156,7 +152,7 @@ class Phase:
             if getattr(self, name) is None:
                 continue
             values = spread(getattr(self, name), structure, name)
-            if _is_scalar(getattr(self, name)):
+            if is_scalar(getattr(self, name)):
                 values = [
                     None if _passes_by(group, name, structure) else value
                     for value, group in zip(values, structure.groups, strict=True)
@@ -164,7 +160,7 @@ class Phase:
             for statements, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
                     try:
-                        statements[name] = _checked(value, group, name)
+                        statements[name] = _checked(value, group, name, structure)
                     except ValueError as error:
                         of = f"; in elements{where}" if where else ""
                         raise ValueError(f"{error}{of}") from None
@@ -176,7 +172,9 @@ class Phase:
 
 
 def by_name(value: Any) -> Any:
-    """What a phase adds or removes, with keys of groups as `Named`."""
+    """What a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
+    if isinstance(value, list | tuple | dict) and not value:
+        return None
     if isinstance(value, str):
         return Named(value)
     if isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value):
@@ -215,7 +213,8 @@ def _meant(stated, group):
     return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
-def _is_scalar(value):
+def is_scalar(value: Any) -> bool:
+    """Whether a statement is one number for the whole structure."""
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
@@ -244,7 +243,7 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     Raises:
         ValueError: keys that no group has, or another shape.
     """
-    if value is None or _is_scalar(value):
+    if value is None or is_scalar(value):
         return [value] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
     value = _filled(value, numbers, name)
@@ -311,7 +310,7 @@ def _told(tree):
     return f"{type(tree).__name__}{shape}"
 
 
-def _checked(value, group, name):
+def _checked(value, group, name, structure):
     """The value of a statement for a group as `Stated`; ValueError if the group cannot take it."""
     if isinstance(value, Selection):
         raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
@@ -337,54 +336,7 @@ def _checked(value, group, name):
     else:
         chosen = None
         value = given = checks.per_element(value, count, name)
-    refuse(_sign_rules(name, given, group))
-    refuse(_capacity_rules(name, value, group, group.capacity))
+    refuse(value_rules(name, given, group))
+    refuse(capacity_rules(name, value, group, group.capacity))
+    refuse(span_rules(name, group, structure.nodes, chosen))
     return Stated(value, chosen)
-
-
-def keeps_rules(inputs: Sequence[dict[str, Stated]], groups: Sequence[Element]) -> Bool[Array, ""]:
-    """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
-
-    Args:
-        inputs: for every group a dict from name to `Stated`.
-        groups: element groups, before `extended`.
-    """
-    all_kept = kept([])
-    for group, statements in zip(groups, inputs, strict=True):
-        for name, stated in statements.items():
-            rules = _sign_rules(name, stated.values, group)
-            capacity = functools.partial(of_each, "capacity", group)
-            rules += _capacity_rules(name, stated.values, group, capacity)
-            all_kept = all_kept & kept(rules, stated.chosen)
-    return all_kept
-
-
-def _sign_rules(name, values, group):
-    """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
-    if name == "rest_length":
-        return [positive(name, values, "an unstressed length must be positive")]
-    if name == "prestrain":
-        return [Rule(name, values, lambda v: v <= -1, "a prestrain must be above -1")]
-    if name == "sag":
-        text = "a sag must be positive; a straight cable has no length of its own"
-        return [positive(name, values, text)]
-    if name in _TENSIONS and group.tension_only:
-        text = "a cable carries tension only; must not be negative (use Bars)"
-        return [not_negative(name, values, text)]
-    return []
-
-
-def _capacity_rules(name, values, group, capacity):
-    """The rule that the law of a group can carry the stated forces, [n_elem].
-
-    `capacity` is a function that returns the smallest and the largest force of every element.
-    """
-    if name not in ("pretension", "jacking") or not group.breaks:
-        return []
-    text = "above what its law can carry; a pretension must lie within the curve"
-
-    def beyond(force, low, high):  # a curve with NaN has no capacity, and passes
-        more = 1 + 8 * np.finfo(force.dtype).eps  # the peak of the curve itself is allowed
-        return (force < low * more) | (force > high * more)
-
-    return [Rule(name, (values, *capacity()), beyond, text)]

@@ -13,7 +13,7 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.rules import or_nan, positive
 from ..common.types import Array, ArrayLike, Float, PyTree
-from ..elements import hanging
+from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
 from ..elements.prestress import element
 from ..mechanics.carry import make_system
@@ -139,8 +139,7 @@ def hanging_chain(
     Args:
         first, second: positions of the ends, [3], m; they must not lie above each other.
         n: number of elements, at least 2.
-        sag: how far the middle of the chain (a node, or the middle of an element) hangs below the
-            middle of its chord, m, positive.
+        sag: vertical distance of the chain from its chord at midspan, m, positive.
         weight: weight per unstressed length, N/m.
         axial_stiffness: EA, N.
 
@@ -188,7 +187,6 @@ def _chain(chord, sag, weight, stiffness, n):
     """
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
     offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
-    side = jnp.sign(offset)
 
     def pieces(unknowns):
         h, v, length = unknowns
@@ -200,11 +198,12 @@ def _chain(chord, sag, weight, stiffness, n):
     def mismatch(scaled):
         piece = pieces(scaled * scale)
         wanted = jnp.stack([level, chord[2], sag])
-        found = jnp.stack([jnp.sum(piece[:, 0]), jnp.sum(piece[:, 1]), 0.5 * side @ piece[:, 1]])
+        x, z = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)]).T
+        found = jnp.stack([x[-1], z[-1], 0.5 * z[-1] - jnp.interp(0.5 * x[-1], x, z)])
         return (found - wanted) / jnp.stack([level, level, sag])
 
     down = weight * jnp.array([0.0, 0.0, -1.0], chord.dtype)
-    strain = hanging.strain_at_depth(chord, down, stiffness, sag)
+    strain = hanging_sag.strain_at_sag(chord, down, stiffness, sag)
     length = jnp.sqrt(chord @ chord) / (1 + strain)
     excess = chord @ chord - length**2
     force, _, _ = hanging.hang(chord, excess, down, length, stiffness)

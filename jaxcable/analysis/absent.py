@@ -1,0 +1,134 @@
+"""Statements and loads of a phase for elements that are not there: refused, or a warning.
+
+A statement changes what is there. It is lost on an element that is not there, because this element
+is unstressed when it is added. So what names such an element, by `only` or by its group, is refused
+(with traced masks the phase ends in INVALID_INPUT). One number for all cables and bars, or numbers
+for all elements of a group, are for those that are there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks
+from ..common.selection import Only
+from ..common.types import Bool
+from ..elements.stated import Stated
+from ..loads.load import Acting
+from ..model.structure import Structure
+from .phases import ABSOLUTE, INCREMENTS, Phase, is_scalar, spread
+from .presence import Presence
+
+
+def require_present(
+    structure: Structure,
+    phases: Sequence[Phase],
+    inputs: Sequence[Sequence[dict[str, Stated]]],
+    presence: Presence,
+    earlier: int = 0,
+) -> Presence:
+    """Refuse statements that name elements which are not there: the presence, with its `sound`.
+
+    Args:
+        structure, phases: of the analysis.
+        inputs: statements of every phase and group, as `Phase.inputs` gives them.
+        presence: which elements are there in which phase.
+        earlier: number of phases solved before, by which messages number the phases.
+
+    Raises:
+        ValueError: a statement names an element that is known not to be there.
+    """
+    sound = presence.sound
+    for k, phase in enumerate(phases):
+        there = [present[k] for present in presence.present]
+        for name in (*ABSOLUTE, *INCREMENTS):
+            value, label = getattr(phase, name), f"phases[{earlier + k}].{name}"
+            if value is None:
+                continue
+            if is_scalar(value):
+                _judge_scalar(name, label, [name in own for own in inputs[k]], there)
+                continue
+            named = structure.named_groups()
+            parts = zip(spread(value, structure, name), named, there, strict=True)
+            for given, (where, group), own in parts:
+                wrong = given is not None and _wrong(name, label, where, given, group, own)
+                if isinstance(wrong, jax.core.Tracer):
+                    sound = jnp.ones(len(phases), bool) if sound is None else sound
+                    sound = sound.at[k].set(sound[k] & ~wrong)
+    return presence._replace(sound=sound)
+
+
+def loads_that_never_act(
+    along: Sequence[Sequence[Acting]], presence: Presence, earlier: int = 0
+) -> None:
+    """Warn of loads along elements none of which is there from the phase of the load on.
+
+    Args:
+        along: element loads of every phase, after `among`.
+        presence: which elements are there in which phase.
+        earlier: number of phases solved before, by which messages number the phases.
+    """
+    for k, loads in enumerate(along):
+        for load in loads:
+            on = getattr(load, "on", None)
+            if on is None or any(
+                isinstance(presence.present[number], jax.core.Tracer) for number in on
+            ):
+                continue
+            part: Any = getattr(load, "part", None) or {}
+            acts = [presence.present[n][k:] & (np.asarray(part.get(n, 1.0)) != 0) for n in on]
+            if not any(np.any(one) for one in acts):
+                checks.suspect(
+                    f"loads of phases[{earlier + k}]: {load} acts on elements that are not there, "
+                    "neither in this phase nor in a later one"
+                )
+
+
+def _judge_scalar(name, label, concerned, there):
+    """Warn of one number for the whole structure if nothing that it concerns is there."""
+    known = [own for own, ours in zip(there, concerned, strict=True) if ours]
+    if name == "temperature" or any(isinstance(own, jax.core.Tracer) for own in known):
+        return
+    if not any(own.any() for own in known):
+        checks.suspect(f"{label}: none of the elements that it is for is there in this phase")
+
+
+def _wrong(name, label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
+    """Whether a statement for a group names absent elements; ValueError if that is known.
+
+    Warns of known numbers for absent elements among those for a whole group. Increments of zero
+    state nothing.
+    """
+    hint = "state it in the phase that adds it, or later"
+    values = checks.concrete(given.values if isinstance(given, Only) else given)
+    nothing = name in INCREMENTS and values is not None and not np.any(values)
+    if nothing:
+        return False
+    if isinstance(given, Only):
+        lost = given.chosen(len(group.links), name) & ~there
+        if isinstance(lost, jax.core.Tracer):
+            return jnp.any(lost)
+        if lost.any():
+            of = f" of elements{where}" if where else ""
+            raise ValueError(
+                f"{label}: element {int(lost.argmax())}{of} is not there in this phase; {hint}"
+            )
+        return False
+    if isinstance(there, jax.core.Tracer):
+        return ~jnp.any(there)
+    if not there.any():
+        raise ValueError(f"{label}{where}: no element of the group is there in this phase; {hint}")
+    if values is not None and np.ndim(values) == 1:
+        lost = ~there & (values != 0 if name in INCREMENTS else True)
+        if lost.any():
+            k = int(lost.argmax())
+            checks.suspect(
+                f"{label}{where}[{k}] = {values[k]:.6g}: the element is not there in this phase, "
+                "and the number is lost; only(elements, values) gives numbers to some elements"
+            )
+    return False
