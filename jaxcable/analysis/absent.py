@@ -53,13 +53,17 @@ def require_present(
             if is_scalar(value):
                 _judge_scalar(name, label, [name in own for own in inputs[k]], there)
                 continue
-            named = structure.named_groups()
-            parts = zip(spread(value, structure, name), named, there, strict=True)
-            for given, (where, group), own in parts:
-                wrong = given is not None and _wrong(name, label, where, given, group, own)
+            values = spread(value, structure, name)
+            parts = zip(values, structure.named_groups(), there, strict=True)
+            for number, (given, (where, group), own) in enumerate(parts):
+                if given is None or _states_nothing(name, given):
+                    continue
+                wrong = _named_absent(label, where, given, group, own)
                 if isinstance(wrong, jax.core.Tracer):
                     sound = jnp.ones(len(phases), bool) if sound is None else sound
                     sound = sound.at[k].set(sound[k] & ~wrong)
+                later = [statements[number] for statements in inputs[k + 1 :]]
+                _judge_array(name, label, where, given, presence.present[number][k:], later)
     return presence._replace(sound=sound)
 
 
@@ -89,6 +93,12 @@ def loads_that_never_act(
                 )
 
 
+def _states_nothing(name, given):
+    """Whether a statement is an increment that is known to be zero."""
+    values = checks.concrete(given.values if isinstance(given, Only) else given)
+    return name in INCREMENTS and values is not None and not np.any(values)
+
+
 def _judge_scalar(name, label, concerned, there):
     """Warn of one number for the whole structure if nothing that it concerns is there."""
     known = [own for own, ours in zip(there, concerned, strict=True) if ours]
@@ -98,19 +108,11 @@ def _judge_scalar(name, label, concerned, there):
         checks.suspect(f"{label}: none of the elements that it is for is there in this phase")
 
 
-def _wrong(name, label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
-    """Whether a statement for a group names absent elements; ValueError if that is known.
-
-    Warns of known numbers for absent elements among those for a whole group. Increments of zero
-    state nothing.
-    """
+def _named_absent(label, where, given, group, there) -> bool | Bool[jax.Array, ""]:
+    """Whether a statement for a group names absent elements; ValueError if that is known."""
     hint = "state it in the phase that adds it, or later"
-    values = checks.concrete(given.values if isinstance(given, Only) else given)
-    nothing = name in INCREMENTS and values is not None and not np.any(values)
-    if nothing:
-        return False
     if isinstance(given, Only):
-        lost = given.chosen(len(group.links), name) & ~there
+        lost = given.chosen(len(group.links), label) & ~there
         if isinstance(lost, jax.core.Tracer):
             return jnp.any(lost)
         if lost.any():
@@ -123,12 +125,34 @@ def _wrong(name, label, where, given, group, there) -> bool | Bool[jax.Array, ""
         return ~jnp.any(there)
     if not there.any():
         raise ValueError(f"{label}{where}: no element of the group is there in this phase; {hint}")
-    if values is not None and np.ndim(values) == 1:
-        lost = ~there & (values != 0 if name in INCREMENTS else True)
-        if lost.any():
-            k = int(lost.argmax())
-            checks.suspect(
-                f"{label}{where}[{k}] = {values[k]:.6g}: the element is not there in this phase, "
-                "and the number is lost; only(elements, values) gives numbers to some elements"
-            )
     return False
+
+
+def _judge_array(name, label, where, given, present, later):
+    """Warn of a number for an absent element that a later phase adds without a statement.
+
+    Args:
+        name, label, where: of the statement and its group, for messages.
+        given: what is stated for the group.
+        present: elements that are there in this phase and in all later ones, [n, n_elem] bool.
+        later: statements for the group in the later phases, dicts from name to `Stated`.
+    """
+    values = None if isinstance(given, Only) else checks.concrete(given)
+    known = values is not None and not isinstance(present, jax.core.Tracer)
+    if name == "temperature" or not known or np.ndim(values) != 1:
+        return
+    waits, lost = ~present[0], np.zeros(len(present[0]), bool)
+    for comes, statements in zip(present[1:], later, strict=True):
+        for other, stated in statements.items():
+            if other == name or other in ABSOLUTE:
+                chosen = True if stated.chosen is None else stated.chosen
+                waits = waits & ~(comes & chosen)
+        lost |= waits & comes
+        waits = waits & ~comes
+    lost &= values != 0 if name in INCREMENTS else True
+    if lost.any():
+        k = int(lost.argmax())
+        checks.suspect(
+            f"{label}{where}[{k}] = {values[k]:.6g}: the element is not there in this phase, and "
+            "the phase that adds it states nothing for it: the number has no effect"
+        )

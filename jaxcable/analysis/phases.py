@@ -48,16 +48,26 @@ class Phase:
     - prestrain: strain in the initial geometry, on the unstressed length.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
       eps EA/N in the force).
-    - sag: of catenaries, how far the middle hangs below that of the chord under all weight, m.
+    - sag: of catenaries, vertical distance from the chord at midspan (half of the horizontal
+      distance of the ends), m, under the whole weight of the group along -z, whatever loads act.
     - jacking: force that a jack keeps in the element during this phase whatever its length, N. At
       the end of the phase the jack is anchored: the unstressed length is locked in.
 
     Increments may be combined with absolute statements: shortening (turnbuckle), m; temperature
-    (change; the group needs `expansion`), K. Within a phase the absolute statement comes first,
-    then the shortening, then the temperature. An absolute statement holds at the temperature that
-    the element has then, and replaces all earlier statements and shortenings. The element stays as
-    warm as it was; a later change of temperature counts from there. Heat changes no weight, and no
-    load per unstressed length.
+    (change; the group needs `expansion`), K. Increments of all phases add. Changes of temperature
+    lengthen an element to ``L (1 + expansion sum(dt))``, where L is its unstressed length at the
+    temperature before the first phase, or at that of the phase that adds it: it has seen only
+    changes from this phase on. Within a phase the absolute statement comes first, then the
+    shortening, then the temperature. An absolute statement holds at the temperature that the
+    element has then, and replaces all earlier statements and shortenings. The element stays as
+    warm as it was: cooled again, it is shorter than stated. A shortening is measured at the
+    temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
+
+    A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
+    element that is not there, or a statement for a group without any that is, raises ValueError,
+    or ends in INVALID_INPUT where the masks are traced. One number for the structure or a group is
+    for those that are there. So is an array; a warning says if a phase adds an element, without a
+    statement, that an array before has had a number for.
 
     Args:
         loads: one load or a list; they add to those of earlier phases.
@@ -68,14 +78,19 @@ class Phase:
         adds: elements that are there from this phase on, and not before: keys of groups, or
             `only(numbers)` or booleans [n_elem] by group. An element is unstressed where it
             finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
-            the structure's nodes. Its weight, and loads along it, are ramped in. What no phase of
-            an analysis adds is there from its beginning: an analysis of the first stages alone has
-            to remove in its first phase what comes later.
-        removes: elements that go, likewise; their end forces are ramped out, their loads end.
+            the structure's nodes. What no phase of an analysis adds is there from its beginning: an
+            analysis of the first stages alone has to remove in its first phase what comes later.
+            An empty list means None.
+        removes: elements that go, likewise; their end forces are ramped out. One that is added
+            again is new: what was stated for it before, and its temperature, are forgotten.
+
+            Loads belong to nodes and elements, and stay: self-weight and loads along an element act
+            whenever it is there, ramped in when it is added, also again, and ramped out when it is
+            removed. A load on a node that no element touches is held there, and acts from the phase
+            on in which an element is added to the node. Add the opposite load to end one.
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
-            that their first element joins them to, as if rigidly, with its rotation. A load on a
-            node that waits is held there.
+            that their first element joins them to, as if rigidly, with its rotation.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
