@@ -19,6 +19,7 @@ from ..common import checks
 from ..common.selection import Only
 from ..common.types import Bool
 from ..elements.stated import Stated
+from ..loads import CablePressure, LineLoads, SelfWeight
 from ..loads.load import Acting
 from ..model.structure import Structure
 from .phases import ABSOLUTE, INCREMENTS, Phase, is_scalar, spread
@@ -79,12 +80,12 @@ def loads_that_never_act(
     """
     for k, loads in enumerate(along):
         for load in loads:
-            on = getattr(load, "on", None)
-            if on is None or any(
-                isinstance(presence.present[number], jax.core.Tracer) for number in on
-            ):
+            if not isinstance(load, SelfWeight | LineLoads | CablePressure):
                 continue
-            part: Any = getattr(load, "part", None) or {}
+            on: Any = load.on  # numbers of groups, after `among`
+            if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
+                continue
+            part = load.part or {}
             acts = [presence.present[n][k:] & (np.asarray(part.get(n, 1.0)) != 0) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.suspect(

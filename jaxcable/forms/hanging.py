@@ -11,7 +11,7 @@ from jax import lax
 
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import or_nan, positive
+from ..common.rules import Rule, or_nan, positive, refuse
 from ..common.types import Array, ArrayLike, Float, PyTree
 from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
@@ -139,7 +139,9 @@ def hanging_chain(
     Args:
         first, second: positions of the ends, [3], m; they must not lie above each other.
         n: number of elements, at least 2.
-        sag: vertical distance of the chain from its chord at midspan, m, positive.
+        sag: vertical distance of the chain from its chord at midspan (half of the horizontal
+            distance of the ends), m, positive. Where a node is exactly there, derivatives by the
+            ends are those on one side.
         weight: weight per unstressed length, N/m.
         axial_stiffness: EA, N.
 
@@ -148,7 +150,7 @@ def hanging_chain(
         NaN if there is no such chain; differentiable in all arguments but `n`.
 
     Raises:
-        ValueError: wrong shapes, or values that are not positive.
+        ValueError: wrong shapes, values that are not positive, or ends above each other.
 
     Example:
         >>> nodes, rest_length = jc.forms.hanging_chain(
@@ -172,6 +174,8 @@ def hanging_chain(
         numbers[name] = or_nan(positive(name, value))
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
+    text = "first, second: the ends lie above each other; the chain has no midspan"
+    refuse([Rule("second", chord[:2], lambda v: (v == 0).all(), lambda *_: text)])
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
     relative, rest_length = _chain(chord, sag, weight, stiffness, n=n)
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
