@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 import jaxcable as jc
 from jaxcable.common import status
 from jaxcable.elements.hanging_sag import strain_at_sag
+from jaxcable.elements.stated import Stated
 
 SPAN, WEIGHT = 100.0, 10.0  # m, N/m
 SLOPES, PULLS, SOFT = (0.0, 0.5, -1.0, 2.0, 5.0), (50.0, 1.0, 0.15), (1e-6, 0.1, 1.0)
@@ -128,6 +129,16 @@ def test_a_plumb_span_has_no_midspan():
     assert int(code) == 0
     assert float(length[0]) == pytest.approx(50.0 / (1 + 10.0 * 50.0**2 / 8 / 1e6), rel=2e-5)
     assert int(run(nodes[[0, 2, 1]])[0]) == 0
+    # one that is plumb and not stated has no part in the derivatives
+    cable = jc.Catenaries([[0, 1], [0, 2]], axial_stiffness=1e6, weight=WEIGHT)
+    stated = {"sag": Stated(np.array([0.0, 1.0]), np.array([False, True]))}
+
+    def rest(ends):
+        return jnp.sum(cable.restate(cable.start(ends), ends, stated).rest_length)
+
+    ends = jnp.array([[[0.0, 0, 0], [0, 0, 50]], [[0.0, 0, 0], [30, 0, 0]]])
+    slope = jax.jit(jax.grad(rest))(ends)
+    assert np.isfinite(slope).all() and float(slope[0, 1, 2]) == pytest.approx(1.0)
     with pytest.raises(ValueError, match="first, second: the ends lie above each other"):
         jc.forms.hanging_chain((0, 0, 0), (0, 0, 1.0), 4, 1.0, 1.0, 1e3)
 

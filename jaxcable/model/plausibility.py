@@ -270,8 +270,8 @@ def weights(named: Sequence[tuple[str, Element]], weighed: bool) -> Iterator[str
         weight = _there(group.weight)
         if weight is not None and np.any(weight):
             yield (
-                f"elements{where}.weight: no phase has SelfWeight, so that it does not act; add "
-                "loads=SelfWeight(), or leave the weight out"
+                f"elements{where}.weight: no phase has SelfWeight, so that the weight is mass and "
+                "no load; add loads=SelfWeight() to a phase if it is to act"
             )
             return
 
