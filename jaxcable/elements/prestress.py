@@ -198,7 +198,7 @@ class Prestressed(Prestressable):
         if name == "sag":
             sag = stated.over(stated.values, 0.1 * chord)
             if stated.chosen is not None:  # others may be plumb: level spans have derivatives
-                level = chord[:, None, None] * jnp.array([[0.0, 0, 0], [1, 0, 0]], chord.dtype)
+                level = jnp.zeros_like(ends).at[:, 1, 0].set(chord)
                 ends = jnp.where(jnp.asarray(stated.chosen)[:, None, None], ends, level)
             hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
             return hung(ends, sag, 1.0 if state.warmth is None else state.warmth)
