@@ -62,7 +62,7 @@ class _Group:
     elongation: object  # initial chord minus L0, [n]
     blurred: object  # whether the elongation has the digits of a length only, [n]
     chord: object  # [n]
-    warm: object = 1.0  # length over that at the temperature before the first phase
+    warm: object = 1.0  # length over that at the reference temperature: 1 + expansion sum(dt)
 
 
 def verdict(structure, phases, solution, tol=None):
@@ -261,12 +261,10 @@ def _state(part, stated, dtype):
         change = _as_seen(stated["shortening"], dtype)
         part.rest, part.elongation = part.rest - change, part.elongation + change
     if "temperature" in stated:
-        change = (
-            part.rest
-            * _as_seen(part.group.expansion, dtype)
-            * _as_seen(stated["temperature"], dtype)
-        )
-        part.warm = part.warm * (part.rest + change) / part.rest
+        expansion = _as_seen(part.group.expansion, dtype)
+        strain = expansion * _as_seen(stated["temperature"], dtype)
+        change = part.rest / part.warm * strain  # of the length at the reference temperature
+        part.warm = part.warm + strain
         part.rest, part.elongation = part.rest + change, part.elongation - change
 
 

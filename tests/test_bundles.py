@@ -17,6 +17,9 @@ from jaxcable.mechanics import bundles
 from jaxcable.mechanics.bundles import Bundles
 from jaxcable.results.energy import energy_balance
 
+# other loads alone
+pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
+
 NEAR = 1e-9  # of the largest value of its kind: two iterations that end in one equilibrium
 
 

@@ -39,6 +39,7 @@ CASES = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")  # other loads alone
 @pytest.mark.parametrize("case", CASES)
 def test_loads_of_the_chosen_elements_alone(case):
     make, amounts = CASES[case]

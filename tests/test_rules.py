@@ -65,6 +65,13 @@ def stated(name, kind=jc.Cables, **numbers):
     return lambda v: code(net(kind=kind, **numbers), jc.Phase(**{name: jc.only([1], v)}))
 
 
+def plumb(v):
+    """A stated sag of a cable whose ends are `v` apart in plan, 0.2 m in height."""
+    nodes = jnp.asarray(NODES).at[1, 0].set(v)
+    phase = jc.Phase(sag=jc.only([0], 0.1), loads=jc.SelfWeight())
+    return code(net(nodes, jc.Catenaries, weight=1.0), phase)
+
+
 def section(make):
     return lambda v: make(v).area
 
@@ -142,7 +149,7 @@ def spun(v):
 
 Row = namedtuple("Row", "site argument run good bad")
 GROUP, BEAM, POINTS = "elements/straight.py", "elements/beam.py", "materials/points.py"
-PHASE, SHAPES, RUN = "analysis/phases.py", "sections/shapes.py", "paths/run.py"
+PHASE, SHAPES, RUN = "analysis/prestress_rules.py", "sections/shapes.py", "paths/run.py"
 AXIS = (0.0, 1.0, 0.0)
 
 TABLE = [
@@ -277,7 +284,7 @@ TABLE = [
     Row("sections/composites.py:torsion", "torsion = -1.0", composed, 1.0, -1.0),
     # phases and loads
     *[
-        Row(f"{PHASE}:_sign_rules", rf"{name}\[0\] = {bad}", stated(name, kind, **more), good, bad)
+        Row(f"{PHASE}:value_rules", rf"{name}\[0\] = {bad}", stated(name, kind, **more), good, bad)
         for name, kind, more, good, bad in (
             ("rest_length", jc.Cables, {}, 1.0, -1.0),
             ("prestrain", jc.Cables, {}, 0.1, -1.0),
@@ -289,7 +296,7 @@ TABLE = [
     ],
     *[
         Row(
-            f"{PHASE}:_capacity_rules",
+            f"{PHASE}:capacity_rules",
             rf"{name}\[1\] = 1000001.0: above what its law",
             stated(name, area=1.0, law=LAW),
             1e6,
@@ -297,6 +304,7 @@ TABLE = [
         )
         for name in ("pretension", "jacking")
     ],
+    Row(f"{PHASE}:span_rules", r"sag\[0\]: the nodes of the element lie", plumb, 1.0, 0.0),
     Row(
         "loads/pressure.py:axis",
         "axis: is zero",
@@ -386,6 +394,13 @@ TABLE = [
         }.items()
     ],
     Row(
+        "forms/hanging.py:second",
+        "first, second: the ends lie above each other",
+        lambda v: forms.hanging_chain((0.0, 0.0, 0.0), v, 3, 0.1, 1.0, 1e6)[0],
+        (1.0, 0.0, 0.2),
+        (0.0, 0.0, 0.2),
+    ),
+    Row(
         "design/box.py:fill",
         r"scale\[1\] = -1.0",
         lambda v: spread(v, jnp.ones(2), "scale", positive=True),
@@ -444,6 +459,8 @@ def test_a_number_that_is_refused_when_known_fails_when_traced(row):
 MAKERS = ("Rule", "positive", "not_negative")
 
 OTHERWISE = {
+    "analysis/absent.py:_states_nothing": "a traced increment may be other than zero: it counts",
+    "analysis/absent.py:_judge_array": "a warning",
     "analysis/preparation.py:_may_warn": "no rule: whether a warning can be given",
     "loads/groups.py:scattered": "no rule: which library computes",
     "loads/nodal.py:__str__": "no rule: what is said of it",

@@ -10,6 +10,9 @@ from jaxcable.scenes.snapping import in_plane, solid
 from jaxcable.stiffness import flexibility
 from jaxcable.stiffness import natural_frequencies as frequencies
 
+# weights are masses
+pytestmark = pytest.mark.filterwarnings("ignore:elements.*no phase has SelfWeight")
+
 LENGTH, WEIGHT, EA = 10.0, 5.0, 1e7
 MASS = WEIGHT / 9.80665  # kg/m
 

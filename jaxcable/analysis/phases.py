@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,26 +9,23 @@ import jax
 import numpy as np
 
 from ..common import checks
-from ..common.rules import Rule, kept, not_negative, positive, refuse
+from ..common.rules import refuse
 from ..common.selection import Named, Only, Selection
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..common.types import ArrayLike, Bool, Float, PyTree
 from ..elements.abilities import Jacked, Prestressable, Sagging
-from ..elements.element import Element
-from ..elements.prestress import Stated, of_each
+from ..elements.prestress import Stated
 from ..loads import as_list
 from ..loads.load import Load
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Supports
+from .prestress_rules import capacity_rules, span_rules, value_rules
 
 ABSOLUTE = ("pretension", "force_density", "prestrain", "rest_length", "sag", "jacking")
 """Statements that replace the prestress of an element."""
 INCREMENTS = ("shortening", "temperature")
 """Statements that change the prestress of an element."""
-
-_TENSIONS = ("pretension", "force_density", "jacking")
-
 
 PLACES = "drawn", "attached"
 """Where the nodes that new elements bring are placed."""
@@ -52,16 +48,26 @@ class Phase:
     - prestrain: strain in the initial geometry, on the unstressed length.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
       eps EA/N in the force).
-    - sag: of catenaries, how far the middle hangs below that of the chord under all weight, m.
+    - sag: of catenaries, vertical distance from the chord at midspan (half of the horizontal
+      distance of the ends), m, under the whole weight of the group along -z, whatever loads act.
     - jacking: force that a jack keeps in the element during this phase whatever its length, N. At
       the end of the phase the jack is anchored: the unstressed length is locked in.
 
     Increments may be combined with absolute statements: shortening (turnbuckle), m; temperature
-    (change; the group needs `expansion`), K. Within a phase the absolute statement comes first,
-    then the shortening, then the temperature. An absolute statement holds at the temperature that
-    the element has then, and replaces all earlier statements and shortenings. The element stays as
-    warm as it was; a later change of temperature counts from there. Heat changes no weight, and no
-    load per unstressed length.
+    (change; the group needs `expansion`), K. Increments of all phases add. Changes of temperature
+    lengthen an element to ``L (1 + expansion sum(dt))``, where L is its unstressed length at the
+    temperature before the first phase, or at that of the phase that adds it: it has seen only
+    changes from this phase on. Within a phase the absolute statement comes first, then the
+    shortening, then the temperature. An absolute statement holds at the temperature that the
+    element has then, and replaces all earlier statements and shortenings. The element stays as
+    warm as it was: cooled again, it is shorter than stated. A shortening is measured at the
+    temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
+
+    A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
+    element that is not there, or a statement for a group without any that is, raises ValueError,
+    or ends in INVALID_INPUT where the masks are traced. One number for the structure or a group is
+    for those that are there. So is an array; a warning says if a phase adds an element, without a
+    statement, that an array before has had a number for.
 
     Args:
         loads: one load or a list; they add to those of earlier phases.
@@ -72,14 +78,19 @@ class Phase:
         adds: elements that are there from this phase on, and not before: keys of groups, or
             `only(numbers)` or booleans [n_elem] by group. An element is unstressed where it
             finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
-            the structure's nodes. Its weight, and loads along it, are ramped in. What no phase of
-            an analysis adds is there from its beginning: an analysis of the first stages alone has
-            to remove in its first phase what comes later.
-        removes: elements that go, likewise; their end forces are ramped out, their loads end.
+            the structure's nodes. What no phase of an analysis adds is there from its beginning: an
+            analysis of the first stages alone has to remove in its first phase what comes later.
+            An empty list means None.
+        removes: elements that go, likewise; their end forces are ramped out. One that is added
+            again is new: what was stated for it before, and its temperature, are forgotten.
+
+            Loads belong to nodes and elements, and stay: self-weight and loads along an element act
+            whenever it is there, ramped in when it is added, also again, and ramped out when it is
+            removed. A load on a node that no element touches is held there, and acts from the phase
+            on in which an element is added to the node. Add the opposite load to end one.
         placed: where nodes wait that no element touches: "drawn", where they are, so that new
             elements reach from where others have moved; or "attached": they go along with the node
-            that their first element joins them to, as if rigidly, with its rotation. A load on a
-            node that waits is held there.
+            that their first element joins them to, as if rigidly, with its rotation.
 
     Raises:
         ValueError: `increments` is no positive integer, `loads` has something else than loads,
@@ -156,7 +167,7 @@ class Phase:
             if getattr(self, name) is None:
                 continue
             values = spread(getattr(self, name), structure, name)
-            if _is_scalar(getattr(self, name)):
+            if is_scalar(getattr(self, name)):
                 values = [
                     None if _passes_by(group, name, structure) else value
                     for value, group in zip(values, structure.groups, strict=True)
@@ -164,7 +175,7 @@ class Phase:
             for statements, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
                     try:
-                        statements[name] = _checked(value, group, name)
+                        statements[name] = _checked(value, group, name, structure)
                     except ValueError as error:
                         of = f"; in elements{where}" if where else ""
                         raise ValueError(f"{error}{of}") from None
@@ -176,7 +187,9 @@ class Phase:
 
 
 def by_name(value: Any) -> Any:
-    """What a phase adds or removes, with keys of groups as `Named`."""
+    """What a phase adds or removes, with keys of groups as `Named`; None if it is empty."""
+    if isinstance(value, list | tuple | dict) and not value:
+        return None
     if isinstance(value, str):
         return Named(value)
     if isinstance(value, list | tuple) and value and all(isinstance(v, str) for v in value):
@@ -215,7 +228,8 @@ def _meant(stated, group):
     return np.ones(len(group.links), bool) if stated.chosen is None else stated.chosen
 
 
-def _is_scalar(value):
+def is_scalar(value: Any) -> bool:
+    """Whether a statement is one number for the whole structure."""
     leaf = jax.tree_util.treedef_is_leaf(jax.tree.structure(value))
     return leaf and not isinstance(value, dict | None) and np.ndim(value) == 0
 
@@ -244,7 +258,7 @@ def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
     Raises:
         ValueError: keys that no group has, or another shape.
     """
-    if value is None or _is_scalar(value):
+    if value is None or is_scalar(value):
         return [value] * len(structure.groups)
     numbers = structure.arrange(list(range(len(structure.groups))))
     value = _filled(value, numbers, name)
@@ -311,7 +325,7 @@ def _told(tree):
     return f"{type(tree).__name__}{shape}"
 
 
-def _checked(value, group, name):
+def _checked(value, group, name, structure):
     """The value of a statement for a group as `Stated`; ValueError if the group cannot take it."""
     if isinstance(value, Selection):
         raise ValueError(f"{name}: only(...) has no values here; give only(elements, values)")
@@ -337,54 +351,7 @@ def _checked(value, group, name):
     else:
         chosen = None
         value = given = checks.per_element(value, count, name)
-    refuse(_sign_rules(name, given, group))
-    refuse(_capacity_rules(name, value, group, group.capacity))
+    refuse(value_rules(name, given, group))
+    refuse(capacity_rules(name, value, group, group.capacity))
+    refuse(span_rules(name, group, structure.nodes, chosen))
     return Stated(value, chosen)
-
-
-def keeps_rules(inputs: Sequence[dict[str, Stated]], groups: Sequence[Element]) -> Bool[Array, ""]:
-    """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
-
-    Args:
-        inputs: for every group a dict from name to `Stated`.
-        groups: element groups, before `extended`.
-    """
-    all_kept = kept([])
-    for group, statements in zip(groups, inputs, strict=True):
-        for name, stated in statements.items():
-            rules = _sign_rules(name, stated.values, group)
-            capacity = functools.partial(of_each, "capacity", group)
-            rules += _capacity_rules(name, stated.values, group, capacity)
-            all_kept = all_kept & kept(rules, stated.chosen)
-    return all_kept
-
-
-def _sign_rules(name, values, group):
-    """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
-    if name == "rest_length":
-        return [positive(name, values, "an unstressed length must be positive")]
-    if name == "prestrain":
-        return [Rule(name, values, lambda v: v <= -1, "a prestrain must be above -1")]
-    if name == "sag":
-        text = "a sag must be positive; a straight cable has no length of its own"
-        return [positive(name, values, text)]
-    if name in _TENSIONS and group.tension_only:
-        text = "a cable carries tension only; must not be negative (use Bars)"
-        return [not_negative(name, values, text)]
-    return []
-
-
-def _capacity_rules(name, values, group, capacity):
-    """The rule that the law of a group can carry the stated forces, [n_elem].
-
-    `capacity` is a function that returns the smallest and the largest force of every element.
-    """
-    if name not in ("pretension", "jacking") or not group.breaks:
-        return []
-    text = "above what its law can carry; a pretension must lie within the curve"
-
-    def beyond(force, low, high):  # a curve with NaN has no capacity, and passes
-        more = 1 + 8 * np.finfo(force.dtype).eps  # the peak of the curve itself is allowed
-        return (force < low * more) | (force > high * more)
-
-    return [Rule(name, (values, *capacity()), beyond, text)]

@@ -21,7 +21,7 @@ from ..elements.abilities import Secant
 from ..elements.element import Element
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
-from ..loads import as_list
+from ..loads import SelfWeight, as_list
 from ..loads.load import Acting, Load, Moving, OnNodes
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
@@ -33,8 +33,10 @@ from ..model.supports import Fixed
 from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import gathering, number_freedoms
-from .phases import Phase, keeps_rules
+from .absent import loads_that_never_act, require_present
+from .phases import Phase
 from .presence import attached_of, presence_of
+from .prestress_rules import keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
 from .solution import Solution, State
 
@@ -103,23 +105,29 @@ def prepare(
     for k, phase in enumerate(phases):
         with _named(f"phases[{earlier + k}]."):
             inputs.append(phase.inputs(structure))
-    for k, phase in enumerate(phases):
-        moving = along[k] or movements[k]
-        alone = not (moving or any(inputs[k])) and phase.supports is None
-        mask = sets[k + 1].array
-        plausibility.loading(earlier + k, nodal[k], mask, groups, alone)
-        if not moving:
-            plausibility.nothing_free(earlier + k, mask, groups)
     stacks = load_stacks.stacks(along)
     everything = [*([] if carry is None else carry.loads), *stacks]
     bundled = bundles.groups(groups)
     convex = to_end and isinstance(method, Newton) and _always_convex(bundled, everything)
     numbered = _numbered(structure, method, everything, bundled, bundles, convex)
-    presence = presence_of(structure, phases, None if carry is None else carry.states)
+    presence = presence_of(structure, phases, None if carry is None else carry.states, earlier)
     idle = attached = None
     if presence is not None:
+        presence = require_present(structure, phases, inputs, presence, earlier)
+        loads_that_never_act(along, presence, earlier)
         presence, attached = presence.bundled(bundles), attached_of(phases)
         idle = presence.idle(structure, bundled)
+    for k, phase in enumerate(phases):
+        moving = along[k] or movements[k]
+        alone = not (moving or any(inputs[k])) and phase.supports is None
+        mask = sets[k + 1].array
+        waits = None if idle is None or isinstance(idle, jax.core.Tracer) else idle[k + 1]
+        plausibility.loading(earlier + k, nodal[k], mask, groups, alone, waits)
+        if not moving:
+            plausibility.nothing_free(earlier + k, mask, groups)
+    if any(phase.loads is not None or phase.sag is not None for phase in phases):
+        weighed = any(isinstance(stack.load, SelfWeight) for stack in everything)
+        plausibility.weights(structure.named_groups(), weighed)
     freedoms, changes, before = numbering(sets, numbered, idle)
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     shape, dtype = (len(nodes), structure.space.n_freedom), jnp.result_type(nodes)
@@ -362,7 +370,7 @@ def verdicts(parameters: Frame, *others: Any) -> tuple[Bool[Array, ""], Int[Arra
     if schedule.sound is not None:
         good = good & schedule.sound
     if jax.tree.leaves(schedule.inputs):
-        good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups))(schedule.inputs)
+        good = good & jax.vmap(lambda inputs: keeps_rules(inputs, groups, nodes))(schedule.inputs)
     for stack in schedule.loads:
         broken = ~stack.each(lambda load: kept(rules_of(load)))
         good = good & (jnp.zeros(len(schedule), jnp.int32).at[stack.phase].add(broken) == 0)

@@ -100,7 +100,10 @@ def _shared(touched, structure, rows, pack):
 
 
 def presence_of(
-    structure: Structure, phases: Sequence[Phase], states: Sequence[ElementState] | None
+    structure: Structure,
+    phases: Sequence[Phase],
+    states: Sequence[ElementState] | None,
+    earlier: int = 0,
 ) -> Presence | None:
     """The `Presence` of the elements of a structure; None if all are there in all phases.
 
@@ -109,6 +112,7 @@ def presence_of(
     Args:
         structure, phases: of the analysis.
         states: of the groups, if the analysis continues another one.
+        earlier: number of phases solved before, by which messages number the phases.
 
     Raises:
         ValueError: a phase adds what is there, or removes what is not; an unknown group or element.
@@ -128,8 +132,8 @@ def presence_of(
             )
     changes = [
         (
-            _masks(phase.adds, structure, f"phases[{k}].adds"),
-            _masks(phase.removes, structure, f"phases[{k}].removes"),
+            _masks(phase.adds, structure, f"phases[{earlier + k}].adds"),
+            _masks(phase.removes, structure, f"phases[{earlier + k}].removes"),
         )
         for k, phase in enumerate(phases)
     ]
@@ -150,7 +154,7 @@ def presence_of(
         first.append(there)
         rows = []
         for k, (adds, removes) in enumerate(own):
-            wrong = _wrong(k, where, there, adds, removes)
+            wrong = _wrong(earlier + k, where, there, adds, removes)
             if wrong is not None:
                 sound = sound.at[k].set(sound[k] & ~wrong)
             there = (there | adds) & ~removes

@@ -156,14 +156,15 @@ def numbering(
         freedoms = numbered(Fixed(always, now[0].axes))
         changes = _held(now)
         if idle is not None:
-            changes["fixed"] = changes["fixed"] | idle[1:]
+            changes |= {"fixed": changes["fixed"] | idle[1:], "supported": changes["fixed"]}
         changes["bound"] = changes["fixed"].reshape(len(now), -1)[:, np.asarray(freedoms.free)]
         spins = _spins([fixed.spins for fixed in now])
         if spins is not None:
             changes["spins"] = spins
     if idle is not None:
         before = _held(was)
-        return freedoms, changes, before | {"fixed": before["fixed"] | idle[:-1]}
+        held = {"fixed": before["fixed"] | idle[:-1], "supported": before["fixed"]}
+        return freedoms, changes, before | held
     return freedoms, changes, None if was == now else _held(was)
 
 

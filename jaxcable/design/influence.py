@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
+from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common.selection import only
@@ -90,7 +91,7 @@ def influence(
     ):  # a separate phase at the end, which changes nothing yet
         start = solve(structure, phases, method, start=start) if phases else start
         phases, phase = [Phase()], 0
-    value, put = _changing(structure, phases or [Phase()], wrt, phase)
+    value, put = _changing(structure, phases or [Phase()], wrt, phase, start)
 
     def final(value):
         solution = solve(*put(value), method, start=start)
@@ -106,7 +107,7 @@ def _count(tree):
     return sum(leaf.size for leaf in jax.tree.leaves(tree))
 
 
-def _changing(structure, phases, wrt, phase):
+def _changing(structure, phases, wrt, phase, start):
     """The values that `wrt` names, and a function that replaces them: to (structure, phases)."""
     if not isinstance(wrt, str):
         raise ValueError(f"wrt: expected a name such as 'shortening', got {type(wrt).__name__}")
@@ -124,7 +125,12 @@ def _changing(structure, phases, wrt, phase):
     if wrt in INCREMENTS:
         dtype = jnp.asarray(structure.nodes).dtype
         stated = _stated(phases[phase], structure, wrt)
-        able = [wrt != "temperature" or g.expansion is not None for g in structure.groups]
+        able = [
+            some and (wrt != "temperature" or group.expansion is not None)
+            for some, group in zip(
+                _some_there(structure, phases, phase, start), structure.groups, strict=True
+            )
+        ]
         zeros = [
             jnp.zeros(len(group.links), dtype) if can and isinstance(group, Prestressable) else None
             for group, can in zip(structure.groups, able, strict=True)
@@ -145,8 +151,21 @@ def _changing(structure, phases, wrt, phase):
     else:
         known = ", ".join((*INCREMENTS, *ABSOLUTE, "load", "nodes"))
         raise ValueError(f"wrt = {wrt!r}: expected one of {known}")
+    if wrt in ABSOLUTE:
+        some = _some_there(structure, phases, phase, start)
+        values = [v if there else None for v, there in zip(values, some, strict=True)]
     values = structure.arrange([jax.tree.map(jnp.asarray, v) for v in values])
     return values, lambda v: (structure, _with(phases, phase, **{wrt: v}))
+
+
+def _some_there(structure, phases, phase, start):
+    """Whether any element of every group is there in a phase: others have no statements."""
+    last = start.last if isinstance(start, Solution) else start
+    presence = presence_of(structure, phases, None if last is None else last.carry.states)
+    if presence is None:
+        return [True] * len(structure.groups)
+    masks = [present[phase] for present in presence.present]
+    return [isinstance(mask, jax.core.Tracer) or bool(mask.any()) for mask in masks]
 
 
 def _stated(phase, structure, name):

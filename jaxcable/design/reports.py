@@ -150,7 +150,7 @@ def utilisation(
         >>> used = jc.design.utilisation(structure, solution)
         >>> mean = jc.design.utilisation(structure, solution.tension)
         >>> print(solution.status, f"{used[0]:.3f}, by the mean {mean[0]:.3f}")
-        0 0.190, by the mean 0.116
+        0 0.292, by the mean 0.217
 
         A given force:
 

@@ -78,11 +78,14 @@ class Sagging(Prestressable):
         sag: Float[Array, " n_elem"],
         warmth: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Strains of the initial chords at which elements hang by `sag` [n_elem], m."""
+        """Strains of the initial chords at which elements have the sags `sag` [n_elem], m.
+
+        A sag is the vertical distance of an element from its chord at midspan, under its weight.
+        """
 
     @abc.abstractmethod
-    def depth(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
-        """Distance of the middle of the element below the middle of its chord, m."""
+    def sag(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Distance of the element from its chord at midspan, along the load, m."""
 
     @abc.abstractmethod
     def end_tensions(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, " 2"]:

@@ -14,9 +14,9 @@ import jax
 import jax.numpy as jnp
 
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..common.types import Array, Bool, Float, PyTree
 from ..numerics.vectors import inner
-from . import hanging, hanging_springs
+from . import hanging, hanging_sag, hanging_springs
 from .abilities import Pull, Room, Rounding, Sagging
 from .cable import TensionOnly
 from .element import PEAK_TENSION, Ends, Forces, Motion, Scalar
@@ -31,9 +31,10 @@ class Catenaries(TensionOnly, Sagging, Rounding):
     a slack catenary without load has no force. The result `tension` is the mean of the tensions at
     the two ends, which is at least half of the load on the element; `peak_tension` is the larger of
     the two, which strength is compared with; `forms.end_tensions` gives both. Prestress is stated
-    as for cables: a tension is that of the straight element without load, a `sag` is that under the
-    whole weight along -z: a conductor that is strung with the horizontal force H has the sag
-    ``w l^2 / (8 H)``, but for the flatness of a parabola. A taut catenary without load takes its
+    as for cables: a tension is that of the straight element without load; a `sag` is the vertical
+    distance from the chord at midspan under the whole weight along -z: a conductor over the span l
+    with the chord d, strung with the horizontal force H, has the sag ``w d l / (8 H)``, but for the
+    flatness of a parabola. A taut catenary without load takes its
     first load stiffly, not in proportion: `Incremental` needs small first increments or corrections
     there.
 
@@ -184,11 +185,11 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         others = super().reading(state, ends, motion, [name for name in names if name not in known])
         return others | {name: known[name] for name in names if name in known}
 
-    def depth(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
-        """Distance of the middle of the cable from the middle of its chord, along the load, m."""
-        force, tau, theta, _ = self._hang(state, ends, motion)
-        load: Float[ArrayLike, " 3"] = state.line_load  # not None under a load
-        return hanging.depth(force, tau, theta, load, state.rest_length, self._stiffness)
+    def sag(self, state: AxialState, ends: Ends, motion: Motion) -> Scalar:
+        """Distance of the cable from its chord at midspan, along the load, m."""
+        force, _, theta, _ = self._hang(state, ends, motion)
+        load: Float[Array, " 3"] = state.line_load  # type: ignore[assignment]  # under a load
+        return hanging_sag.midspan_sag(force, theta, load, self._stiffness)
 
     def curve(
         self, state: AxialState, ends: Ends, motion: Motion, parts: Float[Array, " n"]
@@ -207,16 +208,16 @@ class Catenaries(TensionOnly, Sagging, Rounding):
         sag: Float[Array, " n_elem"],
         warmth: float | Float[Array, " n_elem"] = 1.0,
     ) -> Float[Array, " n_elem"]:
-        """Strains of the chords at which the middles of elements hang by `sag` [n_elem], m.
+        """Strains of the chords at which elements have the sags `sag` [n_elem], m.
 
-        Sags are measured from the middles of the chords between the initial ends [n_elem, 2, 3],
-        under the whole weight of the group along -z. `warmth` as of `AxialState`: an element that
-        heat has lengthened weighs less per length.
+        Sags are vertical distances from the chords between the initial ends [n_elem, 2, 3] at
+        midspan, under the whole weight of the group along -z. `warmth` as of `AxialState`: an
+        element that heat has lengthened weighs less per length.
         """
 
         def one(ends, weight, stiffness, sag):
             load = weight * jnp.array([0.0, 0.0, -1.0], ends.dtype)
-            return hanging.strain_at_depth(ends[1] - ends[0], load, stiffness, sag)
+            return hanging_sag.strain_at_sag(ends[1] - ends[0], load, stiffness, sag)
 
         weight = jnp.asarray(self.weight, ends.dtype) / warmth
         stiffness = jnp.asarray(self._stiffness, ends.dtype)

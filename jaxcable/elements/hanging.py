@@ -179,28 +179,6 @@ def stored_energy(
     return force @ chord - rest_length * (0.5 * square / stiffness + integral)
 
 
-def depth(
-    force: Float[Array, " 3"],
-    tau: Scalar,
-    theta: Scalar,
-    load: Float[Array, " 3"],
-    rest_length: Scalar,
-    stiffness: Scalar,
-) -> Scalar:
-    """Distance of the middle of the cable from the middle of its chord, along the load, m.
-
-    ``q L0^2/8EA + (tau - |F|)/q``, the second term from
-    ``tau^2 - |F|^2 = (q L0 cosh(theta) H / 2 tau)^2``.
-    """
-    weight2 = inner(load, load)
-    weight = jnp.sqrt(jnp.where(weight2 > 0, weight2, 1.0))
-    along = inner(force, load) / weight
-    across = force - along * load / weight
-    some = jnp.where(tau > 0, tau, 1.0)
-    level = inner(across, across) * (jnp.cosh(theta) / some) ** 2
-    return weight * rest_length**2 * (level / (4 * (some + _norm(force))) + 1 / (8 * stiffness))
-
-
 def places(
     part: Float[Array, " n"],
     force: Float[Array, " 3"],
@@ -229,45 +207,5 @@ def places(
     return arc * (stretched + straight * (along + (1 + grown(theta)) * (mean - along)))
 
 
-def _norm(vector):
-    square = inner(vector, vector)
-    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-
-
 def _rows(vectors):
     return jnp.sqrt(jnp.sum(vectors**2, axis=-1, keepdims=True))
-
-
-def strain_at_depth(
-    chord: Float[Array, " 3"], load: Float[Array, " 3"], stiffness: Scalar, sag: Scalar
-) -> Scalar:
-    """Chord over unstressed length, minus 1, of a cable whose middle hangs by `sag`.
-
-    The sag grows with the length, so that there is one solution. The search goes outwards from the
-    parabola ``L0 (1 + H/EA) = d (1 + 8/3 (sag/d)^2)``, ``H = q d^2 / (8 sag)``.
-
-    Args:
-        chord: [3], m.
-        load: per unstressed length, [3], N/m, not along the chord; not zero.
-        stiffness: EA, N.
-        sag: distance of the middle from the middle of the chord, along the load, positive, m.
-    """
-    length2 = inner(chord, chord)
-    length = jnp.sqrt(length2)
-
-    def mismatch(u):
-        rest_length = length * jnp.exp(u)
-        excess = -length2 * jnp.expm1(2 * u)
-        force, tau, theta = hang(chord, excess, load, rest_length, stiffness)
-        return jnp.log(depth(force, tau, theta, load, rest_length, stiffness) / sag)
-
-    weight = jnp.sqrt(inner(load, load))
-    unit = load / weight
-    across = chord - inner(chord, unit) * unit
-    slope = jnp.sqrt(inner(across, across)) / length
-    ratio = sag / length
-    shallow = jnp.log1p(8 / 3 * (ratio * slope) ** 2)
-    taut = jnp.log1p(weight * length / (8 * ratio * stiffness))
-    deep = jnp.log1p(2 * ratio)
-    guess = jnp.minimum(shallow, deep) - taut
-    return jnp.expm1(-rising_root(mismatch, guess, guess - 5 - 2 * taut, deep + 5))

@@ -31,10 +31,12 @@ class AxialState(ElementState):
         jacked: which elements have a jack, [n_elem] bool; None if all have, or without
             `jack_force`.
         loaded_length: unstressed length that has weight and takes loads per unstressed length,
-            [n_elem], m: at the temperature before the first phase, because heat adds no mass, and
-            including what a jack has taken in. None stands for `rest_length`.
-        warmth: unstressed length over that at the temperature before the first phase, [n_elem], or
-            None in a group without thermal expansion.
+            [n_elem], m: at the reference temperature, because heat adds no mass, and including
+            what a jack has taken in. None stands for `rest_length`.
+        warmth: unstressed length over that at the reference temperature, [n_elem], ``1 + expansion
+            sum(dt)`` over the changes of temperature since then; None in a group without thermal
+            expansion. The reference temperature is that before the first phase, or that at which
+            an element was added.
         memory: what the law remembers, such as plastic strains, leading axis [n_elem], or None.
         line_load: dead load per unstressed length, [n_elem, 3], N/m, of elements that it bends or
             makes sag, or along which it slides; else None.
@@ -146,7 +148,8 @@ class Prestressed(Prestressable):
         Absolute statements come first, then shortening, then temperature. An absolute statement
         describes the element at its present temperature: it replaces earlier statements and
         shortenings, but the element stays as warm as it was. A shortening is measured at the
-        present temperature, too.
+        present temperature, too. Changes of temperature add: an element has the unstressed length
+        ``L (1 + expansion sum(dt))``, with L at the reference temperature (`AxialState.warmth`).
         """
         chord = self.chord(ends)
         rest_length, elongation, loaded = state.rest_length, state.elongation, state.loaded
@@ -168,9 +171,9 @@ class Prestressed(Prestressable):
             loaded = loaded - change / warmth
         if "temperature" in inputs:
             strain = self.expansion * inputs["temperature"].values
-            change = rest_length * strain
+            change = rest_length / warmth * strain
             rest_length, elongation = rest_length + change, elongation - change
-            warmth = warmth * (1 + strain)
+            warmth = warmth + strain
         return copy(
             state,
             rest_length=rest_length,
@@ -194,6 +197,9 @@ class Prestressed(Prestressable):
             return of_each("strain_at", self, stated.values * chord, state.memory)
         if name == "sag":
             sag = stated.over(stated.values, 0.1 * chord)
+            if stated.chosen is not None:  # others may be plumb: level spans have derivatives
+                level = jnp.zeros_like(ends).at[:, 1, 0].set(chord)
+                ends = jnp.where(jnp.asarray(stated.chosen)[:, None, None], ends, level)
             hung = self.strain_at_sag  # type: ignore[attr-defined]  # it is `Sagging`
             return hung(ends, sag, 1.0 if state.warmth is None else state.warmth)
         return stated.values

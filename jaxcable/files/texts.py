@@ -66,7 +66,8 @@ FIELDS: dict[tuple[str, str], str] = {
         f"the force). {_GROUPS} {_SKIPS}"
     ),
     ("Phase", "sag"): (
-        "of catenaries with a weight: how far the middle hangs below that of the chord, m. "
+        "of catenaries with a weight: vertical distance from the chord at midspan under the whole "
+        "weight along -z, m. "
         f"{_GROUPS}"
     ),
     ("Phase", "jacking"): (
@@ -78,14 +79,17 @@ FIELDS: dict[tuple[str, str], str] = {
         f"by how much a turnbuckle shortens the unstressed length, m. {_GROUPS} {_SKIPS}"
     ),
     ("Phase", "temperature"): (
-        "change of the temperature, K; the group needs `expansion`. "
+        "change of the temperature, K; the group needs `expansion`. Changes of all phases add. "
         f"{_GROUPS} One number for all passes by groups without `expansion`, beams among them."
     ),
     ("Phase", "adds"): (
         f"elements that are there from this phase on, and not before: {_HELD}. What no phase adds "
         "is there from the beginning."
     ),
-    ("Phase", "removes"): f"elements that go: {_HELD}. Their end forces are ramped out.",
+    ("Phase", "removes"): (
+        f"elements that go: {_HELD}. Their end forces are ramped out. Loads along them act again "
+        "if they are added again."
+    ),
     ("Phase", "placed"): (
         'where nodes wait that no element touches: "drawn", where they are, so that new elements '
         'reach from where others have moved; or "attached": they go along with the node that '

@@ -12,9 +12,9 @@ from jax import lax
 from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import or_nan, positive
+from ..common.rules import Rule, or_nan, positive, refuse
 from ..common.types import Array, ArrayLike, Float, PyTree
-from ..elements import hanging
+from ..elements import hanging, hanging_sag
 from ..elements.abilities import Sagging
 from ..elements.prestress import element
 from ..mechanics.carry import make_system
@@ -140,8 +140,9 @@ def hanging_chain(
     Args:
         first, second: positions of the ends, [3], m; they must not lie above each other.
         n: number of elements, at least 2.
-        sag: how far the middle of the chain (a node, or the middle of an element) hangs below the
-            middle of its chord, m, positive.
+        sag: vertical distance of the chain from its chord at midspan (half of the horizontal
+            distance of the ends), m, positive. Where a node is exactly there, derivatives by the
+            ends are those on one side.
         weight: weight per unstressed length, N/m.
         axial_stiffness: EA, N.
 
@@ -150,7 +151,7 @@ def hanging_chain(
         NaN if there is no such chain; differentiable in all arguments but `n`.
 
     Raises:
-        ValueError: wrong shapes, or values that are not positive.
+        ValueError: wrong shapes, values that are not positive, or ends above each other.
 
     Example:
         >>> nodes, rest_length = jc.forms.hanging_chain(
@@ -174,6 +175,8 @@ def hanging_chain(
         numbers[name] = or_nan(positive(name, value))
     dtype = jnp.result_type(float, first, second)
     chord = jnp.asarray(second, dtype) - jnp.asarray(first, dtype)
+    text = "first, second: the ends lie above each other; the chain has no midspan"
+    refuse([Rule("second", chord[:2], lambda v: (v == 0).all(), lambda *_: text)])
     sag, weight, stiffness = (jnp.asarray(v, dtype) for v in numbers.values())
     relative, rest_length = _chain(chord, sag, weight, stiffness, n=n)
     return jnp.asarray(first)[None] + relative, jnp.full(n, rest_length / n)
@@ -189,7 +192,6 @@ def _chain(chord, sag, weight, stiffness, n):
     """
     level = jnp.sqrt(chord[0] ** 2 + chord[1] ** 2)
     offset = jnp.arange(n, dtype=chord.dtype) - (n - 1) / 2
-    side = jnp.sign(offset)
 
     def pieces(unknowns):
         h, v, length = unknowns
@@ -201,11 +203,12 @@ def _chain(chord, sag, weight, stiffness, n):
     def mismatch(scaled):
         piece = pieces(scaled * scale)
         wanted = jnp.stack([level, chord[2], sag])
-        found = jnp.stack([jnp.sum(piece[:, 0]), jnp.sum(piece[:, 1]), 0.5 * side @ piece[:, 1]])
+        x, z = jnp.concatenate([jnp.zeros((1, 2), chord.dtype), jnp.cumsum(piece, axis=0)]).T
+        found = jnp.stack([x[-1], z[-1], 0.5 * z[-1] - jnp.interp(0.5 * x[-1], x, z)])
         return (found - wanted) / jnp.stack([level, level, sag])
 
     down = weight * jnp.array([0.0, 0.0, -1.0], chord.dtype)
-    strain = hanging.strain_at_depth(chord, down, stiffness, sag)
+    strain = hanging_sag.strain_at_sag(chord, down, stiffness, sag)
     length = jnp.sqrt(chord @ chord) / (1 + strain)
     excess = chord @ chord - length**2
     force, _, _ = hanging.hang(chord, excess, down, length, stiffness)

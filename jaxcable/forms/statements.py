@@ -33,7 +33,7 @@ class Statements:
         shortening: length between the ends less the unstressed length, m: the shortening by a
             turnbuckle if the element were built in unstressed.
         temperature: change of temperature with the same effect by contraction, K.
-        sag: of catenaries, how far the middle hangs below that of the chord, along the load, m.
+        sag: of catenaries, distance from the chord at midspan, along the load, m.
         length: length between the ends, m.
 
     Example:
@@ -123,5 +123,5 @@ def _group(group, state, nodes, motion):
         # if the element were cut to its length under force: L0 (1 + strain) (1 + expansion dt) = L0
         values["temperature"] = -strain / (1 + strain) / group.expansion
     if isinstance(group, Sagging) and state.line_load is not None:
-        values["sag"] = each("depth", group, state, nodes, motion)
+        values["sag"] = each("sag", group, state, nodes, motion)
     return values

@@ -29,8 +29,10 @@ class SelfWeight(Dead):
     """Self-weight of the elements that have a `weight`; half of it acts at each end of an element.
 
     The weight is that of the current unstressed length at the temperature before the first phase:
-    heat adds no mass. While a jack pulls, the weight stays as it was when the jack began, so that
-    the structure does not move when the jack is anchored. Beams bend and catenaries hang under it.
+    heat adds no mass. It acts on elements whenever they are there (`Phase`), those that later
+    phases add among them. While a jack pulls, the weight stays as it was when the jack began, so
+    that the structure does not move when the jack is anchored. Beams bend and catenaries hang under
+    it.
 
     Args:
         direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
@@ -122,8 +124,9 @@ class SelfWeight(Dead):
 class LineLoads(Measured):
     """Dead loads along the elements; beams bend under them and catenaries hang.
 
-    Half of each element's load goes to each end. On beams the load also works on the deflection
-    between the ends (consistent end moments that turn with the element).
+    They act on elements whenever these are there (`Phase`): also on those that later phases add, or
+    remove and add again. Half of each element's load goes to each end. On beams the load also works
+    on the deflection between the ends (consistent end moments that turn with the element).
 
     Args:
         forces: force per length, [3], N/m.

@@ -276,7 +276,7 @@ class System(Elementwise):
     def _assemble(self, parts: list[Part]) -> Matrix:
         matrix = linear.assemble(parts, self.freedoms.free.shape[0], self.freedoms.pattern)
         bound = self.freedoms.bound
-        return matrix if bound is None else linear.held_at(matrix, bound)
+        return matrix if bound is None or not bound.size else linear.held_at(matrix, bound)
 
     # --- results
 

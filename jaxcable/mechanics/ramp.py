@@ -57,7 +57,7 @@ class Ramp:
 
     Attributes:
         nodes, groups: the structure.
-        begin: `Carry` at the start of the phase (without loads on newly held freedoms).
+        begin: `Carry` at the start of the phase (without loads on newly supported freedoms).
         end_states: element states at load factor 1; None for a group that does not change.
         jacks: (force at the start, `Stated` at the end) for a jacked group, else None.
         added_load: nodal loads of this phase, as `Carry.nodal_load`, or None.
@@ -218,15 +218,17 @@ def _supported(moved, freedoms):
 
 
 def _change_supports(nodes, groups, carry, data):
-    """`Carry` without loads on newly held freedoms, and reactions of freed ones.
+    """`Carry` without loads on newly supported freedoms, and reactions of freed ones.
 
-    A node that is held in part before and after has the same directions in both (`preparation`).
+    A load on a freedom that is held because nothing touches it stays, to act when something does. A
+    node that is held in part before and after has the same directions in both (`preparation`).
     """
     before = make_system(nodes, groups, carry, carry.motion, data.freedoms_before)
     was, now = data.freedoms_before.fixed, data.freedoms.fixed
+    newly = data.freedoms.by_supports & ~data.freedoms_before.by_supports
     if data.freedoms.axes is None:
         released = jnp.where(was & ~now, before.unbalanced(carry.motion), 0.0)
-        return copy(carry, nodal_load=jnp.where(now & ~was, 0.0, carry.nodal_load)), released
+        return copy(carry, nodal_load=jnp.where(newly, 0.0, carry.nodal_load)), released
     reaction, load = before.reactions(carry.motion), carry.nodal_load
     if carry.bearing is not None:
         turned_anew = jnp.any((was != now)[:, 3:], axis=1, keepdims=True)
@@ -241,8 +243,8 @@ def _change_supports(nodes, groups, carry, data):
         released.append(combined(axes, gone))
         whole = jnp.all(now[:, part], axis=1)[:, None, None]
         axes = jnp.where(whole, axes_before, axes)
-        newly = now[:, part] & ~was[:, part]
-        left.append(combined(axes, jnp.where(newly, 0.0, along(axes, load[: len(was), part]))))
+        ended = newly[:, part]
+        left.append(combined(axes, jnp.where(ended, 0.0, along(axes, load[: len(was), part]))))
     # without a change the load itself, which `along` and `combined` would round
     left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)
     return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)

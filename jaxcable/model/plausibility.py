@@ -197,8 +197,9 @@ def loading(
     fixed: Bool[np.ndarray, "n_row n_freedom"],
     groups: Sequence[Element],
     alone: bool,
+    waits: Bool[np.ndarray, "n_row n_freedom"] | None = None,
 ) -> Iterator[str]:
-    """Warn of nodal loads that act on supports only, or that their elements cannot bear.
+    """Warn of nodal loads that only what holds still takes, or that their elements cannot bear.
 
     The elements at a free node balance its load. Hence at least one of them has a strain of the
     load over the sum of their axial stiffnesses, or more.
@@ -209,6 +210,8 @@ def loading(
         fixed: True where a freedom is held, [n_row, 3 or 6].
         groups: the element groups of the structure.
         alone: whether the phase has no other input than these loads.
+        waits: True where a freedom is held because no element that is there touches it,
+            [n_row, 3 or 6]; None if all elements are always there.
     """
     forces = [_there(load.forces) for load in loads]
     if not loads or any(f is None for f in forces):
@@ -225,6 +228,12 @@ def loading(
             f"loads of phases[{number}]: all of them act on supports (node "
             f"{int(acts.any(axis=1).argmax())}) and strain nothing; look at the numbers of the "
             "nodes, which start at 0, and at the supports"
+        )
+    elif alone and waits is not None and acts.any() and not (acts & ~(fixed | waits)[:, :3]).any():
+        node = int((acts & waits[:, :3]).any(axis=1).argmax())
+        yield (
+            f"loads of phases[{number}]: all of them act on supports, or on nodes that no element "
+            f"touches in this phase (node {node}); these act when an element is added there"
         )
     if any(group.rotates for group in groups):  # beams bend
         return
@@ -247,6 +256,24 @@ def loading(
             f"axial stiffnesses of {stiffness[node]:.4g} N together: strained by "
             f"{100 * size[node] / stiffness[node]:.3g} % at least; {_UNITS}"
         )
+
+
+@_warns
+def weights(named: Sequence[tuple[str, Element]], weighed: bool) -> Iterator[str]:
+    """Warn of weights in an analysis under other loads, or with a stated sag, that never act.
+
+    Args:
+        named: pairs of (key in the elements as text, group).
+        weighed: whether any phase, or an analysis before it, has `SelfWeight`.
+    """
+    for where, group in [] if weighed else named:
+        weight = _there(group.weight)
+        if weight is not None and np.any(weight):
+            yield (
+                f"elements{where}.weight: no phase has SelfWeight, so that the weight is mass and "
+                "no load; add loads=SelfWeight() to a phase if it is to act"
+            )
+            return
 
 
 @_warns

@@ -15,16 +15,19 @@ from .table import Table
 
 _STRAIGHT = -0.5  # cosine between two elements at a node up to which a cable runs through: 60 deg
 _WARMTH = "at the temperature before the first phase"
+_ADDED = "; elements that were added, at that of the phase which added them"
 
 
 def cutting_list(structure: Structure, solution: results.Solution) -> Table:
     """Unstressed lengths of all elements, at the temperature before the first phase.
 
+    Elements that a phase has added have seen only changes of temperature since then.
+
     Where cables run through several elements (see `cables`), these tell the number of their cable
     in the group, and its unstressed length up to their first and last node: where its clamps are to
     be marked.
     """
-    notes, rows, chained = [_WARMTH], [], False
+    notes, rows, chained = [_reference(solution)], [], False
     for label, group, length, cable in _lengths(structure, solution):
         ends = first_and_last(group).tolist()
         marks = np.full((len(ends), 2), np.nan)
@@ -66,10 +69,20 @@ def cables(structure: Structure, solution: results.Solution) -> dict[str, Table]
             total = float(length[elements].sum())
             rows.append([label, k, len(elements), int(nodes[0, 0]), int(nodes[-1, 1]), total])
     columns = ("group", "cable", "elements", "first", "last", "unstressed length")
-    notes = (_WARMTH, "a cable: elements of a group that go on from node to node within 60 degrees")
+    notes = (
+        _reference(solution),
+        "a cable: elements of a group that go on from node to node within 60 degrees",
+    )
     if all(row[2] == 1 for row in rows):
         return {}
     return {"cables": Table("Cables", columns, ("", "", "", "", "", "m"), rows, notes)}
+
+
+def _reference(solution):
+    """At which temperature the lengths are, in words."""
+    states = solution.last.carry.states
+    added = any(state.present is not None and state.warmth is not None for state in states)
+    return _WARMTH + _ADDED if added else _WARMTH
 
 
 def _lengths(structure, solution):

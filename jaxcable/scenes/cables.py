@@ -92,7 +92,7 @@ def suspended_cable(
         span, rise: horizontal and vertical distance of the second support from the first, m.
 
     Options:
-        sag: depth of the middle of the cable below its chord under self-weight, m.
+        sag: vertical distance from the chord at midspan under self-weight, m.
         n: number of straight elements, a chain that starts in equilibrium, or 0 for one catenary.
         axial_stiffness: EA, N.
         weight, ice: N/m.

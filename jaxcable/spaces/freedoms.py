@@ -82,6 +82,8 @@ class Freedoms:
             which is as fast where loops are not fused (`common.fusion`), in a smaller program.
         numbering: sums at every unknown over its freedoms, with `meeting` where every freedom has
             an unknown of its own; its transpose needs no scatter.
+        supported: True where a support holds a freedom, [n_row, n_freedom]; others are `fixed`
+            because no element that is there touches them. None if supports hold all of them.
     """
 
     free: Int[ArrayLike, " n_free"]
@@ -96,6 +98,12 @@ class Freedoms:
     bound: Bool[ArrayLike, " n_free"] | None = None
     meeting: linear.Gathering | None = None
     numbering: linear.Gathering | None = None
+    supported: Bool[ArrayLike, "n_row n_freedom"] | None = None
+
+    @property
+    def by_supports(self) -> Bool[ArrayLike, "n_row n_freedom"]:
+        """Freedoms that supports hold, [n_row, n_freedom] bool."""
+        return self.fixed if self.supported is None else self.supported
 
     def released(self, vector: Float[Array, " n_free"]) -> Float[Array, " n_free"]:
         """A vector [n_free] with zeros at the unknowns that are bound in this phase."""

@@ -1,0 +1,106 @@
+"""Rules that statements of prestress keep: signs, what laws can carry, spans with a midspan."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..common.rules import Rule, kept, not_negative, positive
+from ..common.types import Array, ArrayLike, Bool, Float
+from ..elements.element import Element
+from ..elements.prestress import Stated, of_each
+
+_TENSIONS = ("pretension", "force_density", "jacking")
+
+
+def keeps_rules(
+    inputs: Sequence[dict[str, Stated]],
+    groups: Sequence[Element],
+    nodes: Float[ArrayLike, "n_row 3"],
+) -> Bool[Array, ""]:
+    """Whether the prestress statements of a phase keep their rules, scalar bool, traced.
+
+    Args:
+        inputs: for every group a dict from name to `Stated`.
+        groups: element groups, before `extended`.
+        nodes: initial positions of the rows, [n_row, 3].
+    """
+    all_kept = kept([])
+    for group, statements in zip(groups, inputs, strict=True):
+        for name, stated in statements.items():
+            rules = value_rules(name, stated.values, group)
+            capacity = functools.partial(of_each, "capacity", group)
+            rules += capacity_rules(name, stated.values, group, capacity)
+            rules += span_rules(name, group, nodes)
+            all_kept = all_kept & kept(rules, stated.chosen)
+    return all_kept
+
+
+def value_rules(name: str, values: Float[ArrayLike, " ..."], group: Element) -> list[Rule]:
+    """Rules of the values of a statement, whatever the law can carry, see `common.rules`."""
+    if name == "rest_length":
+        return [positive(name, values, "an unstressed length must be positive")]
+    if name == "prestrain":
+        return [Rule(name, values, lambda v: v <= -1, "a prestrain must be above -1")]
+    if name == "sag":
+        text = "a sag must be positive; a straight cable has no length of its own"
+        return [positive(name, values, text)]
+    if name in _TENSIONS and group.tension_only:
+        text = "a cable carries tension only; must not be negative (use Bars)"
+        return [not_negative(name, values, text)]
+    return []
+
+
+def span_rules(
+    name: str,
+    group: Element,
+    nodes: Float[ArrayLike, "n_row 3"],
+    chosen: Bool[np.ndarray, " n_elem"] | None = None,
+) -> list[Rule]:
+    """The rule that a span with a stated sag has a midspan: its nodes do not lie above each other.
+
+    Args:
+        name, group: of the statement.
+        nodes: initial positions, [n_row, 3].
+        chosen: elements that the statement concerns, [n_elem] bool; None for all.
+    """
+    if name != "sag":
+        return []
+
+    def upright(nodes):
+        chord = nodes[group.links[:, 1]] - nodes[group.links[:, 0]]
+        # some roundings of the coordinates: below them the horizontal distance is not known
+        least = 64 * np.finfo(chord.dtype).eps ** 2 * (chord**2).sum(axis=1)
+        found = (chord[:, :2] ** 2).sum(axis=1) <= least
+        return found if chosen is None else found & chosen
+
+    def text(index, *_):
+        return (
+            f"sag[{index[0]}]: the nodes of the element lie above each other; its span has no "
+            "middle at which a sag could be measured; state rest_length"
+        )
+
+    return [Rule(name, nodes, upright, text)]
+
+
+def capacity_rules(
+    name: str,
+    values: Float[ArrayLike, " n_elem"],
+    group: Element,
+    capacity: Callable[[], tuple[Float[ArrayLike, " ..."], Float[ArrayLike, " ..."]]],
+) -> list[Rule]:
+    """The rule that the law of a group can carry the stated forces, [n_elem].
+
+    `capacity` returns the smallest and the largest force of every element.
+    """
+    if name not in ("pretension", "jacking") or not group.breaks:
+        return []
+    text = "above what its law can carry; a pretension must lie within the curve"
+
+    def beyond(force, low, high):  # a curve with NaN has no capacity, and passes
+        more = 1 + 8 * np.finfo(force.dtype).eps  # the peak of the curve itself is allowed
+        return (force < low * more) | (force > high * more)
+
+    return [Rule(name, (values, *capacity()), beyond, text)]
