@@ -14,6 +14,7 @@ from ..common import checks
 from ..common.rules import Rule, refuse
 from ..common.tree import Indices, copy, once, plain, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
+from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
 from ..spaces.freedoms import Rows
@@ -110,6 +111,7 @@ class Structure:
                     f"elements{where}: {type(group).__name__} is not an element group such as "
                     "Cables(links, axial_stiffness=...)"
                 )
+            contract.require(group, f"elements{where}")
             checks.known(group.links.array, len(nodes), f"elements{where}.links")
             refuse(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
