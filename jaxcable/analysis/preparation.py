@@ -226,11 +226,12 @@ def _may_warn(groups, carry, stacks, nodal):
     """See `Prepared.may_warn`."""
     if _always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
-    moments = [load.moments for of_phase in nodal for load in of_phase]
+    rotate = any(group.rotates for group in groups)
+    moments = rotate and any(load.has_moments for of_phase in nodal for load in of_phase)
     before = None if carry is None else checks.concrete(carry.nodal_load)
     moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
-    return not (moments_before or following or any(m is not None for m in moments))
+    return not (moments_before or following or moments)
 
 
 def _always_convex(groups, stacks):

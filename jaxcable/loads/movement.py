@@ -8,6 +8,7 @@ from jax.typing import DTypeLike
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from .groups import scattered
@@ -21,7 +22,8 @@ class SupportMovement(Moving):
     Args:
         nodes: node numbers, [n].
         displacements: [3] or [n, 3], m, along freedoms held in the phase; None if nodes only turn.
-        rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
+        rotations: rotation vectors [3] or [n, 3], rad (``np.radians(...)`` of degrees), of clamped
+            nodes; default none. More than half a turn, pi, is an `InputWarning`.
 
     Raises:
         ValueError: wrong shapes; where a phase is analysed, an unknown node, a displacement along a
@@ -58,6 +60,9 @@ class SupportMovement(Moving):
                     f"{name}: expected shape (3,) or ({len(self.nodes)}, 3), got {value.shape}"
                 )
             object.__setattr__(self, name, value)
+        turn = None if self.rotations is None else checks.concrete(self.rotations)
+        if turn is not None:
+            plausibility.turned("rotations", turn)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""

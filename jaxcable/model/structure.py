@@ -18,7 +18,7 @@ from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
 from ..spaces.freedoms import Rows
-from . import plausibility
+from . import digits, plausibility
 from .spins import free_spins
 from .spins import warn as warn_of_spins
 from .supports import Fixed, Supports
@@ -105,13 +105,14 @@ class Structure:
                 f"{'' if self.supports is None else got}"
             )
         positions = checks.concrete(nodes)
+        if positions is not None and all(is_group(group) for group in self.groups):
+            digits.resolution(positions, self.named_groups())
         for where, group in self.named_groups():
             if not is_group(group):
                 raise ValueError(
                     f"elements{where}: {type(group).__name__} is not an element group such as "
                     "Cables(links, axial_stiffness=...)"
                 )
-            contract.require(group, f"elements{where}")
             checks.known(group.links.array, len(nodes), f"elements{where}.links")
             refuse(place_rules(nodes, group, f"elements{where}."))
             if positions is not None:
@@ -120,6 +121,8 @@ class Structure:
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
         self._check_results()
+        for where, group in self.named_groups():
+            contract.require(group, f"elements{where}")
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:
