@@ -104,9 +104,9 @@ def check(
         ValueError: the group does not keep the contract; the message has all that was found.
 
     Example:
-        >>> from jaxcable.elements.contract import check
         >>> nodes = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 4.0, 0.0]]
-        >>> check(jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6), nodes)  # nothing to say
+        >>> bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
+        >>> jc.elements.check(bars, nodes)  # it says nothing
     """
     found = [*_lacks(group), *_tried(group, nodes, state, motion, tol, conservative)]
     if found:
@@ -198,11 +198,14 @@ def _derivatives(group, every, forces, links, tol, conservative):
     shape = (*links.shape[1:], group.n_freedom)
     still, size = jnp.zeros(shape), jnp.max(jnp.abs(forces))
 
+    def moved(motion, step):
+        return jax.vmap(turned)(motion, step) if group.rotates else motion + step
+
     def about(one, *at):
         return jax.jacfwd(lambda step: one.end_forces_about(*at, step))(still)
 
     def slope(one, state, ends, motion):
-        return jax.grad(lambda step: one.energy(state, ends, _stepped(motion, step)))(still)
+        return jax.grad(lambda step: one.energy(state, ends, moved(motion, step)))(still)
 
     here = every(lambda one, *at: one.end_forces_about(*at, still))
     if _apart(here, forces, size) > tol:
@@ -223,11 +226,6 @@ def _derivatives(group, every, forces, links, tol, conservative):
     conservative = group.symmetric if conservative is None else conservative
     if conservative and not group.inner and _apart(every(slope), forces, size) > tol:
         yield "energy: the end forces are not its gradient"
-
-
-def _stepped(motion, step):
-    """Motion of ends after a step of them."""
-    return jax.vmap(turned)(motion, step) if motion.shape[-1] == 7 else motion + step
 
 
 def _apart(one, other, size):

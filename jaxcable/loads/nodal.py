@@ -62,7 +62,7 @@ class NodalLoads(OnNodes):
 
     def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
         """Nodes [n] and the forces on them, [3] or [n, 3], N."""
-        return self.nodes, self.forces  # type: ignore[return-value]  # `Indices` once constructed
+        return self.nodes, self.forces
 
     @property
     def has_moments(self) -> bool:

@@ -164,7 +164,7 @@ def buckling_factor(
         if not _has_moments(thawed, arrays):
             raise ValueError(
                 "state: its tangent stiffness is unsymmetric, and no moments act on nodes; a class "
-                "of elements of your own has to say symmetric = False (`elements.contract.check`)"
+                "of elements of your own has to say symmetric = False (`elements.check`)"
             )
         checks.suspect(
             "state: moments that keep their direction act on nodes and have no potential; the "
