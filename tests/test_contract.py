@@ -90,7 +90,7 @@ def test_every_name_that_is_asked_for_is_in_the_contract():
             found[where] = missing
         seen |= {name for variable, name in asked(source) if variable == "group"}
     assert found == {}
-    assert {"strain", "tension", "lock", "beyond", "restate", "links", "symmetric"} <= seen
+    assert {"strain", "tension", "lock", "beyond", "links", "symmetric"} <= seen
 
 
 def test_the_search_finds_what_is_missing():
