@@ -19,11 +19,13 @@ from .load import Moving
 class SupportMovement(Moving):
     """Displacement of supports, by increments, from their positions at the beginning of the phase.
 
+    A turn of more than pi, which is most likely in degrees, is an `InputWarning`.
+
     Args:
         nodes: node numbers, [n].
         displacements: [3] or [n, 3], m, along freedoms held in the phase; None if nodes only turn.
-        rotations: rotation vectors [3] or [n, 3], rad (``np.radians(...)`` of degrees), of clamped
-            nodes; default none. More than half a turn, pi, is an `InputWarning`.
+        rotations: rotation vectors [3] or [n, 3], rad and not degrees, of clamped nodes; default
+            none.
 
     Raises:
         ValueError: wrong shapes; where a phase is analysed, an unknown node, a displacement along a
