@@ -154,7 +154,7 @@ def own():
     }
     structure = jc.Structure(NODES, elements, jc.pinned([0, 2, 3]))
     load = jc.NodalLoads([1], (3.0, 5.0, -40.0))
-    phases = [jc.Phase(pretension={"net": 500.0}), jc.Phase(loads=load, increments=2)]
+    phases = [jc.Phase(pretension={"net": 500.0}), jc.Phase(loads=load, increments=4)]
     return structure, phases, jc.solve(structure, phases)
 
 
@@ -167,8 +167,10 @@ def test_own_elements_in_every_result(own, tmp_path):
     assert_allclose(told.pretension["net"], solution.tension["net"], rtol=1e-10)
     assert jc.fibre_stress(structure, solution.phases[1])["rods"] is None
     text = str(jc.report(structure, solution, names=["prestress", "wind"]))
-    assert "phase 2, wind: 2 of 2 increments converged" in text
-    assert_allclose(jc.energy_balance(structure, phases, solution).relative[1], 0.0, atol=0.05)
+    assert "phase 2, wind: 4 of 4 increments converged" in text
+    assert_allclose(
+        jc.energy_balance(structure, phases, solution).relative[1], 0.0, atol=0.02
+    )  # increments^2
     jc.files.save_result(tmp_path / "own.npz", structure, solution)
     assert "tension.hooks" in jc.files.load_result(tmp_path / "own.npz")
     jc.plots.net(solution, structure=structure, phase=0)
@@ -331,7 +333,7 @@ def test_what_needs_symmetry_is_refused():
 
 def test_a_torque_buckles_a_column_as_if_semi_tangential():
     """pi EI / L for a moment that turns with half of the rotation of its node (Ziegler 1968)."""
-    n, length = 8, 6.0
+    n, length = 16, 6.0
     section = jc.Section.box(0.1, 0.1, 0.005, jc.Elastic(210e9))
     inertia = (0.1**4 - 0.09**4) / 12
     beams = jc.Beams([[k, k + 1] for k in range(n)], section=section)
@@ -342,8 +344,8 @@ def test_a_torque_buckles_a_column_as_if_semi_tangential():
     assert solution.status == status.OK
     with pytest.warns(jc.InputWarning, match="semi-tangential"):
         found = jc.stiffness.buckling_factor(structure, solution)
-    # turns of elements are linearized: of order (length of an element)^2
-    assert_allclose(50.0 * found.factor[0], np.pi * 210e9 * inertia / length, rtol=0.02)
+    # of order 2 in the length of elements: 4.6 % of 8, 1.2 % of 16
+    assert_allclose(50.0 * found.factor[0], np.pi * 210e9 * inertia / length, rtol=0.015)
 
 
 def test_dense_matrices_that_do_not_fit_are_refused(monkeypatch):
