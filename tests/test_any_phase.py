@@ -104,7 +104,7 @@ def test_forces_of_a_phase_have_derivatives(propped):
 
 def test_what_is_refused(propped):
     structure, solution = propped
-    with pytest.raises(ValueError, match="state: has 1 of elements, the structure 2"):
+    with pytest.raises(ValueError, match="state: has 1 elements in group 0, the structure 2"):
         nodes = [[0.0, 0, 0], [SPAN, 0, 0], [2 * SPAN, 0, 0]]
         two = jc.replace(
             structure, nodes=nodes, elements=jc.Beams([[0, 1], [1, 2]], section=SECTION)

@@ -96,12 +96,13 @@ def stored_forces(
         ValueError: a group has another number of elements.
     """
     found: list[Any] = []
-    for values, part in zip(forces, parts, strict=True):
+    for number, (values, part) in enumerate(zip(forces, parts, strict=True)):
         if values is not None:
             links = part.links.array
             if len(values) != len(links):
                 raise ValueError(
-                    f"state: has {len(values)} of elements{part.name}, the structure {len(links)}"
+                    f"state: has {len(values)} elements in group {number}, the structure "
+                    f"{len(links)}"
                 )
             chord = positions[links[:, 1]] - positions[links[:, 0]]
             values = forces_between(values, jnp.sqrt((chord * chord).sum(axis=1)), places)
