@@ -208,7 +208,7 @@ def test_form_finds_forces_in_masts_and_guys(scene, capsys):
     for more, message in (
         (
             [],
-            "q: element 0 of group 'GUY' has no force density; every element needs one; masts and",
+            "q: element 0 of elements['GUY'] has no force density; every element needs one;",
         ),
         (["--length", "MAST=drawn"], "group 'GUY' has neither of --force-density and --length"),
         (["--length", "MAST=drawn", "NET=5", "GUY=drawn"], "group 'NET' has both of --force"),

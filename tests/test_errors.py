@@ -99,9 +99,12 @@ CASES = {
     "phase supports": (lambda: jc.Phase(supports=[0]), "supports: expected pinned"),
     "two statements": (
         lambda: analyse(pretension=1.0, rest_length=1.0),
-        "pretension, rest_length: both state the prestress of group 0",
+        "pretension, rest_length: both state the prestress of elements;",
     ),
-    "jacking and shortening": (lambda: analyse(jacking=1.0, shortening=0.1), "jacking: group 0"),
+    "jacking and shortening": (
+        lambda: analyse(jacking=1.0, shortening=0.1),
+        "jacking: elements has",
+    ),
     "negative pretension": (
         lambda: analyse(pretension=[1.0, -2.0]),
         r"pretension\[1\] = -2.0: a cable carries tension only",

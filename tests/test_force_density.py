@@ -295,15 +295,15 @@ def test_refused():
         jc.Beams([[0, 1], [1, 2], [2, 3]], section=jc.Section.disc(0.1, jc.Elastic(1e9), (2, 2))),
         jc.clamped([0, 3]),
     )
-    with pytest.raises(ValueError, match=r"elements: group 0 \(Beams\) is not made of straight"):
+    with pytest.raises(ValueError, match=r"elements \(Beams\) is not made of straight"):
         force_density(beam, 1.0)
     with pytest.raises(ValueError, match=r"loads\[0\]: CablePressure is not known before"):
         force_density(structure, 1.0, jc.CablePressure(1.0, (0, 1, 0)))
     with pytest.raises(ValueError, match=r"q\[1\] = -1.0: a cable carries tension only"):
         force_density(structure, np.array([1.0, -1.0, 1.0]))
-    with pytest.raises(ValueError, match="q: element 1 of group 0 has no force density"):
+    with pytest.raises(ValueError, match="q: element 1 of elements has no force density"):
         force_density(structure, jc.only([0, 2], 1.0))
-    with pytest.raises(ValueError, match="q: element 0 of group 0 has no force density"):
+    with pytest.raises(ValueError, match="q: element 0 of elements has no force density"):
         force_density(structure, None)
     with pytest.raises(ValueError, match="q: expected a scalar or shape"):
         force_density(structure, np.ones(4))

@@ -125,13 +125,13 @@ def test_start_of_another_frame(change):
         other = jc.Structure(
             NODES, jc.Cables([[0, 1], [1, 2]], axial_stiffness=1.0), jc.pinned([0])
         )
-        message = "start: group 0: is made of Cables here and of Beams there"
+        message = "start: elements: is made of Cables here and of Beams there"
     elif change == "hinges":
         other = cantilever(hinges=[[False, True], [False, False]])
-        message = "start: group 0: hinges: other ends turn here than there"
+        message = "start: elements: hinges: other ends turn here than there"
     else:
         other = cantilever(section=jc.Section.rectangle(0.02, 0.05, jc.materials.steel()))
-        message = "start: group 0: its beams have other inner numbers"
+        message = "start: elements: its beams have other inner numbers"
     with pytest.raises(ValueError, match=message):
         jc.solve(other, [jc.Phase()], start=done)
 

@@ -173,7 +173,7 @@ def test_changing_numbers_does_not_recompile():
 
 def test_refused():
     structure = two_links()
-    with pytest.raises(ValueError, match="tension, rest_length: element 1 of group 0 has both"):
+    with pytest.raises(ValueError, match="tension, rest_length: element 1 of elements has both"):
         dynamic_relaxation(structure, 1.0, only([1], 1.0))
     with pytest.raises(ValueError, match=r"tension\[0\] = -1.0: a cable carries tension only"):
         dynamic_relaxation(structure, -1.0)

@@ -333,11 +333,11 @@ def test_symmetric_groups():
                 ),
                 3,
             ),
-            "links: no element of group 2 joins nodes",
+            r"links: no element of elements\['verticals'\] joins nodes",
         ),
         (
             lambda: forms.self_stress(jc.scenes.strung_arch(n=8)[0]),
-            r"elements: group 0 \(Beams\) is not made of straight members",
+            r"elements.* \(Beams\) is not made of straight members",
         ),
         (
             lambda: forms.self_stress(jc.replace(SIMPLEX, nodes=SIMPLEX.nodes * np.nan)),

@@ -245,7 +245,7 @@ REFUSED = {
     "no cable": (lambda: jc.SlidingCables([], axial_stiffness=1.0), "at least one element"),
     "secant": (
         lambda: jc.solve(pulley()[0], [pulley()[1]], jc.Incremental(stiffness="secant")),
-        r"group 0 \(SlidingCables\) has no secant",
+        r"elements \(SlidingCables\) has no secant",
     ),
 }
 

@@ -452,7 +452,7 @@ def test_what_is_refused_elsewhere(tmp_path):
         jc.Phase(placed="here")
     own = GroundSprings([[4]], stiffness=np.full((1, 3), 1e3))
     structure = jc.Structure(NODES, [cross().elements, own], supports=jc.pinned([0, 1, 2, 3]))
-    with pytest.raises(ValueError, match="a group of GroundSprings cannot come and go"):
+    with pytest.raises(ValueError, match=r"\(GroundSprings\) cannot come and go"):
         jc.solve(structure, jc.Phase(adds=[jc.only([0]), None]))
     stages = [*BASE, jc.Phase(removes=jc.only([3]))]
     solution = solved(cross(), stages)

@@ -316,11 +316,11 @@ REFUSED = {
             crossed(),
             [jc.Phase(pretension=jc.only([0, 2], 1.0), rest_length=jc.only([2, 3], 1.0))],
         ),
-        "pretension, rest_length: both state the prestress of element 2 of group 0",
+        "pretension, rest_length: both state the prestress of element 2 of elements",
     ),
     "jack and turnbuckle": (
         lambda: jc.solve(crossed(), [jc.Phase(jacking=jc.only([1], 1.0), shortening=0.1)]),
-        "jacking: element 1 of group 0 has its force held",
+        "jacking: element 1 of elements has its force held",
     ),
     "negative": (
         lambda: jc.solve(crossed(), [jc.Phase(pretension=jc.only([1], -1.0))]),

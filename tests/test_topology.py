@@ -27,7 +27,7 @@ def first():
 REFUSED = {
     "renumbered": (
         lambda: net([[1, 2], [0, 1], [1, 3]]),
-        r"group 0 \(\['net'\]\): links\[0\] is \[1, 2\] here and \[0, 1\] there",
+        r"elements\['net'\]: links\[0\] is \[1, 2\] here and \[0, 1\] there",
     ),
     "turned": (lambda: net([[0, 1], [1, 2], [3, 1]]), r"links\[2\] is \[3, 1\] here and \[1, 3\]"),
     "fewer": (lambda: net([[0, 1], [1, 3]], held=(0, 2, 3)), "has 2 elements here and 3 there"),

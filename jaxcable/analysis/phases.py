@@ -179,8 +179,8 @@ class Phase:
                     except ValueError as error:
                         of = f"; in elements{where}" if where else ""
                         raise ValueError(f"{error}{of}") from None
-        for k, (statements, (where, group)) in enumerate(zip(per_group, named, strict=True)):
-            _require_apart(statements, k, group)
+        for statements, (where, group) in zip(per_group, named, strict=True):
+            _require_apart(statements, where, group)
             for name, stated in statements.items():
                 plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
@@ -197,30 +197,33 @@ def by_name(value: Any) -> Any:
     return value
 
 
-def _require_apart(statements, k, group):
-    """Raise ValueError if two statements for an element of group `k` contradict each other."""
+def _require_apart(statements, where, group):
+    """Raise ValueError if two statements for an element of the group contradict each other.
+
+    `where` is the key of the group in the elements, as text.
+    """
     absolute = [name for name in statements if name in ABSOLUTE]
     for number, name in enumerate(absolute):
         for other in absolute[:number]:
-            if (where := _shared(statements[name], statements[other], k, group)) is not None:
+            if (both := _shared(statements[name], statements[other], where, group)) is not None:
                 raise ValueError(
-                    f"{other}, {name}: both state the prestress of {where}; "
+                    f"{other}, {name}: both state the prestress of {both}; "
                     "give one absolute statement per element"
                 )
     for name in (name for name in statements if name in INCREMENTS and "jacking" in statements):
-        if (where := _shared(statements[name], statements["jacking"], k, group)) is not None:
+        if (both := _shared(statements[name], statements["jacking"], where, group)) is not None:
             raise ValueError(
-                f"jacking: {where} has its force held in this phase; {name} must go into another "
+                f"jacking: {both} has its force held in this phase; {name} must go into another "
                 "phase"
             )
 
 
-def _shared(one, other, k, group):
+def _shared(one, other, where, group):
     """The first element that two statements concern, in words; None if there is none."""
     if one.chosen is None and other.chosen is None:
-        return f"group {k}"
+        return f"elements{where}"
     both = _meant(one, group) & _meant(other, group)
-    return f"element {int(both.argmax())} of group {k}" if both.any() else None
+    return f"element {int(both.argmax())} of elements{where}" if both.any() else None
 
 
 def _meant(stated, group):

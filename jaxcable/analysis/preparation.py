@@ -19,6 +19,7 @@ from ..common.tree import cast, copy, once, thaw
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..elements.abilities import Secant
 from ..elements.element import Element
+from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import SelfWeight, as_list
@@ -57,7 +58,8 @@ class Prepared(NamedTuple):
         n_free: number of unknowns.
         may_warn: whether a state can be unstable and an indefinite tangent proves it. Not where the
             energy is convex (`System.always_convex`): the tangent is never indefinite. Not under
-            nodal moments and following loads: the tangent is unsymmetric and proves nothing.
+            nodal moments and following loads, and with elements that are not `symmetric`: the
+            tangent is unsymmetric and proves nothing.
     """
 
     thawed: Frame
@@ -164,11 +166,11 @@ def _method(structure, method):
     if not isinstance(method, Newton | Incremental):
         raise ValueError(f"method: expected Newton or Incremental, got {_no_method(method)}")
     if isinstance(method, Incremental) and method.stiffness == "secant":
-        for k, group in enumerate(structure.groups):
+        for where, group in structure.named_groups():
             if not isinstance(group, Secant):
                 raise ValueError(
-                    f'stiffness = "secant": group {k} ({type(group).__name__}) has no secant '
-                    'stiffness; use "tangent"'
+                    f'stiffness = "secant": elements{where} ({type(group).__name__}) has no secant '
+                    'stiffness (ability `Secant`); use "tangent"'
                 )
     return method
 
@@ -214,10 +216,11 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
     )
 
     straight = fuses() and not space.rotates
+    symmetric = space.symmetric and not followers and all(group.symmetric for group in groups)
 
     def number(fixed):
         paired = tuple(straight and group.paired and fixed.axes is None for group in groups)
-        solver, symmetric = method.linear_solver, space.symmetric and not followers
+        solver = method.linear_solver
         coupled = (*links, *pressed)
         settings = solver, symmetric, structure.rigid, space, convex, paired
         found = number_freedoms(fixed, rows, coupled, *settings)
@@ -229,18 +232,19 @@ def _numbered(structure, method, stacks, groups, bundles, convex):
 
 def _may_warn(groups, carry, stacks, nodal):
     """See `Prepared.may_warn`."""
-    if _always_convex(groups, stacks):
+    if _always_convex(groups, stacks) or not all(group.symmetric for group in groups):
         return False
-    moments = [load.moments for of_phase in nodal for load in of_phase]
+    rotate = any(group.rotates for group in groups)
+    moments = rotate and any(load.has_moments for of_phase in nodal for load in of_phase)
     before = None if carry is None else checks.concrete(carry.nodal_load)
     moments_before = before is not None and bool(np.any(before[:, 3:]))
     following = any(stack.follows for stack in stacks)
-    return not (moments_before or following or any(m is not None for m in moments))
+    return not (moments_before or following or moments)
 
 
 def _always_convex(groups, stacks):
     """Whether the energy is known to be convex: cables, and no loads that slide along or follow."""
-    tension_only = all(group.tension_only and group.rising for group in groups)
+    tension_only = all(g.tension_only and g.rising and g.symmetric for g in groups)
     slides = stacks and any(group.slides for group in groups)
     return tension_only and not slides and not any(stack.follows for stack in stacks)
 
@@ -345,7 +349,7 @@ def _warm(groups, bundles, states):
     for group, members in zip(groups, bundles.members, strict=True):
         if group.expansion is not None or any(states[k].warmth is not None for k in members):
             for k in members:
-                if states[k].warmth is None:
+                if states[k].warmth is None and isinstance(group, Prestressed):
                     found[k] = copy(states[k], warmth=jnp.ones_like(states[k].rest_length))
     return bundles.together(found)
 

@@ -124,11 +124,11 @@ def presence_of(
     if not any(asked) and known is None:
         return None
     named = structure.named_groups()
-    for _, group in named:
+    for where, group in named:
         if type(group).found is Element.found:
             raise ValueError(
-                f"adds, removes: a group of {type(group).__name__} cannot come and go; it needs a "
-                "method `found`, and a state with `present`"
+                f"adds, removes: elements{where} ({type(group).__name__}) cannot come and go; it "
+                "needs a method `found`, and a state with `present`"
             )
     changes = [
         (

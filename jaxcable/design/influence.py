@@ -12,6 +12,7 @@ from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
 from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
+from ..common import memory
 from ..common.selection import only
 from ..common.tree import replace
 from ..common.types import Array, ArrayLike, Float, PyTree
@@ -22,6 +23,7 @@ from ..linear import unbatched
 from ..loads import NodalLoads, as_list
 from ..model.structure import Structure
 
+_COPIES = 2  # of the matrix: as it is computed, and in its shape
 _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
 
 
@@ -98,6 +100,11 @@ def influence(
         return of(solution) if callable(of) else getattr(solution, of)
 
     n_of = _count(jax.eval_shape(final, value))
+    memory.require(
+        _COPIES * n_of * _count(value) * jnp.zeros(0).dtype.itemsize,
+        f"influence: a dense matrix of {n_of} results by {_count(value)} values",
+        "give a function of fewer results as `of`, or jc.only(...) of fewer values",
+    )
     mode = jax.jacfwd if _count(value) <= n_of else jax.jacrev
     return mode(final)(value)
 

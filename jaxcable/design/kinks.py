@@ -16,6 +16,7 @@ from ..analysis.solution import Solution, State
 from ..common import status
 from ..common.tree import fill, thaw
 from ..common.types import Array, ArrayLike, Float, PyTree
+from ..elements.abilities import Uniaxial
 from ..mechanics.elementwise import each
 from ..model.structure import Structure
 from ..numerics import implicit
@@ -52,6 +53,12 @@ def slack_distance(
     if isinstance(solution, Solution):
         found = slack_distance(structure, solution.last)
         return implicit.nan_unless(solution.status == status.OK, found, found)
+    for where, group in structure.named_groups():
+        if group.tension_only and not isinstance(group, Uniaxial):
+            raise ValueError(
+                f"slack_distance: elements{where} ({type(group).__name__}) has no strain along an "
+                "axis (ability `Uniaxial`)"
+            )
     rows, groups = structure.rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
     thawed, arrays = thaw((groups, solution.carry.states, nodes, solution.carry.motion))

@@ -1,7 +1,8 @@
 """Element laws, one a file: internal force from end state.
 
 `element` is the contract: the base class `Element`. `abilities` has further base classes for what
-only some elements can do (`Prestressable`, `Jacked`, `Sagging`, `Secant`, `Rounding`, `Bending`).
+only some elements can do (`Prestressable`, `Uniaxial`, `Jacked`, `Sagging`, `Secant`, `Rounding`,
+`Bending`); `check` tries whether a class of your own keeps to it.
 `prestress` has the state of elements with an unstressed length.
 """
 
@@ -9,6 +10,7 @@ from .bar import Bars
 from .beam import Beams
 from .cable import Cables
 from .catenary import Catenaries
+from .contract import check
 from .prestress import AxialState
 from .sliding import SlidingCables
 
@@ -19,4 +21,5 @@ __all__ = [
     "Cables",
     "Catenaries",
     "SlidingCables",
+    "check",
 ]

@@ -4,11 +4,14 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `settle`, `size`, `fibre_stress` of a strain and a memory; `initial_memory` |
-| `breaks` | `beyond` of a strain, `extended` |
-| `tension_only` | `is_slack`, `at_kink`; if `Prestressable`, `strain_at` of a force |
-| `slides` | `slid`: forces of the load along the element as it goes from node to node |
+| `remembers` | `settle`, `size`, `initial_memory`; `section_strain`, a result |
+| `breaks` | `beyond`; `section_strain`, a result; `extended` if its iteration may not pass an end |
+| `tension_only` | `is_slack`, `at_kink` |
+| `rotates` | `end_forces_about` |
+| `slides` | `slid` |
 | `inner`, `n_inner_row` | `unused_columns`; its end forces and motion have rows for them |
+
+`contract.require` refuses a group that lacks one of them; `contract.check` tries all methods.
 """
 
 from __future__ import annotations
@@ -25,12 +28,18 @@ from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from .element import Element, ElementState, Ends, Forces, Motion, OwnState, Scalar
 from .stated import Stated
 
+STATEMENTS = (
+    *("pretension", "force_density", "prestrain", "rest_length"),
+    *("shortening", "temperature", "sag", "jacking"),
+)
+"""Names of the statements of prestress that a phase can have."""
+
 
 class Prestressable(Element):
     """Elements whose state is changed by statements of a phase (`Phase`).
 
     Attributes:
-        statements: names of the statements that the group accepts.
+        statements: those of `STATEMENTS` that the group accepts.
     """
 
     statements: ClassVar[tuple[str, ...]] = ()
@@ -57,6 +66,30 @@ class Prestressable(Element):
         return jax.tree.map(one, start, end)
 
 
+class Uniaxial(Element):
+    """Elements with one strain along their axis, from which their force follows.
+
+    `forms.statements` and `design.slack_distance` ask for them, and form finding for those that are
+    `straight.Straight`. On paths they stay slack, or taut, where rounding hides their strain.
+    """
+
+    @abc.abstractmethod
+    def strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Strain on the unstressed length."""
+
+    @abc.abstractmethod
+    def force(self, strain: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
+        """Axial force at a strain, N."""
+
+    @abc.abstractmethod
+    def strain_at(self, force: Scalar, memory: PyTree[Array] | None = None) -> Scalar:
+        """Strain at an axial force, N; NaN if the law does not reach this force."""
+
+    def section_strain(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Strain of the material; another one than `strain` where a jack prescribes the force."""
+        return self.strain(state, ends, motion)
+
+
 class Jacked(Prestressable):
     """Elements whose force a jack can prescribe, by the statement "jacking".
 
@@ -64,12 +97,23 @@ class Jacked(Prestressable):
     """
 
     @abc.abstractmethod
+    def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Axial force, N; that of the jack where the state has one."""
+
+    @abc.abstractmethod
     def lock(self, state: OwnState, ends: Ends, motion: Motion) -> ElementState:
         """State of one element whose jack is anchored here: it keeps the jack force."""
 
 
 class Sagging(Prestressable):
-    """Elements that hang under their weight, with the statement "sag"."""
+    """Elements that hang under their weight, with the statement "sag".
+
+    Their state has `rest_length`.
+    """
+
+    @abc.abstractmethod
+    def tension(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Axial force, N; its mean along the element."""
 
     @abc.abstractmethod
     def strain_at_sag(

@@ -80,10 +80,13 @@ class ElementState:
     """What phases change in a group: a pytree whose arrays have a leading axis [n_elem].
 
     A field is None if the kind of element has no use for it. `prestress.AxialState` describes them.
-    Elements that come and go need `present`, and the method `found` of their group.
+    A class of states has those fields that its elements use; an analysis that has to set another
+    one raises ValueError (`with_fields`). Elements that come and go need `present`, and
+    the method `found` of their group.
     """
 
     rest_length: Float[Array, " n_elem"] | None = None
+    elongation: Float[Array, " n_elem"] | None = None
     jack_force: Float[Array, " n_elem"] | None = None
     jacked: Bool[Array, " n_elem"] | None = None
     warmth: Float[Array, " n_elem"] | None = None
@@ -91,6 +94,27 @@ class ElementState:
     line_load: Float[Array, "n_elem 3"] | None = None
     pressed: Pressures | None = None
     present: Bool[Array, " n_elem"] | None = None
+
+    @property
+    def loaded(self) -> Float[Array, " n_elem"]:
+        """Length that has weight and takes loads per unstressed length, [n_elem], m."""
+        if self.rest_length is None:
+            raise ValueError(
+                f"{type(self).__name__}: has no `rest_length`, which the state of a group with "
+                "`has_length` needs"
+            )
+        return self.rest_length
+
+
+def with_fields(state: OwnState, **changes: Any) -> Any:
+    """A state with fields that an analysis sets; ValueError if its class does not have them."""
+    for name in changes:
+        if name not in getattr(type(state), "_all_fields", ()):
+            raise ValueError(
+                f"{type(state).__name__}: a state of elements without the field `{name}`, which "
+                "this analysis has to set"
+            )
+    return copy(state, **changes)
 
 
 class Element(abc.ABC):
@@ -109,13 +133,19 @@ class Element(abc.ABC):
         hinges, springs: as of `Beams`; None if the group has none.
         has_length: whether loads per length act along the elements; their state then has
             `rest_length`, and `loaded`, the length that these loads are per.
+        symmetric: whether the tangent of an element is symmetric, as where its end forces are the
+            gradient of its energy. Where it is False (forces that follow the element without a
+            potential) the tangent is solved by LU, its transpose in derivatives; then the analysis
+            warns of no unstable state, `stable` means that the symmetric part of the tangent is
+            definite, and `natural_frequencies`, `buckling_factor` and `modes` raise ValueError.
         tension_only: whether an element carries tension only.
         rising: whether its force is known not to fall with strain. The energy of groups that are
             `tension_only` and `rising` is convex.
         remembers: whether its state has a `memory`, because its laws depend on earlier increments;
-            then it has `settle(strain, memory, duration=0.0)`, `size` and `fibre_stress(strain,
-            memory)`, and `SECTION_STRAIN` among its results.
-        breaks: whether a curve of its law can end; then it has `beyond(strain)`, a bool.
+            then it has `settle`, `size` and `initial_memory`, and `SECTION_STRAIN` among its
+            results.
+        breaks: whether a curve of its law can end; then it has `beyond`, and `SECTION_STRAIN` among
+            its results.
         shaped_by_load: whether its state contains the load along it.
         paired: whether its forces depend on the displacement of its two ends relative to each other
             only, so that its tangent is ``[[B, -B], [-B, B]]``.
@@ -139,6 +169,7 @@ class Element(abc.ABC):
     hinges: Bool[ArrayLike, "n_elem 2 3"] | None = None
     springs: Float[ArrayLike, "n_elem 2 3"] | None = None
     has_length: bool = False
+    symmetric: bool = True
     tension_only: bool = False
     rising: bool = False
     remembers: bool = False
@@ -225,7 +256,17 @@ class Element(abc.ABC):
 
     def partly(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:
         """State of a group whose elements come and go; those that are `present` are there now."""
-        return copy(state, present=present)
+        return with_fields(state, present=present)
+
+    def unstressed(
+        self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
+    ) -> ElementState:
+        """State without stress between initial positions [n_elem, n_end, 3].
+
+        Elements that are `slack`, [n_elem] bool, are slack in it, too. By default the state before
+        the first phase, which has no slack elements.
+        """
+        return self.start(ends)
 
     def capacity(self) -> tuple[float | Float[Array, " n_elem"], float | Float[Array, " n_elem"]]:
         """Smallest and largest axial force, N."""
@@ -266,7 +307,13 @@ class Element(abc.ABC):
     def tangent(
         self, state: OwnState, ends: Ends, motion: Motion
     ) -> Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]:
-        """Tangent stiffness [n_end, 3, n_end, 3], N/m: autodiff of the end forces."""
+        """Tangent stiffness [n_end, 3, n_end, 3], N/m: autodiff of the end forces.
+
+        Of elements with rotations by a step from the motion, [n_end, 6, n_end, 6].
+        """
+        if self.rotates:
+            still = jnp.zeros((len(motion), self.n_freedom), motion.dtype)
+            return jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(still)
         return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
 
     def finds_both(self, state: OwnState) -> bool:
@@ -310,6 +357,28 @@ class Element(abc.ABC):
     def at_kink(self, state: OwnState, ends: Ends, motion: Motion) -> Bool[Array, ""]:
         """Whether the element is exactly unstressed, where its force has no derivative."""
         return jnp.zeros((), bool)
+
+    # --- laws that end or remember, and loads that slide: see the table in `abilities`
+
+    def size(self, state: OwnState, ends: Ends, motion: Motion) -> Scalar:
+        """Sum of the absolute forces of the parts of an element, N; of one that `remembers`."""
+        return jnp.zeros((), motion.dtype)
+
+    def settle(self, strain: Array, memory: PyTree[Array], duration: float = 0.0) -> PyTree[Array]:
+        """Memory after an increment of a `duration`, s, that ended at a `strain`."""
+        return memory
+
+    def beyond(self, strain: Array) -> Bool[Array, ""]:
+        """Whether a strain is beyond the curve of the law."""
+        return jnp.zeros((), bool)
+
+    def fibre_stress(self, strain: Array, memory: PyTree[Array] | None = None) -> Array | None:
+        """Stress of the fibres, Pa, at a strain; None if the element tells none."""
+        return None
+
+    def slid(self, state: OwnState, ends: Ends, motion: Motion) -> Float[Array, "n_end 3"]:
+        """Forces at the ends by which a load along the element acts elsewhere as it slides, N."""
+        return jnp.zeros((len(motion), 3), motion.dtype)
 
     def reading(
         self, state: OwnState, ends: Ends, motion: Motion, names: Sequence[str]

@@ -14,7 +14,7 @@ from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..numerics.vectors import inner
-from .abilities import Prestressable
+from .abilities import STATEMENTS, Prestressable
 from .element import ElementState, Ends, Motion, Pressures, Scalar
 from .stated import Stated
 
@@ -80,10 +80,7 @@ class Prestressed(Prestressable):
     """
 
     has_length = True
-    statements = (
-        *("pretension", "force_density", "prestrain", "rest_length"),
-        *("shortening", "temperature", "sag", "jacking"),
-    )
+    statements = STATEMENTS
 
     def weights(self, state: AxialState) -> Float[Array, " n_elem"] | None:
         """Weight of every element, [n_elem], N; None if the group has none."""
@@ -119,6 +116,14 @@ class Prestressed(Prestressable):
             warmth=warmth,
             memory=self.initial_memory(),
         )
+
+    def unstressed(
+        self, ends: Float[Array, "n_elem n_end 3"], slack: Bool[Array, " n_elem"]
+    ) -> AxialState:
+        """State of elements as long as their chords, or twice as long where they are `slack`."""
+        chord = self.chord(ends)
+        longer = jnp.where(slack, chord, 0.0)
+        return copy(self.start(ends), rest_length=chord + longer, elongation=-longer)
 
     def found(self, state: AxialState, ends: Ends, motion: Motion) -> AxialState:
         """State of an element that is added here: unstressed, or of its own `rest_length`."""

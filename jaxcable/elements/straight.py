@@ -23,6 +23,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..materials import Elastic, Parallel
 from ..materials.law import Law, uniaxial
 from ..sections import Section
+from .abilities import Uniaxial
 from .axial import Axial
 from .element import SECTION_STRAIN, TENSION, Ends, Motion, Result, Scalar
 from .prestress import AxialState, Prestressed, checked_links, jacked_or, stretch
@@ -32,7 +33,7 @@ _SHARES = {"lumped": (1 / 2, 0.0), "consistent": (1 / 3, 1 / 6), "mean": (5 / 12
 
 
 @pytree(indices=("links",))
-class Straight(Axial, Prestressed):
+class Straight(Axial, Prestressed, Uniaxial):
     """Straight two-node elements with any relation of strain and force; fields as of `Bars`."""
 
     links: Int[ArrayLike, "n_elem 2"]

@@ -125,7 +125,7 @@ class Task:
         self.loaded = loaded(system) if self.net else None
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.net
-        self.sprints = system.space.rotates or tension_only or system.followers is not None
+        self.sprints = tension_only or system.may_be_unsymmetric
 
     def start(self, factored: Factored | None) -> Iterate:
         """The `Iterate` before the first evaluation, which is at the start itself."""

@@ -50,8 +50,9 @@ def direction(
         similar = similar & ~it.tensions.interior
     limit = jnp.where(similar, WORTH, 0)
     step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
-    if system.space.rotates or system.followers is not None:
-        # Moments and following loads have no potential, so that their tangent need not be definite.
+    if system.may_be_unsymmetric:
+        # Moments, following loads and elements that say so have no potential: a tangent with them
+        # need not be definite.
         # In a batch both branches are computed. The barrier puts them one after the other, because
         # batched calls of LAPACK can wait for each other for ever.
         after, _ = lax.optimization_barrier((rhs, step))

@@ -11,13 +11,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common import checks
+from ..common import checks, memory
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..model.structure import Structure
 from .members import check_members
 
 Nodes = TypeVar("Nodes", jax.Array, np.ndarray)
 """Type of positions: results are NumPy arrays for NumPy arrays, and jax arrays for jax arrays."""
+
+_DENSE = 4  # dense matrices at once: equilibrium, both singular vectors, work
 
 
 def members(
@@ -98,7 +100,15 @@ def balance(
 
     Matrix times tensions is the load that they balance: x, y, z of one node after the other. It is
     differentiable in the nodes if they are a jax array.
+
+    Raises:
+        ValueError: its singular vectors do not fit into memory.
     """
+    memory.require(
+        _DENSE * nodes.dtype.itemsize * max(nodes.size, len(links)) ** 2,
+        f"equilibrium matrix: dense, of {len(nodes)} nodes and {len(links)} elements",
+        "take a part of the structure, or a coarser one",
+    )
     xp = jnp if isinstance(nodes, jax.Array) else np
     joins = incidence(links, len(nodes)).astype(nodes.dtype)
     vector = joins @ nodes

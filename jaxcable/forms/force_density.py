@@ -30,13 +30,14 @@ from ..equilibrium.newton import Newton
 from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
+from ..model.parts import group_path
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
 from ..spaces import Translations
 from ..spaces.freedoms import number_freedoms
 from .along import OnForm, carries, split, touched
-from .members import argument, check_members, group_words, stated, total, verdict
+from .members import argument, check_members, stated, total, verdict
 from .strings import Strings, StringState
 
 _FIRST = 5  # iterations, each with the loads of the form before, ahead of Newton's method
@@ -131,7 +132,7 @@ def force_density(
     ):
         if not meant.all():
             raise ValueError(
-                f"q: element {int((~meant).argmax())} of {group_words(structure)[k]} has no force "
+                f"q: element {int((~meant).argmax())} of {group_path(structure, k)} has no force "
                 "density; every element needs one"
             )
         if group.tension_only:

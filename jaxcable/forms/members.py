@@ -24,21 +24,13 @@ def check_members(structure: Structure) -> None:
     """Raise ValueError unless `structure` is one of cables and bars only."""
     if not isinstance(structure, Structure):
         raise ValueError(f"structure: expected a Structure, got {type(structure).__name__}")
-    for k, group in enumerate(structure.groups):
+    for where, group in structure.named_groups():
         if not isinstance(group, Straight) or group.links.shape[1] != 2:
             raise ValueError(
-                f"elements: group {k} ({type(group).__name__}) is not made of straight members "
-                "with two ends; form finding takes Cables and Bars"
+                f"elements{where} ({type(group).__name__}) is not made of straight members with "
+                "two ends; form finding takes Cables and Bars, and what derives from "
+                "`elements.straight.Straight`"
             )
-
-
-def group_words(structure: Structure) -> list[str]:
-    """What messages call every group: ``group 'MAST'``; ``group 0`` in a list or alone."""
-    names = [name for name, _ in groups_by_name(structure)]
-    return [
-        f"group {name!r}" if name and not name.isdigit() else f"group {k}"
-        for k, name in enumerate(names)
-    ]
 
 
 def argument(name: str, structure: Structure, k: int) -> str:

@@ -29,6 +29,7 @@ from ..equilibrium.newton import Newton
 from ..loads import Load
 from ..mechanics.assembly import System
 from ..model import plausibility
+from ..model.parts import group_path
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from ..numerics import implicit
@@ -38,7 +39,7 @@ from . import lengths
 from .along import OnForm, split, touched
 from .force_density import number_axes, shape
 from .form import Form, arranged, make_form, nearest
-from .members import argument, check_members, group_words, stated, total, verdict
+from .members import argument, check_members, stated, total, verdict
 from .strings import Strings, StringState
 
 _DRAPING = 5  # iterations by force densities before Newton's method
@@ -160,17 +161,16 @@ def statements(structure, tension, stress, length):
         strict=True,
     )
     tensions, given = [], []
-    words = group_words(structure)
     for k, group in enumerate(structure.groups):
         has = np.stack([masks[k] for masks in chosen])
         count = has.sum(axis=0)
         if (count != 1).any():
-            e = int((count != 1).argmax())
+            e, path = int((count != 1).argmax()), group_path(structure, k)
             twice = ", ".join(n for n, mask in zip(names, has, strict=True) if mask[e])
             raise ValueError(
-                f"{twice}: element {e} of {words[k]} has more than one of them; give one"
+                f"{twice}: element {e} of {path} has more than one of them; give one"
                 if count[e]
-                else f"tension: element {e} of {words[k]} has neither tension, stress nor length"
+                else f"tension: element {e} of {path} has neither tension, stress nor length"
             )
         forces = jnp.zeros(len(group.links))
         if has[0].any():
@@ -179,7 +179,7 @@ def statements(structure, tension, stress, length):
         if has[1].any():
             area = group._section()[2]
             if area is None:
-                raise ValueError(f"stress: {words[k]} has no area; give tension")
+                raise ValueError(f"stress: {group_path(structure, k)} has no area; give tension")
             stresses = _pulling(values[1][k], has[1], group, argument("stress", structure, k))
             forces = jnp.where(has[1], stresses * area, forces)
         tensions.append(forces)

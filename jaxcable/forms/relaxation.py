@@ -33,6 +33,7 @@ from ..elements.element import Element
 from ..elements.prestress import element
 from ..loads import Load
 from ..model import plausibility
+from ..model.parts import group_path
 from ..model.structure import Structure
 from ..numerics import implicit, scaled
 from .along import split
@@ -106,8 +107,8 @@ def dynamic_relaxation(
         both = prescribed[k] & cut[k]
         if both.any():
             raise ValueError(
-                f"tension, rest_length: element {int(both.argmax())} of group {k} has both; "
-                "give one"
+                f"tension, rest_length: element {int(both.argmax())} of "
+                f"{group_path(structure, k)} has both; give one"
             )
         if forces[k] is not None and group.tension_only:
             text = "a cable carries tension only; use Bars"

@@ -217,7 +217,8 @@ def self_stress(structure: Structure, tol: float | None = None) -> SelfStress:
         `SelfStress`.
 
     Raises:
-        ValueError: other elements, traced or infinite nodes, no free freedom.
+        ValueError: other elements, traced or infinite nodes, no free freedom; more nodes and
+            elements than dense matrices have memory for.
 
     Source: Pellegrino and Calladine (1986), Pellegrino (1993).
 

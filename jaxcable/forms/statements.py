@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from ..analysis.solution import Solution, State
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
-from ..elements.abilities import Sagging
+from ..elements.abilities import Sagging, Uniaxial
 from ..elements.prestress import element
 from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each
@@ -22,8 +22,8 @@ class Statements:
 
     Each absolute statement (not the increments `shortening` and `temperature`) leads to the state
     again if it is given to a `Phase` of the same structure with its nodes moved to the positions of
-    the state. All are in the shape of `elements`, each [n_elem], NaN where a group (of beams) or an
-    element has no such value.
+    the state. All are in the shape of `elements`, each [n_elem], NaN where a group (of beams, or of
+    elements that are not `abilities.Uniaxial`) or an element has no such value.
 
     Attributes:
         pretension: axial force, N; of a catenary that of the straight element without load.
@@ -100,10 +100,12 @@ def _say(thawed, arrays):
 
 def _group(group, state, nodes, motion):
     """The statements of one group, dict of [n_elem]."""
-    unknown = jnp.full_like(state.rest_length, jnp.nan)
+    unknown = jnp.full(len(group.links), jnp.nan, nodes.dtype)
     values = dict.fromkeys(Statements.__dataclass_fields__, unknown)
+    if state.rest_length is None:
+        return values
     values["rest_length"] = state.rest_length
-    if group.rotates:
+    if not isinstance(group, Uniaxial):
         return values
     strain = each("strain", group, state, nodes, motion)
     length = state.rest_length * (1 + strain)

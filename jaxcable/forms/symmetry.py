@@ -6,6 +6,7 @@ import numpy as np
 
 from ..common import checks
 from ..common.types import Int, PyTree
+from ..model.parts import group_path
 from ..model.structure import Structure
 from ._balance import arranged, host_nodes, members
 
@@ -83,8 +84,8 @@ def symmetric_groups(
             other = number.get((group, *pair.tolist()))
             if other is None:
                 raise ValueError(
-                    f"links: no element of group {group} joins nodes {pair.tolist()}, the image of "
-                    f"{links[k].tolist()} under the symmetry"
+                    f"links: no element of {group_path(structure, int(group))} joins nodes "
+                    f"{pair.tolist()}, the image of {links[k].tolist()} under the symmetry"
                 )
             joined.append((k, other))
     first, second = np.array(joined).T

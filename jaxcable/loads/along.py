@@ -15,6 +15,7 @@ from ..common.selection import Selection
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float
 from ..elements.element import Element
+from ..model.parts import group_path
 from ..model.structure import Structure
 from ..numerics import scaled
 from .groups import Key, bundled, check_elements, partly, selected, settled
@@ -187,10 +188,14 @@ class LineLoads(Measured):
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if the structure has no such elements, or they have no length."""
-        groups = [structure.groups[number] for number in selected(self, structure)[0]]
-        without = [type(group).__name__ for group in groups if not group.has_length]
-        if without and (self.on is not None or len(without) == len(groups)):
-            raise ValueError(f"on = {self.on!r}: a group of {without[0]} has no length to load")
+        numbers = selected(self, structure)[0]
+        without = [number for number in numbers if not structure.groups[number].has_length]
+        if without and (self.on is not None or len(without) == len(numbers)):
+            path, kind = group_path(structure, without[0]), type(structure.groups[without[0]])
+            raise ValueError(
+                f"on = {self.on!r}: {path} ({kind.__name__}) has no length to load; its class must "
+                "state has_length = True"
+            )
 
     def among(self, structure: Structure) -> LineLoads:
         """The load with `on` and `elements` as numbers of groups and factors of elements."""

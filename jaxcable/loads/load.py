@@ -67,6 +67,18 @@ class Load(abc.ABC):
 class OnNodes(Load):
     """A dead load on nodes; where a freedom becomes fixed, its force no longer counts as load."""
 
+    def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]] | None:
+        """Nodes [n] and the forces on them, [3] or [n, 3], N, to warn of loads without effect.
+
+        None (the default) of a load that has them in another form, which is not warned of.
+        """
+        return None
+
+    @property
+    def has_moments(self) -> bool:
+        """Whether it may have moments, which have no potential."""
+        return True
+
     @abc.abstractmethod
     def nodal_forces(
         self, shape: tuple[int, int], dtype: DTypeLike

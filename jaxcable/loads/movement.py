@@ -8,6 +8,7 @@ from jax.typing import DTypeLike
 from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
+from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
 from .groups import scattered
@@ -18,10 +19,13 @@ from .load import Moving
 class SupportMovement(Moving):
     """Displacement of supports, by increments, from their positions at the beginning of the phase.
 
+    A turn of more than pi, which is most likely in degrees, is an `InputWarning`.
+
     Args:
         nodes: node numbers, [n].
         displacements: [3] or [n, 3], m, along freedoms held in the phase; None if nodes only turn.
-        rotations: rotation vectors [3] or [n, 3], rad, of clamped nodes; default none.
+        rotations: rotation vectors [3] or [n, 3], rad and not degrees, of clamped nodes; default
+            none.
 
     Raises:
         ValueError: wrong shapes; where a phase is analysed, an unknown node, a displacement along a
@@ -58,6 +62,9 @@ class SupportMovement(Moving):
                     f"{name}: expected shape (3,) or ({len(self.nodes)}, 3), got {value.shape}"
                 )
             object.__setattr__(self, name, value)
+        turn = None if self.rotations is None else checks.concrete(self.rotations)
+        if turn is not None:
+            plausibility.turned("rotations", turn)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""

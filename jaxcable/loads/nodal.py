@@ -60,6 +60,15 @@ class NodalLoads(OnNodes):
                 )
             object.__setattr__(self, "moments", moments)
 
+    def at_nodes(self) -> tuple[Indices, Float[ArrayLike, "... 3"]]:
+        """Nodes [n] and the forces on them, [3] or [n, 3], N."""
+        return self.nodes, self.forces
+
+    @property
+    def has_moments(self) -> bool:
+        """Whether it has moments."""
+        return self.moments is not None
+
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         checks.known(self.nodes.array, structure.n_node, "load nodes")

@@ -18,6 +18,7 @@ from ..common.rules import Rule, refuse
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
 from ..elements.element import Element
+from ..model.parts import group_path
 from ..model.structure import Structure
 from . import faces as _faces
 from .groups import Key, bundled, chosen, partly
@@ -97,8 +98,14 @@ class CablePressure(Following):
             group = structure.groups[number]
             if group.links.shape[1] != 2 or (group.shaped_by_load and not group.rotates):
                 raise ValueError(
-                    f"on = {self.on!r}: a group of {type(group).__name__} cannot be pressed; "
-                    "only cables and bars of two nodes, and beams"
+                    f"on = {self.on!r}: {group_path(structure, number)} "
+                    f"({type(group).__name__}) cannot be pressed; only cables and bars of two "
+                    "nodes, and beams"
+                )
+            if self.per == "unstressed" and not group.has_length:
+                raise ValueError(
+                    f'per = "unstressed": {group_path(structure, number)} '
+                    f'({type(group).__name__}) has no unstressed length; give per="current"'
                 )
             if self.pressure.shape not in ((), (len(group.links),)):
                 raise ValueError(

@@ -203,8 +203,23 @@ class System(Elementwise):
         """Euclidean norm of the load on the free freedoms, N (moments over a length)."""
         return jnp.linalg.norm(self.space.collected(self.all_load(x), x))
 
+    @property
+    def may_be_unsymmetric(self) -> bool:
+        """Whether the tangent can be unsymmetric: by rotations, following loads or elements."""
+        return self.followers is not None or self.space.rotates or not self._symmetric_elements
+
+    @property
+    def _symmetric_elements(self) -> bool:
+        """Whether the tangents of all elements are symmetric."""
+        return all(group.symmetric for group in self.groups)
+
     def unsymmetric(self) -> Bool[Array, ""]:
-        """Whether the tangent is not symmetric, scalar bool: nodal moments act, or loads follow."""
+        """Whether the tangent is not symmetric, scalar bool.
+
+        Nodal moments act, loads follow, or there are elements whose tangent is not symmetric.
+        """
+        if not self._symmetric_elements:
+            return jnp.ones((), bool)
         moments = self.space.moments(self.load)
         return self.followed if moments is None else jnp.any(moments != 0) | self.followed
 
@@ -321,7 +336,9 @@ class System(Elementwise):
     @property
     def may_be_convex(self) -> bool:
         """Whether the energy is convex under dead loads: all groups are tension-only and rising."""
-        return all(group.tension_only and group.rising for group in self.groups)
+        return self._symmetric_elements and all(
+            group.tension_only and group.rising for group in self.groups
+        )
 
     @property
     def always_convex(self) -> bool:

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements.element import Element, ElementState
+from ..elements.element import Element, ElementState, with_fields
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms
 from ..spaces.space import Motion
@@ -63,7 +63,7 @@ def make_system(
     if load is None:
         load = load_stacks.dead_load(nodes, groups, carry)
     states = [
-        copy(
+        with_fields(
             state,
             line_load=load_stacks.line_load(number, group, state, nodes, carry),
             pressed=load_stacks.pressures(number, group, carry),

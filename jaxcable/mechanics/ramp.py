@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.element import Element, ElementState
+from ..elements.element import Element, ElementState, with_fields
 from ..elements.stated import Stated
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms, along, combined
@@ -133,11 +133,11 @@ class Ramp:
             if jack is not None:
                 force, stated = jack
                 force = _mix(force, stated.values, factor)
-                state = copy(state, jack_force=force, jacked=stated.chosen)
+                state = with_fields(state, jack_force=force, jacked=stated.chosen)
             now.append(state)
         if memory is not None:
             now = [
-                copy(state, memory=remembered)
+                state if remembered is None else with_fields(state, memory=remembered)
                 for state, remembered in zip(now, memory, strict=True)
             ]
         return now
@@ -186,7 +186,8 @@ class Ramp:
         """`Carry` at the end of the phase, if it ends at `factor`; its jacks are anchored."""
         states = []
         for group, state in zip(self.groups, self.states(factor, memory), strict=True):
-            state = copy(state, line_load=None)
+            if group.shaped_by_load:
+                state = copy(state, line_load=None)
             locked = state.jack_force is not None
             states.append(each("lock", group, state, self.nodes, motion) if locked else state)
         return self._loaded(motion, states, factor)

@@ -24,6 +24,11 @@ def _word(key: Any) -> str:
     return str(getattr(key, "key", getattr(key, "idx", getattr(key, "name", key))))
 
 
+def group_path(structure: Structure, k: int) -> str:
+    """Group number `k` as a user writes it, for messages: ``elements['net']``."""
+    return f"elements{structure.named_groups()[k][0]}"
+
+
 def per_group(
     structure: Structure, values: PyTree[Float[Array, "n_elem ..."]]
 ) -> list[Float[np.ndarray, "n_elem ..."] | None]:

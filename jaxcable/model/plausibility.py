@@ -28,6 +28,9 @@ LOADED = 0.5
 FAR = 100.0
 """Ratio of an unstressed length to the distance of its nodes beyond which units are in doubt."""
 
+LIGHT = 50.0
+"""Weight over volume, N/m3, below which units are in doubt; foams have 100 and more."""
+
 OFF_AXIS = 1e-6
 """Distance of a beam's axis from its centroid, over the section's size, beyond rounding."""
 
@@ -37,7 +40,7 @@ STIFFLESS = 1e-12
 _UNITS = "are stiffness and forces in N, areas in m2, moduli in Pa?"
 
 
-def _warns(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
+def warns(judge: Callable[..., Iterator[str]]) -> Callable[..., None]:
     """Wrap a generator of texts as a function that issues these texts as warnings."""
 
     @functools.wraps(judge)
@@ -64,7 +67,7 @@ def stability(solution: Any) -> None:
             )
 
 
-@_warns
+@warns
 def precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
     """Warn of nodes in double precision if JAX works in single precision."""
     given = getattr(nodes, "dtype", None)
@@ -76,7 +79,25 @@ def precision(nodes: Float[ArrayLike, "n_node 3"]) -> Iterator[str]:
         )
 
 
-@_warns
+@warns
+def turned(name: str, rotations: Float[np.ndarray, "... 3"]) -> Iterator[str]:
+    """Warn of rotation vectors of more than half a turn, which are most likely in degrees.
+
+    No support of a structure turns so far in a phase, and no rotation vector needs to be longer:
+    one of the opposite direction leads to the same orientation.
+    """
+    angle = np.sqrt(np.sum(np.square(rotations), axis=-1)).reshape(-1)
+    wrong = angle > np.pi
+    if wrong.any():
+        k = int(wrong.argmax())
+        at = "" if rotations.ndim == 1 else f"[{k}]"
+        yield (
+            f"{name}{at}: a turn of {angle[k]:.6g} rad, which is {np.degrees(angle[k]):.6g} "
+            "degrees; rotations are in radians: numpy.radians(...) of degrees"
+        )
+
+
+@warns
 def places(
     nodes: Float[np.ndarray, "n_node 3"],
     groups: Sequence[Element],
@@ -108,7 +129,7 @@ def places(
         )
 
 
-@_warns
+@warns
 def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) -> Iterator[str]:
     """Warn of unstressed lengths and cross-sections that do not fit the positions of the nodes.
 
@@ -123,6 +144,11 @@ def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) ->
     if area is not None:
         text = "thicker than the element is long; is it in m2?"
         yield from _first(f"elements{where}.area", area, area > _chords(group, nodes) ** 2, text)
+    weight = _there(group.weight)
+    if weight is not None and area is not None:
+        light = (weight > 0) & (weight < LIGHT * area)
+        text = "of a volume that weighs less than any solid; is it in N/m, and the area in m2?"
+        yield from _first(f"elements{where}.weight", weight, light, text)
     if group.rotates and group.section is not None:
         section = group.section
         fibres = [_there(section.y), _there(section.z)]
@@ -135,7 +161,7 @@ def members(group: Element, where: str, nodes: Float[np.ndarray, "n_node 3"]) ->
         yield from _judge_axis(f"elements{where}.section", section)
 
 
-@_warns
+@warns
 def bending(
     named: Sequence[tuple[str, Element]], fixed: Bool[np.ndarray, "n_node n_freedom"]
 ) -> Iterator[str]:
@@ -153,7 +179,7 @@ def bending(
             yield from _judge_bending(f"elements{where}.section", group.section, plane)
 
 
-@_warns
+@warns
 def prestress(
     name: str, stated: Stated, group: Element, where: str, nodes: Float[ArrayLike, "n_node 3"]
 ) -> Iterator[str]:
@@ -190,7 +216,7 @@ def prestress(
         yield from _judge_lengths(label, value, _chords(group, nodes))
 
 
-@_warns
+@warns
 def loading(
     number: int,
     loads: Sequence[Any],
@@ -213,16 +239,17 @@ def loading(
         waits: True where a freedom is held because no element that is there touches it,
             [n_row, 3 or 6]; None if all elements are always there.
     """
-    forces = [_there(load.forces) for load in loads]
+    known = [load.at_nodes() for load in loads]
+    forces = [None if pair is None else _there(pair[1]) for pair in known]
     if not loads or any(f is None for f in forces):
         return
     total = np.zeros((len(fixed), 3))
-    for load, force in zip(loads, forces, strict=True):
-        nodes, each = load.nodes.array, np.full((len(load.nodes), 3), force)
+    for (named, _), force in zip(known, forces, strict=True):
+        nodes, each = named.array, np.full((len(named), 3), force)
         for axis in np.flatnonzero(each.any(axis=0)):
             total[:, axis] += np.bincount(nodes, each[:, axis], len(fixed))
     acts = total != 0
-    alone = alone and all(load.moments is None for load in loads)
+    alone = alone and not any(load.has_moments for load in loads)
     if alone and acts.any() and not (acts & ~fixed[:, :3]).any():
         yield (
             f"loads of phases[{number}]: all of them act on supports (node "
@@ -258,7 +285,7 @@ def loading(
         )
 
 
-@_warns
+@warns
 def weights(named: Sequence[tuple[str, Element]], weighed: bool) -> Iterator[str]:
     """Warn of weights in an analysis under other loads, or with a stated sag, that never act.
 
@@ -276,7 +303,7 @@ def weights(named: Sequence[tuple[str, Element]], weighed: bool) -> Iterator[str
             return
 
 
-@_warns
+@warns
 def nothing_free(
     number: int, fixed: Bool[np.ndarray, "n_row n_freedom"], groups: Sequence[Element]
 ) -> Iterator[str]:

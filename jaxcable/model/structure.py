@@ -14,10 +14,11 @@ from ..common import checks
 from ..common.rules import Rule, refuse
 from ..common.tree import Indices, copy, once, plain, pytree
 from ..common.types import ArrayLike, Bool, Float, Int, PyTree
+from ..elements import contract
 from ..elements.element import PEAK_TENSION, SECTION_FORCES, SECTION_STRAIN, TENSION, Element
 from ..spaces import Space, space_of
 from ..spaces.freedoms import Rows
-from . import plausibility
+from . import digits, plausibility
 from .spins import free_spins
 from .spins import warn as warn_of_spins
 from .supports import Fixed, Supports
@@ -104,6 +105,8 @@ class Structure:
                 f"{'' if self.supports is None else got}"
             )
         positions = checks.concrete(nodes)
+        if positions is not None and all(is_group(group) for group in self.groups):
+            digits.resolution(positions, self.named_groups())
         for where, group in self.named_groups():
             if not is_group(group):
                 raise ValueError(
@@ -118,6 +121,8 @@ class Structure:
         if not self.groups:
             raise ValueError("elements: a structure needs at least one element group")
         self._check_results()
+        for where, group in self.named_groups():
+            contract.require(group, f"elements{where}")
         self._check_rigid()
         fixed = self.fixed(self.supports)
         if positions is not None:

@@ -94,10 +94,9 @@ def require_same(structure, there, name):
     if names[0] != names[1]:
         lists = [", ".join(keys) if any(keys) else "one without a name" for keys in names]
         raise ValueError(f"{name}: element groups: {lists[0]} here and {lists[1]} there")
-    for k, (ours, theirs) in enumerate(zip(here.parts, there.parts, strict=True)):
+    for ours, theirs in zip(here.parts, there.parts, strict=True):
         if ours != theirs:
-            where = f" ({ours.name})" if ours.name else ""
-            raise ValueError(f"{name}: group {k}{where}: {_difference(ours, theirs)}")
+            raise ValueError(f"{name}: elements{ours.name}: {_difference(ours, theirs)}")
     if here.rigid != there.rigid:
         raise ValueError(f"{name}: rigid: other nodes are carried, or by others, than here")
     if (here.supports.array != there.supports.array).any():

@@ -8,6 +8,7 @@ from .. import linear
 from ..common import status
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
+from ..elements.abilities import Uniaxial
 from ..equilibrium import newton
 from ..equilibrium.newton import Newton
 from ..mechanics.assembly import System
@@ -128,9 +129,7 @@ def _point(ramp, a, found, direction, rise, closing):
     """The `Point` of a correction from `a`; `closing`: whether a bifurcation is being located."""
     system = ramp.at(found.factor, a.memory)
     loose = loose_unknowns(system, found.x)
-    # loads that follow and moments of frames can make the tangent unsymmetric
-    general = system.followers is not None or system.space.rotates
-    found_out = linear.spectrum(found.matrix, loose, general, closing)
+    found_out = linear.spectrum(found.matrix, loose, system.may_be_unsymmetric, closing)
     slack = _slack(system, found.x, a.slack)
     return Point(found.x, found.factor, direction, rise, a.memory, *found_out, found.pull, slack)
 
@@ -140,7 +139,7 @@ def _slack(system, motion, before):
     parts, at = [], 0
     for group, state, now in zip(system.groups, system.states, system.slack(motion), strict=True):
         was, at = before[at : at + len(now)], at + len(now)
-        if group.tension_only:
+        if group.tension_only and isinstance(group, Uniaxial):
             strain = each("strain", group, state, system.nodes, motion)
             unsure = jnp.abs(strain) <= _UNSURE * jnp.finfo(strain.dtype).eps
             now = jnp.where(unsure, was, now)

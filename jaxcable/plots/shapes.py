@@ -340,7 +340,9 @@ def state_at(
     for state, a, b, present in zip(carry.states, then, now, masks, strict=True):
         if state.rest_length is not None:  # the sum of length and elongation stays
             length = np.asarray(state.rest_length) * (np.asarray(a) / np.asarray(b))
-            longer = np.asarray(state.elongation) + (np.asarray(state.rest_length) - length)
+            longer = None
+            if state.elongation is not None:
+                longer = np.asarray(state.elongation) + (np.asarray(state.rest_length) - length)
             state = copy(state, rest_length=length, elongation=longer)
         if state.present is not None:
             state = copy(state, present=present)

@@ -10,17 +10,19 @@ from .table import Table
 _IMBALANCE = 0.05  # imbalance over the largest term of a phase from which there is a note
 
 
-def energy(structure, solution, phases, start=None):
+def energy(structure, solution, phases, start=None, names=None):
     """Work of all that acts, and stored and dissipated energy, with a line per phase.
 
     Args:
         structure, phases, solution, start: as for `energy_balance`.
+        names: of the phases; None for their numbers.
     """
     balance = energy_balance(structure, phases, solution, start)
-    names = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
-    values = [getattr(balance, name) for name in names]
+    terms = ("dead", "following", "supports", "prestress", "stored", "dissipated", "imbalance")
+    values = [getattr(balance, term) for term in terms]
     values = np.column_stack([*values, 100 * balance.relative]).tolist()
-    rows = [[k, *terms] for k, terms in enumerate(values, 1)]
+    called = list(range(1, len(values) + 1)) if names is None else [str(name) for name in names]
+    rows = [[name, *numbers] for name, numbers in zip(called, values, strict=True)]
     notes = [
         f"stored at the end: {float(balance.level[-1]):.6g} J",
         "work by the trapezoidal rule, whose error falls with the square of the increments; "
@@ -30,10 +32,11 @@ def energy(structure, solution, phases, start=None):
         if balance.relative[k] > _IMBALANCE and len(gaps):
             worst = int(np.abs(gaps).argmax())
             notes.append(
-                f"phase {k + 1} is not balanced: {gaps[worst]:.3g} J in increment {worst + 1} of "
-                f"{len(gaps)}; it jumped there, began out of balance, or needs more increments"
+                f"phase {called[k]} is not balanced: {gaps[worst]:.3g} J in increment "
+                f"{worst + 1} of {len(gaps)}; it jumped there, began out of balance, or needs more "
+                "increments"
             )
-    columns, units = ("phase", *names, "part"), ("", *["J"] * len(names), "%")
+    columns, units = ("phase", *terms, "part"), ("", *["J"] * len(terms), "%")
     return Table(
         "Energy: work = stored + dissipated + imbalance", columns, units, rows, tuple(notes)
     )

@@ -208,13 +208,18 @@ def report(
     if balanced and phases is None:
         raise ValueError("energy: the balance needs the phases of the analysis, too: phases=...")
     state, end = solution.last, states.last_of(solution)
+    own_names = names if cases is None else None
+    called = states.phase_names(solution, own_names)
     if cases is None:
         good = None
         counted, failed = states.of_phases(solution, names)
     else:
         good, failed = states.each_case(cases, names)
         counted = states.of_cases(good)
-    summary = _summary(structure, solution, failed)
+    heads = [f"phase {k}" for k in range(1, len(called) + 1)]
+    if own_names is not None:
+        heads = [f"{head}, {name}" for head, name in zip(heads, called, strict=True)]
+    summary = _summary(structure, solution, failed, heads)
     if buckling is not False and buckling is not None:
         reference = None if buckling is True else buckling
         summary.append(stability.buckling(structure, state, reference))
@@ -229,7 +234,7 @@ def report(
         "equilibrium": equilibrium(structure, state),
         "members": forces,
         **internal_forces(structure, end, counted if several else {}, kind),
-        **stresses(structure, solution, good),
+        **stresses(structure, solution, good, called),
         "cutting_list": cutting_list(structure, solution),
         **cables(structure, solution),
         "slack": slack(structure, every),
@@ -238,21 +243,21 @@ def report(
     }
     if balanced:
         start = None if energy is True else energy
-        tables["energy"] = energies(structure, solution, phases, start)
+        tables["energy"] = energies(structure, solution, phases, start, own_names)
     return Report(int(solution.status), tuple(summary), tables)
 
 
-def _summary(structure, solution, failed):
-    """Sentences on status, size, phases and failed cases, a list."""
+def _summary(structure, solution, failed, heads):
+    """Sentences on status, size, phases (with these `heads`) and failed cases, a list."""
     code = int(solution.status)
     groups = groups_by_name(structure)
     counts = [f"{len(g.links)} {type(g).__name__} {n}".strip() for n, g in groups]
     lines = [f"status {code}: {status.describe(code)}"]
     lines.append(f"{structure.n_node} nodes; {', '.join(counts)}")
-    for number, phase in enumerate(solution.phases, 1):
+    for head, phase in zip(heads, solution.phases, strict=True):
         path = phase.path
         good = np.asarray(path.status) == status.OK
-        text = f"phase {number}: {int(good.sum())} of {good.size} increments converged"
+        text = f"{head}: {int(good.sum())} of {good.size} increments converged"
         if good.any():
             k = np.flatnonzero(good)[-1]
             rounding = float(path.rounding[k])
@@ -267,15 +272,16 @@ def _summary(structure, solution, failed):
             text += f"; {sum(int(m.sum()) for m in masks)} of {sum(map(len, masks))} elements there"
         if int(phase.status) == status.OK and not bool(phase.stable):
             text += (
-                "; UNSTABLE at its end: the tangent stiffness (under moments and following loads "
-                "its symmetric part) has a negative eigenvalue"
+                "; UNSTABLE at its end: the tangent stiffness (under moments and following loads, "
+                "and with elements that are not symmetric, its symmetric part) has a negative "
+                "eigenvalue"
             )
         lines.append(text)
     if code != status.OK:
         last = solution.last
         lines.append(
-            "FAILED: what follows is the last converged state, phase "
-            f"{int(last.phase) + 1}, load factor {float(last.load_factor):.6g}"
+            "FAILED: what follows is the last converged state, "
+            f"{heads[max(int(last.phase), 0)]}, load factor {float(last.load_factor):.6g}"
         )
     for code in dict.fromkeys(failed.values()):
         names = ", ".join(name for name, cause in failed.items() if cause == code)

@@ -47,6 +47,11 @@ def last_of(solution: results.Solution) -> State:
     return state_of(solution.last, solution.last.fixed[int(solution.last.phase) + 1])
 
 
+def phase_names(solution: results.Solution, names: Sequence[str] | None) -> list[str]:
+    """The names of all phases; ValueError for a wrong number of names, or names not apart."""
+    return _checked(names, len(solution.phases), "phase", 1)
+
+
 def of_phases(
     solution: results.Solution, names: Sequence[str] | None
 ) -> tuple[dict[str, State], dict[str, int]]:
@@ -55,7 +60,7 @@ def of_phases(
     Raises:
         ValueError: a wrong number of names, or names that are not apart.
     """
-    names = _checked(names, len(solution.phases), "phase", 1)
+    names = phase_names(solution, names)
     good, failed = {}, {}
     pairs = zip(solution.phases, solution.last.fixed[1:], strict=True)
     for name, (phase, fixed) in zip(names, pairs, strict=True):

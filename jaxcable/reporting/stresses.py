@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,7 +16,10 @@ from .table import Cell, Table
 
 
 def stresses(
-    structure: Structure, solution: Solution, cases: Mapping[str, Solution] | None
+    structure: Structure,
+    solution: Solution,
+    cases: Mapping[str, Solution] | None,
+    phases: Sequence[str],
 ) -> dict[str, Table]:
     """Stresses of fibres in the last converged state, and their envelope, a dict of `Table`.
 
@@ -26,14 +29,14 @@ def stresses(
         structure: `Structure`.
         solution: `Solution`.
         cases: cases that have converged, by name; None for an envelope over the phases.
+        phases: names of all phases, for that envelope.
     """
     if not stressed(structure, solution):
         return {}
     points = [points_of(group) for group in structure.groups]
     reached = int(solution.last.phase) + 1  # number of phases of which an increment has converged
     if cases is None:
-        names = [f"phase {k + 1}" for k in range(reached)]
-        every = moments(structure, points, solution, names)
+        every = moments(structure, points, solution, phases[:reached])
         end = every[-1:]
     else:
         end = moments(structure, points, solution, ["end"] * reached, max(reached - 1, 0))[-1:]
@@ -43,6 +46,8 @@ def stresses(
         ]
         every = [moment for part in parts for moment in part]
     if not end:  # no increment has converged: the state is that before all of them
+        return {}
+    if all(stress is None for stress in end[0].groups):  # elements that tell strains alone
         return {}
     found = {"stresses": _at_end(structure, points, end[0])}
     if len(every) > 1 or cases:

@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .. import linear
+from ..common import memory
 from ..common.tree import Indices, copy, places, pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
@@ -26,6 +27,8 @@ FreeSpins: TypeAlias = (
     'tuple[Int[ArrayLike, " m"], Int[ArrayLike, " m"], Int[ArrayLike, "n_piece 2"]]'
 )
 """Rows that spin, the pieces that they belong to, and two nodes on the line of each piece."""
+
+_DENSE = 4  # dense matrices at once: indices and values of a tangent, its scaled form, its factor
 
 
 class Rows:
@@ -213,6 +216,10 @@ def number_freedoms(
     n_free = len(free)
     number = np.full(mask.size, n_free, np.int32)
     number[free] = np.arange(n_free, dtype=np.int32)
+    if solver == "dense":
+        need = _DENSE * n_free**2 * jnp.zeros(0).dtype.itemsize
+        way_out = "linear_solver=None chooses a sparse solver"
+        memory.require(need, f'linear_solver = "dense": of {n_free} unknowns', way_out)
     number = number.reshape(mask.shape)
     if rows is not None:
         number[shared, :3] = number[rows.node[shared], :3]

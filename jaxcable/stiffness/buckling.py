@@ -13,12 +13,21 @@ from ..common import checks
 from ..common.tree import Indices, copy, pytree
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.abilities import Sagging
+from ..elements.element import Element
 from ..linear import unbatched
 from ..mechanics.carry import make_system, unloaded
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
-from .tangent import displaced_by, filled, prepared, tangent_at
+from .tangent import (
+    displaced_by,
+    filled,
+    prepared,
+    require_memory,
+    require_symmetric,
+    tangent_at,
+)
 
+_DENSE = 14  # matrices at once, measured
 _ROUNDING = 64  # an eigenvalue below this, times eps and the sums it is a difference of, is zero
 
 
@@ -92,9 +101,16 @@ def buckling_factor(
         elements there, in one of the two only, since the stiffness jumps in between. (Without a
         reference slack cables and elements that are not there are left out.)
 
+    Moments on nodes that rotate about several axes keep their direction and have no potential. The
+    factors are those of the symmetric part of the tangent: of semi-tangential moments, which turn
+    with half of the rotation of their nodes (Ziegler 1968). An `InputWarning` says so, outside of
+    transformations.
+
     Raises:
-        ValueError: wrong arguments; following loads or nodal moments, whose tangent is not
-            symmetric (if traced, factors are NaN); catenaries under load without a reference.
+        ValueError: wrong arguments; following loads, or elements that are not `symmetric`;
+            catenaries under load, or slack elements that cannot be made unstressed
+            (`Element.unstressed`), without a reference; more unknowns than dense matrices have
+            memory for.
 
     Example:
         A rigid strut of 2 m whose top is stayed by two cables of 4 m with 8 kN. It buckles out of
@@ -114,7 +130,9 @@ def buckling_factor(
         0 [4.] [0. 1. 0.]
     """
     checks.whole(n, "n")
+    require_symmetric(structure, "buckling_factor")
     thawed, arrays, freedoms = prepared(structure, state, fixed)
+    require_memory(freedoms, _DENSE, "buckling_factor")
     _refuse_following(thawed[2], "state")
     catenary = any(isinstance(group, Sagging) for group in structure.groups)
     if reference is None and catenary and thawed[2].loads:
@@ -123,6 +141,8 @@ def buckling_factor(
             "without, give the state before the loads to be multiplied"
         )
     after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
+    if reference is None:
+        _require_unstressed(structure, slack)
     alike: Bool[ArrayLike, ""]
     if reference is None:
         bare = _without_stress(thawed, arrays, slack)
@@ -142,12 +162,18 @@ def buckling_factor(
         alike &= _same_elements(reference_frame[2], thawed[2])
     symmetric = linear.is_symmetric(before) & linear.is_symmetric(after)
     if checks.concrete(symmetric) is not None and not symmetric:
-        raise ValueError(
-            "state: moments act on nodes and make its tangent stiffness unsymmetric; linear "
-            "buckling needs loads with a potential, trace_path takes any"
+        if not _has_moments(thawed, arrays):
+            raise ValueError(
+                "state: its tangent stiffness is unsymmetric, and no moments act on nodes; a class "
+                "of elements of your own has to say symmetric = False (`elements.check`)"
+            )
+        checks.suspect(
+            "state: moments that keep their direction act on nodes and have no potential; the "
+            "factors are those of moments that turn with half of the rotation of their nodes "
+            "(semi-tangential), by the symmetric part of the tangent; trace_path takes any loads"
         )
     factor, vectors = _solve(before, after, min(n, len(after)))
-    factor = jnp.where(alike & symmetric, factor, jnp.nan)
+    factor = jnp.where(alike, factor, jnp.nan)
     moved = displaced_by(thawed, arrays, freedoms)[: structure.n_node]
     shapes = jnp.moveaxis(jnp.tensordot(moved, vectors, 1), -1, 0)
     return Buckling(factor, unit_shapes(shapes, vectors.T))
@@ -160,6 +186,27 @@ def _refuse_following(carry, name):
             f"{name}: loads that follow act on it; linear buckling multiplies loads that keep "
             "their direction, trace_path takes any"
         )
+
+
+def _require_unstressed(structure, slack):
+    """Raise ValueError if slack elements have no state without stress in which they are slack."""
+    for (where, group), own in zip(structure.named_groups(), slack, strict=True):
+        known = checks.concrete(own)
+        inherited = type(group).unstressed is Element.unstressed
+        if group.tension_only and inherited and known is not None and known.any():
+            raise ValueError(
+                f"reference: missing; elements{where} ({type(group).__name__}) has slack elements "
+                "and no method `unstressed`, give the state before the loads to be multiplied"
+            )
+
+
+@jax.jit
+def _has_moments(thawed, arrays):
+    """Whether moments act on nodes in a state, scalar bool."""
+    nodes, groups, carry = filled(thawed, arrays)
+    system = make_system(nodes, groups, carry, None, None)
+    moments = system.space.moments(system.load)
+    return jnp.any(jnp.zeros(()) if moments is None else moments != 0)
 
 
 def _same_elements(first, second):
@@ -196,10 +243,9 @@ def _bare(thawed, arrays, slack):
     bare = unloaded(nodes, groups)
     states = []
     present = [state.present for state in carry.states]
-    for group, state, is_slack, there in zip(groups, bare.states, slack, present, strict=True):
-        chord = group.chord(nodes[group.links])
-        longer = jnp.where(is_slack, chord, 0.0)  # twice its chord, which is slack for certain
-        states.append(copy(state, rest_length=chord + longer, elongation=-longer, present=there))
+    for group, is_slack, there in zip(groups, slack, present, strict=True):
+        state = group.unstressed(nodes[group.links], is_slack)
+        states.append(state if there is None else copy(state, present=there))
     return copy(bare, states=states)
 
 

@@ -11,9 +11,10 @@ from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..model.structure import Structure
-from .tangent import displaced_by, prepared, tangent_of
+from .tangent import displaced_by, prepared, require_memory, tangent_at
 
 AXES = {"x": 0, "y": 1, "z": 2}
+DENSE = 6  # matrices at once, measured: displacements by unknowns, tangent, scaled form, factor
 
 
 def flexibility(
@@ -40,7 +41,7 @@ def flexibility(
         displacement of freedom i by a unit force at freedom j; zero where i or j is held.
 
     Raises:
-        ValueError: unknown nodes or axes.
+        ValueError: unknown nodes or axes; more unknowns than dense matrices have memory for.
 
     Example:
         A tripod with legs of 5 m has ``3/2 EA/l 0.6^2`` = 108 kN/m sideways and ``3 EA/l 0.8^2`` =
@@ -59,9 +60,11 @@ def flexibility(
     checks.known(nodes, structure.n_node, "nodes")
     if not isinstance(axes, str) or not axes or set(axes) - set(AXES):
         raise ValueError(f'axes = {axes!r}: expected some of "x", "y", "z"')
-    moved = displaced_by(*prepared(structure, state, fixed))
+    at = prepared(structure, state, fixed)
+    require_memory(at[2], DENSE, "flexibility")
+    moved = displaced_by(*at)
     unit = moved[nodes][:, np.array([AXES[a] for a in axes])].reshape(-1, moved.shape[2])
-    return _flexibility(tangent_of(structure, state, fixed), unit)
+    return _flexibility(tangent_at(*at), unit)
 
 
 @jax.jit

@@ -10,13 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .. import linear
 from ..analysis.solution import Solution, State
 from ..common import checks
 from ..common.tree import pytree, replace
 from ..common.types import ArrayLike, Bool, Float
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
-from .tangent import displaced_by, prepared, tangent_of
+from .tangent import displaced_by, prepared, require_memory, require_symmetric, tangent_at
+
+_DENSE = 10  # matrices at once, measured: displacements by unknowns, eigenvectors, work
 
 
 @pytree
@@ -61,12 +64,16 @@ def modes(
         n: number of modes; fewer if there are fewer freedoms.
         fixed: freedoms to leave out, as in `tangent_of`.
 
+    Loads that follow without a potential and nodal moments make the tangent unsymmetric: then an
+    `InputWarning` is issued, and the modes are those of its symmetric part.
+
     Returns:
         `Modes`. With beams the shapes are the displacements of the modes, without rotations; the
         shape of a mode that only turns nodes is zero.
 
     Raises:
-        ValueError: `n` below 1, a traced state, or one that is not finite.
+        ValueError: `n` below 1, a traced state, or one that is not finite; elements that are not
+            `symmetric`; more unknowns than dense matrices have memory for.
 
     Example:
         A flat net of four nodes with 200 N in links of 0.4 m is softest across its plane, where it
@@ -81,10 +88,18 @@ def modes(
     checks.whole(n, "n")
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((structure, state))):
         raise ValueError("state: is traced; eigenmodes have no derivatives, take them outside")
-    moved = np.asarray(displaced_by(*prepared(structure, state, fixed)))[: structure.n_node]
-    tangent = np.asarray(tangent_of(structure, state, fixed))
+    require_symmetric(structure, "modes")
+    at = prepared(structure, state, fixed)
+    require_memory(at[2], _DENSE, "modes")
+    moved = np.asarray(displaced_by(*at))[: structure.n_node]
+    tangent = np.asarray(tangent_at(*at))
     if not np.isfinite(tangent).all():
         raise ValueError("state: its tangent stiffness is not finite; the analysis has failed")
+    if not linear.is_symmetric(tangent):
+        checks.suspect(
+            "state: loads that follow or nodal moments make its tangent stiffness unsymmetric; "
+            "these are modes of its symmetric part"
+        )
     values, vectors = np.linalg.eigh(0.5 * (tangent + tangent.T))
     values, vectors = values[:n], vectors[:, :n]
     shapes = unit_shapes(np.moveaxis(moved @ vectors, -1, 0), vectors.T)

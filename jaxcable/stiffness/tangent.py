@@ -10,6 +10,7 @@ import numpy as np
 
 from ..analysis.presence import idle_of
 from ..analysis.solution import Solution, State
+from ..common import memory
 from ..common.tree import cast, fill, thaw
 from ..common.types import Array, ArrayLike, Bool, Float
 from ..elements.element import Element
@@ -59,7 +60,9 @@ def tangent_of(
         >>> print(solution.status, jnp.round(jnp.diagonal(tangent), 3))  # N/m
         0 [25800.   200. 14600.]
     """
-    return tangent_at(*prepared(structure, state, fixed))
+    at = prepared(structure, state, fixed)
+    require_memory(at[2], 2, "tangent_of")
+    return tangent_at(*at)
 
 
 @jax.jit
@@ -103,6 +106,37 @@ def prepared(
     nodes = structure.nodes if rows is None else structure.nodes[rows.node]
     freedoms = number_freedoms(fixed, rows, rigid=structure.rigid)
     return *thaw((nodes, groups, state.carry)), freedoms
+
+
+def require_symmetric(structure: Structure, what: str) -> None:
+    """Raise ValueError if elements of a structure have an unsymmetric tangent.
+
+    Args:
+        structure: `Structure`.
+        what: needs a symmetric tangent, in words; begins the message.
+    """
+    for where, group in structure.named_groups():
+        if not group.symmetric:
+            raise ValueError(
+                f"{what}: elements{where} ({type(group).__name__}) has symmetric = False, and the "
+                "tangent stiffness no potential; trace_path takes any elements"
+            )
+
+
+def require_memory(freedoms: Freedoms, count: int, what: str) -> None:
+    """Raise ValueError if dense matrices of all unknowns do not fit into memory.
+
+    Args:
+        freedoms: numbering of the unknowns.
+        count: how many matrices there are at once.
+        what: needs them, in words; begins the message.
+    """
+    n = len(freedoms.free)
+    memory.require(
+        count * n**2 * jnp.zeros(0).dtype.itemsize,
+        f"{what}: {count} dense matrices of {n} unknowns",
+        "hold more freedoms by `fixed`, or take a coarser structure",
+    )
 
 
 def filled(thawed: _Frame, arrays: _Indices) -> _Frame:

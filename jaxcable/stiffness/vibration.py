@@ -23,10 +23,18 @@ from ..mechanics.carry import make_system
 from ..mechanics.elementwise import each, motion_of
 from ..model.structure import Structure
 from ..numerics.scaled import unit_shapes
-from .tangent import displaced_by, filled, prepared, tangent_at
+from .tangent import (
+    displaced_by,
+    filled,
+    prepared,
+    require_memory,
+    require_symmetric,
+    tangent_at,
+)
 
 _SLOW = 1e-6  # smallest w^2, over a mean w^2, for which no shift is needed
 _SHIFT = 1e-4  # smallest shift, over a mean w^2: modes a million times slower keep ten digits
+_DENSE = 15  # matrices at once, measured
 _DISTRIBUTIONS = ("lumped", "consistent", "mean")
 _MASSLESS = 1e3  # a mode has no mass if its mu is below this, times eps and the largest mu
 
@@ -106,8 +114,9 @@ def natural_frequencies(
 
     Raises:
         ValueError: wrong arguments; no mass at all, or none that can move; a tangent that is not
-            symmetric (loads that follow without a potential, nodal moments), whose frequencies may
-            be complex (if traced, they are NaN).
+            symmetric (loads that follow without a potential, nodal moments, elements that are not
+            `symmetric`), whose frequencies may be complex (if traced, they are NaN); more unknowns
+            than dense matrices have memory for.
 
     Source: Goudreau and Taylor, Comp. Meth. Appl. Mech. Eng. 2 (1973), for the mean.
 
@@ -132,7 +141,9 @@ def natural_frequencies(
     if masses is not None:
         masses = jnp.broadcast_to(checks.floats(masses, "masses"), structure.n_node)
         masses = or_nan(not_negative("masses", masses))
+    require_symmetric(structure, "natural_frequencies")
     thawed, arrays, freedoms = prepared(structure, state, fixed)
+    require_memory(freedoms, _DENSE, "natural_frequencies")
     weights = [group.weight for group in structure.groups]
     known = [checks.concrete(amount) for amount in (*weights, masses) if amount is not None]
     if not any(amount is None or (amount > 0).any() for amount in known):
@@ -196,7 +207,9 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
     if highest is None:
         return
     nodes, groups, carry = filled(thawed, arrays)
+    named = structure.named_groups()
     for number, (group, state) in enumerate(zip(groups, carry.states, strict=True)):
+        where = named[number][0]
         if not isinstance(group, Sagging) or group.weight is None:
             continue
         system = make_system(nodes, groups, carry, None, None)
@@ -213,7 +226,7 @@ def _suspect_catenaries(structure, thawed, arrays, gravity, found):
         if len(slow):
             k = int(slow[np.argmin(span_frequency[slow])])
             checks.suspect(
-                f"structure: catenary {k} of group {number} swings within its span at about "
+                f"structure: catenary {k} of elements{where} swings within its span at about "
                 f"{span_frequency[k]:.3g} Hz, slower than a mode that was asked for "
                 f"({highest:.3g} Hz); such modes are not found: use a chain of Cables for it, or "
                 "ask for fewer modes"

@@ -1,0 +1,157 @@
+"""Elements written outside of the package that use little of its contract; one unsymmetric."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxcable.common import checks
+from jaxcable.common.tree import Indices, pytree
+from jaxcable.elements.abilities import Jacked
+from jaxcable.elements.element import SECTION_STRAIN, TENSION, Element, ElementState
+
+
+@pytree
+class Nothing(ElementState):
+    """Phases change nothing in it."""
+
+
+@pytree
+class Long(ElementState):
+    """Only what `has_length` asks for."""
+
+    rest_length: object
+
+
+class Joined(Element):
+    """Two nodes and a stiffness; what `__post_init__` does for all of them."""
+
+    per_element = ("stiffness", "weight")
+
+    def __post_init__(self):
+        if not isinstance(self.links, Indices):
+            object.__setattr__(self, "links", Indices(np.asarray(self.links, np.int32)))
+        for name in self.per_element:
+            own = checks.per_element(getattr(self, name), len(self.links), name)
+            object.__setattr__(self, name, own)
+
+    def start(self, ends):
+        return Nothing()
+
+    @staticmethod
+    def _way(ends, motion):
+        """Initial length, present length, present direction."""
+        before, after = ends[1] - ends[0], ends[1] - ends[0] + motion[1] - motion[0]
+        length = jnp.sqrt(after @ after)
+        return jnp.sqrt(before @ before), length, after / length
+
+    def end_forces(self, state, ends, motion):
+        pull = self.tension(state, ends, motion) * self._way(ends, motion)[2]
+        return jnp.stack([-pull, pull])
+
+
+@pytree(indices=("links",))
+class Hooks(Joined):
+    """Cables with a stiffness in N/m that begin with a given slack, m."""
+
+    links: object
+    stiffness: object
+    slack: object = 0.0
+    weight: object = None
+
+    per_element = ("stiffness", "slack", "weight")
+    results = (TENSION,)
+    tension_only = rising = True
+
+    def _longer(self, ends, motion):
+        before, after, _ = self._way(ends, motion)
+        return after - before - self.slack
+
+    def tension(self, state, ends, motion):
+        return self.stiffness * jnp.maximum(self._longer(ends, motion), 0.0)
+
+    def energy(self, state, ends, motion):
+        return 0.5 * self.stiffness * jnp.maximum(self._longer(ends, motion), 0.0) ** 2
+
+    def is_slack(self, state, ends, motion):
+        return self._longer(ends, motion) <= 0
+
+    def at_kink(self, state, ends, motion):
+        return self._longer(ends, motion) == 0
+
+
+@pytree(indices=("links",))
+class Brittle(Joined):
+    """Bars of a stiffness EA that break at a strain of 1 %; their stress is not told."""
+
+    links: object
+    stiffness: object
+    weight: object = None
+
+    results = (TENSION, SECTION_STRAIN)
+    breaks = has_length = True
+
+    def start(self, ends):
+        return Long(self.chord(ends))
+
+    def weights(self, state):
+        return None if self.weight is None else self.weight * state.rest_length
+
+    def section_strain(self, state, ends, motion):
+        before, after, _ = self._way(ends, motion)
+        return after / before - 1
+
+    def tension(self, state, ends, motion):
+        return self.stiffness * self.section_strain(state, ends, motion)
+
+    def energy(self, state, ends, motion):
+        strain = self.section_strain(state, ends, motion)
+        return 0.5 * self.stiffness * strain**2 * self._way(ends, motion)[0]
+
+    def beyond(self, strain):
+        return strain > 0.01
+
+
+@pytree(indices=("links",))
+class Jacks(Brittle, Jacked):
+    """Says that it can be jacked, and has a state without a jack force."""
+
+    statements = ("jacking",)
+
+    def restate(self, state, ends, inputs):
+        return state
+
+    def lock(self, state, ends, motion):
+        return state
+
+
+@pytree(indices=("links",))
+class Thrusters(Joined):
+    """A spring at the second end in its initial place, and a thrust across the link there.
+
+    The thrust stays in the plane x, y and normal to the link: a follower force without a potential.
+    With the position z = x + i y of the second end from the first one, d before, in equilibrium:
+    ``stiffness (z - d) = i thrust z / |z|``.
+    """
+
+    links: object
+    stiffness: object
+    thrust: object
+    weight: object = None
+
+    per_element = ("stiffness", "thrust", "weight")
+    symmetric = False
+
+    def end_forces(self, state, ends, motion):
+        along = self._way(ends, motion)[2]
+        push = self.thrust * jnp.stack([-along[1], along[0], jnp.zeros_like(along[0])])
+        force = self.stiffness * motion[1] - push
+        return jnp.stack([-force, force])
+
+    def energy(self, state, ends, motion):
+        return 0.5 * self.stiffness * jnp.sum(motion[1] ** 2)
+
+
+@pytree(indices=("links",))
+class Lying(Thrusters):
+    """The same, said to be symmetric."""
+
+    symmetric = True
