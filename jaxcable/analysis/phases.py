@@ -358,3 +358,26 @@ def _checked(value, group, name, structure):
     refuse(capacity_rules(name, value, group, group.capacity))
     refuse(span_rules(name, group, structure.nodes, chosen))
     return Stated(value, chosen)
+
+
+def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
+    """The phases of an analysis as a list; ValueError for a wrong structure or wrong phases."""
+    if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
+        raise ValueError("structure: got a scene; unpack it: solve(*scene)")
+    if not isinstance(structure, Structure):
+        kind = checks.kind(structure, "Structure(nodes, elements, supports)")
+        raise ValueError(f"structure: expected a Structure, got {kind}")
+    if phases is None:
+        raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
+    if not isinstance(phases, Phase | list | tuple):
+        hint = "; loads go into a phase: [Phase(loads=...)]" if isinstance(phases, Load) else ""
+        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}{hint}")
+    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    for k, phase in enumerate(phases):
+        if not isinstance(phase, Phase):
+            hint = "; loads go into a phase: Phase(loads=...)" if isinstance(phase, Load) else ""
+            kind = checks.kind(phase, "Phase(...)")
+            raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
+    if not phases:
+        raise ValueError("phases: an analysis needs at least one phase")
+    return phases

@@ -23,7 +23,7 @@ from ..elements.prestress import Prestressed
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..loads import SelfWeight, as_list
-from ..loads.load import Acting, Load, Moving, OnNodes
+from ..loads.load import Acting, Moving, OnNodes
 from ..mechanics import load_stacks
 from ..mechanics.bundles import Bundles
 from ..mechanics.carry import Carry, unloaded
@@ -35,7 +35,7 @@ from ..model.topology import require_same
 from ..spaces import space_of
 from ..spaces.freedoms import gathering, number_freedoms
 from .absent import loads_that_never_act, require_present
-from .phases import Phase
+from .phases import Phase, as_phases
 from .presence import attached_of, presence_of
 from .prestress_rules import keeps_rules
 from .schedule import Schedule, numbering, on_rows, stated
@@ -271,29 +271,6 @@ def _support_sets(structure, phases, fixed):
                     "than in the phase before; free it, or hold all of it, in a phase between"
                 )
     return sets
-
-
-def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:
-    """The phases of an analysis as a list; ValueError for a wrong structure or wrong phases."""
-    if isinstance(structure, tuple) and structure and isinstance(structure[0], Structure):
-        raise ValueError("structure: got a scene; unpack it: solve(*scene)")
-    if not isinstance(structure, Structure):
-        kind = checks.kind(structure, "Structure(nodes, elements, supports)")
-        raise ValueError(f"structure: expected a Structure, got {kind}")
-    if phases is None:
-        raise ValueError("phases: missing; give a list such as [Phase(pretension=200.0)]")
-    if not isinstance(phases, Phase | list | tuple):
-        hint = "; loads go into a phase: [Phase(loads=...)]" if isinstance(phases, Load) else ""
-        raise ValueError(f"phases: expected a list of Phase, got {type(phases).__name__}{hint}")
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
-    for k, phase in enumerate(phases):
-        if not isinstance(phase, Phase):
-            hint = "; loads go into a phase: Phase(loads=...)" if isinstance(phase, Load) else ""
-            kind = checks.kind(phase, "Phase(...)")
-            raise ValueError(f"phases[{k}]: expected a Phase, got {kind}{hint}")
-    if not phases:
-        raise ValueError("phases: an analysis needs at least one phase")
-    return phases
 
 
 def _no_method(method):

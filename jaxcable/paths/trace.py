@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..analysis.phases import Phase
-from ..analysis.preparation import as_phases, prepare, ready, verdicts
+from ..analysis.phases import Phase, as_phases
+from ..analysis.preparation import prepare, ready, verdicts
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..analysis.states import on_nodes, per_element, with_peaks
