@@ -243,14 +243,14 @@ def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     assert first == (
         "jaxcable: t.json: not written: the search has not come to its end; --keep writes it"
     )
-    assert "allowed steps are used up" in second
+    assert "maximum number of optimization steps reached" in second
     Path("t.json").write_text("mine")  # nor is what is there replaced
     assert main([*words, "--quiet"]) == 1
     assert capsys.readouterr().out == "" and Path("t.json").read_text() == "mine"
     assert main([*words, "--keep"]) == 1
     told = capsys.readouterr()
     assert "wrote t.json: the scene with this pretension, the best one found" in told.out
-    assert best in told.out and "allowed steps are used up" in one_line(told.err)
+    assert best in told.out and "maximum number of optimization steps reached" in one_line(told.err)
     found = np.asarray(jc.load_scene("t.json").phases[0].pretension)
     assert (found > 200.0).all() and not np.allclose(found, 321.0, rtol=1e-6)
     assert main(["optimize", "weak.json", "--target", "100", "--save", "n.json", "--quiet"]) == 1

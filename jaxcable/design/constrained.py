@@ -35,7 +35,8 @@ class ConstrainedDesign:
         constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
         multipliers: [n]; by how much the smallest loss would fall if a constraint were relaxed by
             1; zero for a constraint without influence.
-        status: 0 if converged, else the status of the last round.
+        status: 0 if converged, else the status of the last round; CONSTRAINTS_VIOLATED if its
+            search has converged and a constraint is above 0.
         rounds: number of rounds of `minimize`.
         evaluations: number of evaluations of loss, constraints and gradient, in all rounds.
         failures: number of trial points at which the inner analysis failed.
@@ -100,7 +101,7 @@ def minimize_subject_to(
 
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If the constraints cannot be
-        met the status is OUT_OF_STEPS and `constraints` shows by how much.
+        met the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
 
     Raises:
         ValueError: as `minimize`.
@@ -155,7 +156,9 @@ def minimize_subject_to(
             penalty *= _HARDER * (_HARDER if gap > _USELESS * worst else 1.0)
         worst, accuracy = gap, max(tol, 0.1 * accuracy)
     else:
-        code = status.OUT_OF_STEPS if code == status.OK else code
+        if code == status.OK:
+            violated = not np.all(np.asarray(constraints) <= 0)
+            code = status.CONSTRAINTS_VIOLATED if violated else status.OUT_OF_STEPS
     return ConstrainedDesign(
         params=params,
         loss=value,

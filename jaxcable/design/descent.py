@@ -32,13 +32,18 @@ _NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an
 
 
 class Point(NamedTuple):
-    """Parameters, loss, gradient, gradient without blocked entries, and its measure."""
+    """Parameters, loss, gradient, gradient without blocked entries, its measure, whether it is small.
+
+    `level` is True where the measure is within the tolerance and every entry of the gradient has
+    fallen, see `Descent.fallen`.
+    """
 
     x: Float[Array, " n"]
     loss: Float[Array, ""]
     gradient: Float[Array, " n"]
     inside: Float[Array, " n"]
     measure: Float[Array, ""]
+    level: Bool[Array, ""]
 
 
 class Log(NamedTuple):
@@ -63,6 +68,7 @@ class Search(NamedTuple):
         fresh: whether the optimizer has started without memory in this step.
         unit: factor on the loss that the optimizer gets.
         first: loss at the start.
+        steepest: largest size that each entry of the gradient has had, [n].
         reach: longest step allowed for now, over `scale`, because an analysis has failed beyond.
         n: number of accepted steps; -1 before the start is evaluated.
         evaluations: number of evaluations of the loss and its gradient.
@@ -84,6 +90,7 @@ class Search(NamedTuple):
     fresh: Bool[Array, ""]
     unit: Float[Array, ""]
     first: Float[Array, ""]
+    steepest: Float[Array, " n"]
     reach: Float[Array, ""]
     n: Int[Array, ""]
     evaluations: Int[Array, ""]
@@ -104,7 +111,8 @@ class Descent:
         optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
         steps: largest number of accepted steps.
         box: `Box` of flat bounds.
-        sizes: function of the flat parameters to their sizes, for the measure of the gradient.
+        largest: function of the flat parameters to the largest entries of their arrays, [n].
+        floor: least sizes of the parameters: those at the start, [n].
         scale: the optimizer gets the parameters divided by it, [n].
         tol: largest measure of the gradient at convergence.
         listen: function of a `progress.Step`, called after every accepted step, or None.
@@ -117,7 +125,8 @@ class Descent:
         optimizer: optax.GradientTransformation | None,
         steps: int,
         box: Box,
-        sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
+        largest: Callable[[Float[Array, " n"]], Float[Array, " n"]],
+        floor: Float[Array, " n"],
         scale: Float[Array, " n"],
         tol: Float[Array, ""],
         listen: Callable[[Step], Any] | None = None,
@@ -125,7 +134,8 @@ class Descent:
         self.searched = optimizer is None
         self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
         self.loss, self.back, self.box = loss, back, box
-        self.steps, self.sizes, self.scale, self.tol = steps, sizes, scale, tol
+        self.steps, self.scale, self.tol = steps, scale, tol
+        self.largest, self.floor = largest, floor
         self.listen = listen
         self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
 
@@ -133,7 +143,7 @@ class Descent:
         """Search from `x`, [n]."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
-        start = Point(x, unknown, nothing, nothing, unknown)
+        start = Point(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
         reals, integers = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
         search = Search(
             trial=x,
@@ -146,6 +156,7 @@ class Descent:
             fresh=jnp.ones((), bool),
             unit=one,
             first=one,
+            steepest=nothing,
             reach=jnp.inf * one,
             n=jnp.int32(-1),
             evaluations=none,
@@ -167,14 +178,20 @@ class Descent:
         first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
-        largest = jnp.max(jnp.abs(inside) * self.sizes(s.trial))
+        promises = jnp.abs(inside) * jnp.maximum(self.floor, self.largest(s.trial))
+        largest = jnp.max(promises)
         measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
-        at = where(accepted, Point(s.trial, value, gradient, inside, measure), s.at)
+        steepest = jnp.where(sound, jnp.maximum(s.steepest, jnp.abs(gradient)), s.steepest)
+        level = (measure <= self.tol) & self.fallen(inside, promises, value, first, steepest)
+        near = (measure == 0) | self.near(s, value, first, inside, blocked)
+        last = self.short(s.trial - s.at.x, s.at.x)  # whether the trial was next to the point
+        at = where(accepted, Point(s.trial, value, gradient, inside, measure, level), s.at)
         best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
             best=best,
             first=first,
+            steepest=steepest,
             n=s.n + accepted,
             evaluations=s.evaluations + 1,
             failures=s.failures + ~sound,
@@ -206,11 +223,11 @@ class Descent:
 
         # At the start the sizes of the parameters may be meaningless, and a small measure with
         # them: ask for one accepted step. A point above the best one is no minimum.
-        level = value <= best.loss + self.noise * jnp.abs(best.loss)
-        small = accepted & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
-        converged = small & (measure == 0 if self.searched else True)
+        lowest = value <= best.loss + self.noise * jnp.abs(best.loss)
+        small = accepted & level & lowest & ((s.n > 0) | (measure == 0))
+        converged = small & (measure == 0 if self.searched else near)
         used_up = s.n >= self.steps
-        at_rest = at.measure <= self.tol  # if no step lowers the loss then, this is the minimum
+        at_rest = at.level & last  # if no step lowers the loss then, this is the minimum
         spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)
@@ -240,7 +257,8 @@ class Descent:
         )
         if self.searched:  # the whole step, made with the curvature, must promise little, too
             promised = -(s.at.inside @ step)
-            small &= ~fresh & (promised <= self.tol * self.against(s.at.loss, s.first))
+            small &= ~fresh & self.little(promised, s.at.loss, s.first)
+            small &= self.short(self.box.project(s.at.x + step) - s.at.x, s.at.x)
             s = s._replace(
                 code=jnp.where(small, status.OK, s.code),
                 running=s.running & ~small & (s.n < self.steps),
@@ -272,6 +290,55 @@ class Descent:
         """
         least = _FIRST * jnp.abs(first)
         return jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
+
+    def fallen(
+        self,
+        inside: Float[Array, " n"],
+        promises: Float[Array, " n"],
+        value: Float[Array, ""],
+        first: Float[Array, ""],
+        steepest: Float[Array, " n"],
+    ) -> Bool[Array, ""]:
+        """Whether every entry of the gradient is small: beside the present loss, or what it was.
+
+        The loss at the start says nothing of parameters that hardly take part in it.
+        """
+        few = jnp.abs(inside) <= self.tol * steepest
+        few |= promises <= self.tol * jnp.abs(value)
+        few |= promises <= self.tol**3 * jnp.abs(first)
+        return jnp.all(few)
+
+    def short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:
+        """Whether a step changes the parameters by next to nothing.
+
+        That is sqrt(tol) of their sizes now, as for a loss that is known to `tol` (Gill, Murray and
+        Wright, 1981, section 8.2.3), or tol^1.5 of those at the start.
+        """
+        allowed = jnp.maximum(self.largest(x), self.tol * self.floor)
+        return jnp.all(jnp.abs(step) <= jnp.sqrt(self.tol) * allowed)
+
+    def little(
+        self, promised: Float[Array, ""], value: Float[Array, ""], first: Float[Array, ""]
+    ) -> Bool[Array, ""]:
+        """Whether a promised decrease is small beside the loss, or the loss has fallen to zero."""
+        zero = jnp.abs(value) <= self.tol**3 * jnp.abs(first)
+        return (promised <= self.tol * jnp.abs(value)) | zero
+
+    def near(
+        self,
+        s: Search,
+        value: Float[Array, ""],
+        first: Float[Array, ""],
+        inside: Float[Array, " n"],
+        blocked: Bool[Array, " n"],
+    ) -> Bool[Array, ""]:
+        """Whether the minimum along the last step is near, by the slopes at its ends (secant)."""
+        moved = jnp.where(blocked, 0.0, s.trial - s.at.x)
+        slope = inside @ moved
+        bend = slope - s.at.gradient @ moved
+        left = jnp.abs(slope) / jnp.where(bend > 0, bend, 1.0)
+        near = self.short(left * moved, s.trial) & self.little(left * jnp.abs(slope), value, first)
+        return (bend > 0) & near
 
     def value(self, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Int[Array, ""]]:
         """Loss and status; NONFINITE if the loss is not finite."""

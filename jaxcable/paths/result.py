@@ -23,9 +23,9 @@ class TracedPath(Path):
         residual, relative_residual, rounding: likewise; the start of a point is its guess.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
-            BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM,
-            NOT_CONVERGED; OUT_OF_STEPS, or EXCESSIVE_DEFORMATION if the load still rises then but
-            little stiffness is left; or the status of the phases before.
+            BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM; PATH_LOST
+            if no next point is found; OUT_OF_EVENTS; OUT_OF_POINTS, or EXCESSIVE_DEFORMATION if the
+            load still rises then but little stiffness is left; or the status of the phases before.
         iterations: iterations of the correction onto the path, [n].
         factorizations: None.
         equilibrated: None.
