@@ -157,6 +157,7 @@ def _least(analysed, start, bounds, options):
         Outcome of the search, and a description of it in words.
     """
     limits = options.deflection, options.lowest
+
     def problem(parameters):
         solution = analysed(parameters)
         broken = []

@@ -10,10 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.solution import Solution
-from ..common import status
+from ..common import checks, status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from .arguments import tolerance
 from .box import checked_call, default_tol, numbers
 from .minimize import minimize
 from .outcome import split_loss
@@ -114,9 +115,10 @@ def minimize_subject_to(
         >>> print(f"{jc.describe(found.status)}: {found.params:.2f} mm2")
         converged: 250.00 mm2
     """
-    args = checked_call(problem, args, rounds, "problem")
+    args = checked_call(problem, args, rounds, "problem", "rounds")
+    checks.whole(steps, "steps")
     params = numbers(params)
-    tol = default_tol(params) if tol is None else tol
+    tol = tolerance(tol, default_tol(params))
     loss, evaluate = _programs(problem)
     with compiling(listener(progress)):
         (value, (constraints, code)), slope = evaluate(params, *args)

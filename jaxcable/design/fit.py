@@ -13,12 +13,13 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
-from ..common import checks, status
+from ..common import checks
 from ..common.compilation import program
 from ..common.progress import Trial, compiling, listener, tell
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .box import Box, checked_call, default_tol, make_box, numbers
+from .arguments import tolerance
+from .box import Box, checked_call, checked_code, default_tol, make_box, numbers
 from .levenberg import (
     Evaluation,
     LevenbergMarquardt,
@@ -173,7 +174,7 @@ def fit(
     """
     args = checked_call(residuals, args, steps, "residuals")
     params = numbers(params)
-    tol = default_tol(params) if tol is None else tol
+    tol = tolerance(tol, default_tol(params))
     box, listen = make_box(bounds, params), listener(progress)
     with compiling(listen):  # most of the time before the first report
         return _programs(residuals, int(steps), listen)(params, args, box, tol)
@@ -214,7 +215,7 @@ def _make(reference, steps, listen):
             return state
 
         end = lax.while_loop(lambda s: s.running, iterate, search.begin(start, count))
-        return underivable(fit_of(end, params, box))
+        return underivable(fit_of(end, params, box, tol))
 
     return run
 
@@ -236,7 +237,7 @@ def searched(
     """
     checks.whole(steps, "steps")
     params = numbers(params)
-    box, tol = make_box(bounds, params), default_tol(params) if tol is None else tol
+    box, tol = make_box(bounds, params), tolerance(tol, default_tol(params))
     start, _ = ravel_pytree(params)
     flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
     given = {"steps": int(steps), "counts": tuple(leaf.size for leaf in jax.tree.leaves(params))}
@@ -249,7 +250,7 @@ def searched(
             told = {name: np.asarray(value).item() for name, value in trial_of(state).items()}
             listen(Trial(count=int(steps), **told))
         if not state.running:
-            return fit_of(state, params, box)
+            return fit_of(state, params, box, tol)
         found = evaluate(state.trial)
 
 
@@ -270,7 +271,9 @@ def trial_of(s: State) -> dict[str, Array]:
     return {"number": s.n, "misfit": misfit, "accepted": accepted, "status": code}
 
 
-def fit_of(end: State, params: PyTree[Float[Array, " ..."]], box: Box) -> Fit:
+def fit_of(
+    end: State, params: PyTree[Float[Array, " ..."]], box: Box, tol: Float[ArrayLike, ""]
+) -> Fit:
     """The `Fit` of the last state of a search from `params` within a box of their shape."""
     start, back = ravel_pytree(params)
     flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
@@ -288,7 +291,7 @@ def fit_of(end: State, params: PyTree[Float[Array, " ..."]], box: Box) -> Fit:
         free=flags(~blocked),
         without_influence=flags(idle),
         history=FitHistory(*end.trials),
-        status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+        status=checked_code(end.code, box, params, tol),
         steps=jnp.maximum(end.n, 0),
     )
 

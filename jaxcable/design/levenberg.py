@@ -197,9 +197,7 @@ class LevenbergMarquardt:
         misfit = jnp.linalg.norm(s.residual)
         gain = jnp.linalg.norm(s.jacobian @ whole)  # over the misfit: cosine of r and range of J
         stationary = begun & (gain <= self.tol * misfit)
-        settled = jnp.all(
-            jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self.sizes(s.x), s.least)
-        )
+        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self.sizes(s.x), s.least))
         # zero: beside the misfit at the start, and beside what the parameters contribute
         beside = jnp.minimum(s.first, jnp.max(size * jnp.abs(s.x)))
         zero = misfit <= jnp.maximum(self.tol**2, jnp.finfo(misfit.dtype).eps) * beside

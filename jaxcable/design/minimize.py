@@ -15,7 +15,8 @@ from ..common import status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .box import Box, checked_call, default_tol, make_box, numbers, spread
+from .arguments import tolerance
+from .box import Box, checked_call, checked_code, default_tol, make_box, numbers, spread
 from .descent import Descent
 from .outcome import split_loss
 from .programs import Programs, underivable
@@ -190,7 +191,7 @@ def minimize(
         )
     params = numbers(params)
     box = make_box(bounds, params)
-    tol = default_tol(params) if tol is None else tol
+    tol = tolerance(tol, default_tol(params))
     floor = jax.tree.map(_floor, params, box.lower, box.upper)
     if scale is None and optimizer is None:
         scale = jax.tree.map(lambda s: _PART * s, floor)
@@ -243,7 +244,7 @@ def _make(reference, optimizer, steps, listen):
                 gradient=back(point.gradient),
                 gradient_norm=point.measure,
                 history=History(*log),
-                status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+                status=checked_code(end.code, box, params, tol),
                 steps=jnp.maximum(end.n, 0),
                 evaluations=end.evaluations,
                 # of accepted steps, and of a last step that was never accepted
