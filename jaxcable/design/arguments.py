@@ -1,4 +1,4 @@
-"""Checks of what the functions of this room are given: tolerances, results, values beside results."""
+"""Checks of arguments of the functions of this room: tolerances, phases, values of elements."""
 
 from __future__ import annotations
 

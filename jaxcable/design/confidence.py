@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
@@ -38,6 +40,8 @@ class Confidence:
         >>> print(found.status, sure.rank, sure.degrees, f"{sure.deviation:.3f} N")
         0 1 2 1.165 N
     """
+
+    _shown: ClassVar[str] = "half_width, deviation, rank, degrees"
 
     half_width: PyTree[Float[Array, " ..."]]
     standard_error: PyTree[Float[Array, " ..."]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -50,6 +50,8 @@ class ConstrainedDesign:
         >>> print(f"{found.multipliers[0]:.0f} mm2")  # saved if c = 1 were allowed, to 1st order
         250 mm2
     """
+
+    _shown: ClassVar[str] = "loss, constraints, params, rounds, evaluations"
 
     params: PyTree[Float[Array, " ..."]]
     loss: Float[Array, ""]

@@ -20,22 +20,22 @@ from ..common.progress import Step, tell
 from ..common.tree import where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .box import Box
+from .criteria import Criteria
 
 _LBFGS = optax.lbfgs(linesearch=None)  # without a line search: the loop has one
 _SHORTEST = 40  # how often a step is shortened before the loop gives up
 _PATIENCE = 10  # how often a step is shortened before the default optimizer forgets its memory
 _DECREASE = 1e-4  # least decrease of the loss over the one that the slope promises
 _FLAT = 0.8  # slope at the end of a step over that at its beginning, at most, near the minimum
-_FIRST = 0.1  # part of the first loss that changes are compared with when the loss falls to zero
 _GROWTH = 4.0  # factor on the longest step allowed, from step to step
 _NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an analysis
 
 
 class Point(NamedTuple):
-    """Parameters, loss, gradient, gradient without blocked entries, its measure, whether it is small.
+    """Parameters, loss, gradient, the same without blocked entries, its measure, if it is small.
 
     `level` is True where the measure is within the tolerance and every entry of the gradient has
-    fallen, see `Descent.fallen`.
+    fallen, see `Criteria.fallen`.
     """
 
     x: Float[Array, " n"]
@@ -111,10 +111,8 @@ class Descent:
         optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
         steps: largest number of accepted steps.
         box: `Box` of flat bounds.
-        largest: function of the flat parameters to the largest entries of their arrays, [n].
-        floor: least sizes of the parameters: those at the start, [n].
+        criteria: the `Criteria` of convergence.
         scale: the optimizer gets the parameters divided by it, [n].
-        tol: largest measure of the gradient at convergence.
         listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
@@ -125,17 +123,14 @@ class Descent:
         optimizer: optax.GradientTransformation | None,
         steps: int,
         box: Box,
-        largest: Callable[[Float[Array, " n"]], Float[Array, " n"]],
-        floor: Float[Array, " n"],
+        criteria: Criteria,
         scale: Float[Array, " n"],
-        tol: Float[Array, ""],
         listen: Callable[[Step], Any] | None = None,
     ):
         self.searched = optimizer is None
         self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
         self.loss, self.back, self.box = loss, back, box
-        self.steps, self.scale, self.tol = steps, scale, tol
-        self.largest, self.floor = largest, floor
+        self.steps, self.criteria, self.scale = steps, criteria, scale
         self.listen = listen
         self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
 
@@ -178,13 +173,13 @@ class Descent:
         first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
-        promises = jnp.abs(inside) * jnp.maximum(self.floor, self.largest(s.trial))
-        largest = jnp.max(promises)
-        measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
         steepest = jnp.where(sound, jnp.maximum(s.steepest, jnp.abs(gradient)), s.steepest)
-        level = (measure <= self.tol) & self.fallen(inside, promises, value, first, steepest)
-        near = (measure == 0) | self.near(s, value, first, inside, blocked)
-        last = self.short(s.trial - s.at.x, s.at.x)  # whether the trial was next to the point
+        measure, level = self.criteria.measured(s.trial, inside, value, first, steepest)
+        moved = s.trial - s.at.x
+        along = jnp.where(blocked, 0.0, moved)
+        slopes = gradient @ along, s.at.gradient @ along
+        near = (measure == 0) | self.criteria.near(s.trial, along, *slopes, value, first)
+        last = self.criteria.short(moved, s.at.x)  # whether the trial was next to the point
         at = where(accepted, Point(s.trial, value, gradient, inside, measure, level), s.at)
         best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
@@ -257,8 +252,8 @@ class Descent:
         )
         if self.searched:  # the whole step, made with the curvature, must promise little, too
             promised = -(s.at.inside @ step)
-            small &= ~fresh & self.little(promised, s.at.loss, s.first)
-            small &= self.short(self.box.project(s.at.x + step) - s.at.x, s.at.x)
+            small &= ~fresh & self.criteria.little(promised, s.at.loss, s.first)
+            small &= self.criteria.short(self.box.project(s.at.x + step) - s.at.x, s.at.x)
             s = s._replace(
                 code=jnp.where(small, status.OK, s.code),
                 running=s.running & ~small & (s.n < self.steps),
@@ -281,64 +276,6 @@ class Descent:
             failures=jnp.where(logged, 0, s.failures),
             failure=jnp.where(logged, 0, s.failure),
         )
-
-    def against(self, value: Float[Array, ""], first: Float[Array, ""]) -> Float[Array, ""]:
-        """The size that changes of a loss are compared with: the loss, or a part of the first one.
-
-        The larger of both counts, since no change is small beside a loss that falls to zero. Of a
-        loss above the first one only the part counts.
-        """
-        least = _FIRST * jnp.abs(first)
-        return jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
-
-    def fallen(
-        self,
-        inside: Float[Array, " n"],
-        promises: Float[Array, " n"],
-        value: Float[Array, ""],
-        first: Float[Array, ""],
-        steepest: Float[Array, " n"],
-    ) -> Bool[Array, ""]:
-        """Whether every entry of the gradient is small: beside the present loss, or what it was.
-
-        The loss at the start says nothing of parameters that hardly take part in it.
-        """
-        few = jnp.abs(inside) <= self.tol * steepest
-        few |= promises <= self.tol * jnp.abs(value)
-        few |= promises <= self.tol**3 * jnp.abs(first)
-        return jnp.all(few)
-
-    def short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:
-        """Whether a step changes the parameters by next to nothing.
-
-        That is sqrt(tol) of their sizes now, as for a loss that is known to `tol` (Gill, Murray and
-        Wright, 1981, section 8.2.3), or tol^1.5 of those at the start.
-        """
-        allowed = jnp.maximum(self.largest(x), self.tol * self.floor)
-        return jnp.all(jnp.abs(step) <= jnp.sqrt(self.tol) * allowed)
-
-    def little(
-        self, promised: Float[Array, ""], value: Float[Array, ""], first: Float[Array, ""]
-    ) -> Bool[Array, ""]:
-        """Whether a promised decrease is small beside the loss, or the loss has fallen to zero."""
-        zero = jnp.abs(value) <= self.tol**3 * jnp.abs(first)
-        return (promised <= self.tol * jnp.abs(value)) | zero
-
-    def near(
-        self,
-        s: Search,
-        value: Float[Array, ""],
-        first: Float[Array, ""],
-        inside: Float[Array, " n"],
-        blocked: Bool[Array, " n"],
-    ) -> Bool[Array, ""]:
-        """Whether the minimum along the last step is near, by the slopes at its ends (secant)."""
-        moved = jnp.where(blocked, 0.0, s.trial - s.at.x)
-        slope = inside @ moved
-        bend = slope - s.at.gradient @ moved
-        left = jnp.abs(slope) / jnp.where(bend > 0, bend, 1.0)
-        near = self.short(left * moved, s.trial) & self.little(left * jnp.abs(slope), value, first)
-        return (bend > 0) & near
 
     def value(self, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Int[Array, ""]]:
         """Loss and status; NONFINITE if the loss is not finite."""

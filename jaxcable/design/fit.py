@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -81,6 +81,8 @@ class Fit:
         >>> found.jacobian.shape, bool(found.free)
         ((3, 1), True)
     """
+
+    _shown: ClassVar[str] = "misfit, params, free, without_influence, steps"
 
     params: PyTree[Float[Array, " ..."]]
     residual: Float[Array, " n_residual"]

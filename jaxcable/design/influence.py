@@ -301,7 +301,7 @@ def scatter(
         >>> print(worst, jnp.round(random, 3))
         [7. 8.] [5.    6.325]
     """
-    shape = jax.tree.structure(tolerance)
+    shape: Any = jax.tree.structure(tolerance)
     if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
         raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
     refuse([not_negative("tolerance", leaf) for leaf in jax.tree.leaves(tolerance)])

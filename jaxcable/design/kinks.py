@@ -60,10 +60,8 @@ def slack_distance(
         return implicit.nan_unless(solution.status == status.OK, found, found)
     rows, groups = structure.rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
-    if (
-        len(groups) != len(solution.carry.states)
-        or jnp.shape(nodes) != jnp.shape(solution.carry.motion)[:1] + jnp.shape(nodes)[1:]
-    ):
+    same = len(groups) == len(solution.carry.states)
+    if not same or len(nodes) != len(solution.carry.motion):
         raise ValueError("solution: is of another structure")
     thawed, arrays = thaw((groups, solution.carry.states, nodes, solution.carry.motion))
     return structure.arrange(_above_slack(thawed, arrays))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import tolerance
 from .box import Box, checked_call, checked_code, default_tol, make_box, numbers, spread
+from .criteria import Criteria
 from .descent import Descent
 from .outcome import split_loss
 from .programs import Programs, underivable
@@ -78,6 +79,8 @@ class Design:
         >>> print(f"{found.gradient[0]:.4f}")  # the upper bound blocks the first parameter
         -2.0000
     """
+
+    _shown: ClassVar[str] = "loss, gradient_norm, params, steps, evaluations, failures"
 
     params: PyTree[Float[Array, " ..."]]
     loss: Float[Array, ""]
@@ -231,8 +234,8 @@ def _make(reference, optimizer, steps, listen):
             entries = jax.tree.map(lambda v: jnp.full_like(v, jnp.max(jnp.abs(v))), back(x))
             return ravel_pytree(entries)[0]
 
-        sizes = largest, floor
-        descent = Descent(value, back, optimizer, steps, flat, *sizes, scale, tol, listen)
+        criteria = Criteria(largest, floor, tol)
+        descent = Descent(value, back, optimizer, steps, flat, criteria, scale, listen)
         end = descent.run(start)
         converged = end.code == status.OK
         point = where(converged, end.at, end.best)

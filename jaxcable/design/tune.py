@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -70,6 +70,8 @@ class Tuned:
         >>> print(tuned.values[0].round(6), tuned.influence.round(6))
         0.001 [[1.]]
     """
+
+    _shown: ClassVar[str] = "met, values, deviation, without_influence, steps, remarks"
 
     phases: list[Phase]
     values: list[PyTree[Float[Array, " ..."]]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 
@@ -51,6 +53,8 @@ class TracedPath(Path):
         >>> print(f"{path.load_factor[-1]:.1f}: {path.displacement[-1, 1, 2]:.3f} m")  # through
         1.0: -0.219 m
     """
+
+    _shown: ClassVar[str] = "load_factor, displacement m, n_negative, events"
 
     status: Int[Array, ""]
     factorizations: None  # type: ignore[assignment]  # of a `Path` only
