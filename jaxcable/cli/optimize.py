@@ -79,18 +79,20 @@ def run(options: Namespace) -> None:
         *_limits(solution, options),
     ]
     good = code == status.OK or options.keep
+    violated = code == status.CONSTRAINTS_VIOLATED
+    cause = "the limits are violated" if violated else "the search has not come to its end"
     if options.save is not None and good:
         best = jax.tree.map(np.asarray, spread_out(found.params))
         phase = replace(phases[number], pretension=best)
         save_scene(options.save, Scene(structure, [*phases[:number], phase, *phases[number + 1 :]]))
         ended = "the scene with this pretension"
         if code != status.OK:
-            ended += ", the best one found: the search has not come to its end"
+            ended += f", the best one found: {cause}"
         lines.append(f"wrote {options.save}: {ended}")
     print("\n".join(lines))
     if options.save is not None and not good:
         sys.stdout.flush()
-        say(f"{options.save}: not written: the search has not come to its end; --keep writes it")
+        say(f"{options.save}: not written: {cause}; --keep writes it")
     status.raise_if_failed(found)
 
 

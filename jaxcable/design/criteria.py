@@ -41,8 +41,8 @@ class Criteria:
         value: Float[Array, ""],
         first: Float[Array, ""],
         steepest: Float[Array, " n"],
-    ) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        """The measure of the gradient `inside` the bounds at a point, and whether it is small.
+    ) -> tuple[Float[Array, ""], Bool[Array, ""], Bool[Array, ""]]:
+        """The measure of the gradient `inside` the bounds, and whether it is small, see `fallen`.
 
         Args:
             x: the point, [n].
@@ -53,8 +53,9 @@ class Criteria:
         promises = jnp.abs(inside) * jnp.maximum(self.floor, self.largest(x))
         largest = jnp.max(promises)
         measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
-        fallen = self.fallen(inside, promises, value, first, steepest)
-        return measure, (measure <= self.tol) & fallen
+        surely, at_rest = self.fallen(inside, promises, value, first, steepest)
+        small = measure <= self.tol
+        return measure, small & surely, small & at_rest
 
     def against(self, value: Float[Array, ""], first: Float[Array, ""]) -> Float[Array, ""]:
         """The size that changes of a loss are compared with: the loss, or a part of the first one.
@@ -72,15 +73,21 @@ class Criteria:
         value: Float[Array, ""],
         first: Float[Array, ""],
         steepest: Float[Array, " n"],
-    ) -> Bool[Array, ""]:
-        """Whether every entry of the gradient is small: beside the present loss, or what it was.
+    ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
+        """Whether every entry of the gradient is small: surely, and if no step lowers the loss.
 
-        The loss at the start says nothing of parameters that hardly take part in it.
+        The loss at the start says nothing of directions that hardly take part in it: the present
+        loss counts, unless it has fallen to zero, or a fall of the entry itself.
         """
-        few = jnp.abs(inside) <= self.tol * steepest
-        few |= promises <= self.tol * jnp.abs(value)
-        few |= promises <= self.tol**3 * jnp.abs(first)
-        return jnp.all(few)
+        beside = promises <= self.tol * jnp.abs(value)
+        surely = beside | (jnp.abs(inside) <= self.tol**2 * steepest)
+        at_rest = beside | (jnp.abs(inside) <= self.tol * steepest)
+        zero = self.zero(value, first)
+        return jnp.all(surely) | zero, jnp.all(at_rest) | zero
+
+    def zero(self, value: Float[Array, ""], first: Float[Array, ""]) -> Bool[Array, ""]:
+        """Whether a loss is zero beside that at the start."""
+        return jnp.abs(value) <= self.tol**3 * jnp.abs(first)
 
     def short(self, step: Float[Array, " n"], x: Float[Array, " n"]) -> Bool[Array, ""]:
         """Whether a step changes the parameters by next to nothing.
@@ -95,8 +102,7 @@ class Criteria:
         self, promised: Float[Array, ""], value: Float[Array, ""], first: Float[Array, ""]
     ) -> Bool[Array, ""]:
         """Whether a promised decrease is small beside the loss, or the loss has fallen to zero."""
-        zero = jnp.abs(value) <= self.tol**3 * jnp.abs(first)
-        return (promised <= self.tol * jnp.abs(value)) | zero
+        return (promised <= self.tol * jnp.abs(value)) | self.zero(value, first)
 
     def near(
         self,

@@ -32,10 +32,9 @@ _NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an
 
 
 class Point(NamedTuple):
-    """Parameters, loss, gradient, the same without blocked entries, its measure, if it is small.
+    """Parameters, loss, gradient, the same without blocked entries, and its measure.
 
-    `level` is True where the measure is within the tolerance and every entry of the gradient has
-    fallen, see `Criteria.fallen`.
+    `at_rest` is True if the point is a minimum, provided that no step lowers the loss.
     """
 
     x: Float[Array, " n"]
@@ -43,7 +42,7 @@ class Point(NamedTuple):
     gradient: Float[Array, " n"]
     inside: Float[Array, " n"]
     measure: Float[Array, ""]
-    level: Bool[Array, ""]
+    at_rest: Bool[Array, ""]
 
 
 class Log(NamedTuple):
@@ -174,13 +173,13 @@ class Descent:
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
         steepest = jnp.where(sound, jnp.maximum(s.steepest, jnp.abs(gradient)), s.steepest)
-        measure, level = self.criteria.measured(s.trial, inside, value, first, steepest)
+        measure, level, at_rest = self.criteria.measured(s.trial, inside, value, first, steepest)
         moved = s.trial - s.at.x
         along = jnp.where(blocked, 0.0, moved)
         slopes = gradient @ along, s.at.gradient @ along
         near = (measure == 0) | self.criteria.near(s.trial, along, *slopes, value, first)
         last = self.criteria.short(moved, s.at.x)  # whether the trial was next to the point
-        at = where(accepted, Point(s.trial, value, gradient, inside, measure, level), s.at)
+        at = where(accepted, Point(s.trial, value, gradient, inside, measure, at_rest), s.at)
         best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
@@ -222,7 +221,7 @@ class Descent:
         small = accepted & level & lowest & ((s.n > 0) | (measure == 0))
         converged = small & (measure == 0 if self.searched else near)
         used_up = s.n >= self.steps
-        at_rest = at.level & last  # if no step lowers the loss then, this is the minimum
+        at_rest = at.at_rest & last  # if no step lowers the loss then, this is the minimum
         spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)

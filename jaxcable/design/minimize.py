@@ -149,18 +149,18 @@ def minimize(
     - Gradient: ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is at most
       `tol`. The size ``s`` of a parameter is the largest entry of its array, now or at the start
       (if all are zero at the start, the largest finite bound, or 1).
-    - Every entry of the gradient: ``|g_i|`` is at most `tol` of the largest that it has been, or
-      ``|g_i| s`` of the present loss (or tol^3 of that at the start).
-    - Loss: the next step promises at most `tol` of the present loss; or the loss has fallen to
-      tol^3 of that at the start, which is taken for zero.
+    - Every entry of the gradient: ``|g_i| s`` is at most `tol` of the present loss, or ``|g_i|`` at
+      most tol^2 of the largest that it has been.
+    - Loss: the next step promises at most `tol` of the present loss. (Both hold for a loss that has
+      fallen to tol^3 of that at the start, which is taken for zero.)
     - Parameters: the next step changes them by at most sqrt(tol) of the largest entry of their
       array now, or tol^1.5 of that at the start. (From a minimum flatter than a parabola, such as
       that of ``(x - 1)^4``, they may be some times as far.)
 
     The next step is that of L-BFGS, which must have learned the curvature; of other optimizers it
     is the one to the minimum along the last step, by the slopes at its ends. A gradient of exactly
-    zero is converged. So is a start, or a point after a restart, at which the conditions on the
-    gradient hold and no step, down to that length, lowers the loss: it is a minimum to rounding.
+    zero is converged. So is a point at which the gradient is small (with `tol` in place of tol^2)
+    and no step, down to that length, lowers the loss: it is a minimum to rounding.
 
     Source: Gill, Murray and Wright, Practical Optimization (1981), section 8.2.3; Dennis and
     Schnabel, Numerical Methods for Unconstrained Optimization (1983), section 7.2.

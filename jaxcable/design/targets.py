@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from types import EllipsisType
 from typing import Any, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -109,15 +110,14 @@ class Target:
         if found is None:
             whose = "this structure" if self.on is None else f"group {self.on!r}"
             raise ValueError(f"{name}: {whose} has no such result")
-        if isinstance(found, dict | list | tuple) and not isinstance(found, str):
+        if isinstance(found, dict | list | tuple):
             text = "there are several groups; give the key of one by `on`"
             raise ValueError(f"{name}: {text}{checks.meant('', _keys(found))}")
-        try:
-            found = jnp.asarray(found)
-        except TypeError:
-            found = None
-        if found is None or not jnp.issubdtype(found.dtype, jnp.floating):
-            raise ValueError(f"{name}: expected an array of floats")
+        if not isinstance(found, jax.Array | np.ndarray | np.generic | float):
+            raise ValueError(f"{name}: expected an array of floats, got {type(found).__name__}")
+        found = jnp.asarray(found)
+        if not jnp.issubdtype(found.dtype, jnp.floating):
+            raise ValueError(f"{name}: expected an array of floats, got {found.dtype}")
         return found
 
     def deviation(self, solution: Solution) -> Float[Array, " n"]:
