@@ -20,6 +20,7 @@ from . import status
 _LINES = 5
 _WIDTH = 96
 _DEEP = 3  # levels of containers that are opened
+_LARGE = 10_000_000  # numbers of an array whose range is found in some milliseconds
 
 
 def summary(obj: Any) -> str:
@@ -133,7 +134,8 @@ def _object_text(value):
 def _array_text(value):
     """The shape of an array and the range of its numbers."""
     shape = list(value.shape)
-    if value.size == 0 or not (jnp.issubdtype(value.dtype, jnp.number) or value.dtype == bool):
+    numeric = jnp.issubdtype(value.dtype, jnp.number) or value.dtype == bool
+    if not numeric or not 0 < value.size <= _LARGE:
         return f"{value.dtype}{shape}"
     array = np.asarray(value)
     if array.ndim == 0:
