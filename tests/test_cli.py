@@ -231,6 +231,8 @@ def test_optimize_finds_a_pretension_that_can_be_checked(scene, capsys):
     np.testing.assert_allclose(tuned.phases[0].pretension, 321.0, rtol=1e-6)
     assert main(["optimize", "bare.json"]) == 2
     assert "give --target, or --deflection" in one_line(capsys.readouterr().err)
+    assert main(["optimize", "bare.json", "--target", "321", "--lowest", "100"]) == 2
+    assert "--target has no limits" in one_line(capsys.readouterr().err)
     assert main(["optimize", "bare.json", "--target", "321", "--bounds", "300", "400"]) == 0
     assert one_line(capsys.readouterr().err).endswith(
         "within 300 to 400 N, where the scene does not"
@@ -257,14 +259,14 @@ def test_optimize_that_fails_writes_nothing_unasked(scene, capsys):
     assert first == (
         "jaxcable: t.json: not written: the search has not come to its end; --keep writes it"
     )
-    assert "allowed steps are used up" in second
+    assert "maximum number of optimization steps reached" in second
     Path("t.json").write_text("mine")  # nor is what is there replaced
     assert main([*words, "--quiet"]) == 1
     assert capsys.readouterr().out == "" and Path("t.json").read_text() == "mine"
     assert main([*words, "--keep"]) == 1
     told = capsys.readouterr()
     assert "wrote t.json: the scene with this pretension, the best one found" in told.out
-    assert best in told.out and "allowed steps are used up" in one_line(told.err)
+    assert best in told.out and "maximum number of optimization steps reached" in one_line(told.err)
     found = np.asarray(jc.load_scene("t.json").phases[0].pretension)
     assert (found > 200.0).all() and not np.allclose(found, 321.0, rtol=1e-6)
     assert main(["optimize", "weak.json", "--target", "100", "--save", "n.json", "--quiet"]) == 1
@@ -284,6 +286,22 @@ def test_optimize_keeps_its_limits(scene, capsys):
     solution = jc.solve(*jc.load_scene("t.json"))
     largest = float(np.linalg.norm(solution.phases[1].displacement, axis=1).max())
     assert 0.0115 < largest <= 0.012  # of a smooth bound of it, which lies above by up to 4 %
+    told = capsys.readouterr().out
+    limit = "limit on displacements of the last phase: 0.012 m, reached"
+    assert f"{limit} {largest:.6g} m at node" in told and ": met\n" in told
+    words = ["--one", "--bounds", "0", "215", "--deflection", "0.0115", "--lowest", "250"]
+    assert main(["optimize", "net.json", *words, "--save", "no.json"]) == 1
+    told = capsys.readouterr()
+    structure, (prestress, loading) = jc.load_scene("net.json")
+    held = jc.solve(structure, [jc.replace(prestress, pretension=215.0), loading])  # its bound
+    largest = float(np.linalg.norm(held.phases[1].displacement, axis=1).max())
+    excess = f"violated by {100 * (largest / 0.0115 - 1):.2g} %\n"
+    assert f"reached {largest:.6g} m at node" in told.out and excess in told.out
+    lowest = float(held.tension.min())
+    excess = f"reached {lowest:.6g} N: violated by {100 * (1 - lowest / 250):.2g} %"
+    assert excess in told.out and not Path("no.json").exists()
+    assert "no.json: not written: the limits are violated; --keep writes it" in told.err
+    assert "constraints are violated" in told.err
 
 
 def test_info_tells_what_is_in_a_file(scene, capsys):

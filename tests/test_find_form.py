@@ -405,7 +405,7 @@ def test_no_form_is_a_status(tension, load, codes):
     ("kind", "code"),
     [
         pytest.param(jc.Bars, jc.status.OK, marks=pytest.mark.slow),
-        (jc.Cables, jc.status.NOT_CONVERGED),
+        (jc.Cables, jc.status.PUSHING_CABLE),
     ],
 )
 def test_a_cable_of_given_length_cannot_push(kind, code):

@@ -292,7 +292,7 @@ def test_wrong_arguments():
         ({"bounds": (None, {"a": 1.0})}, "upper bound: expected a scalar, an array or a prefix"),
         ({"args": jnp.ones(1)}, "args: expected a tuple"),
         ({"steps": 0}, "steps = 0"),
-        ({"scale": -1.0}, "scale = -1.0: must be positive"),
+        ({"scale": -1.0}, "scale = -1.0: must be positive and finite"),
     ]
     for arguments, text in wrong:
         with pytest.raises(ValueError, match=text):

@@ -388,4 +388,4 @@ def test_collapse_without_limit_point_ends_with_a_reason():
     assert int(short.status) == status.EXCESSIVE_DEFORMATION
     assert "given way" in jc.describe(short.status) and np.isnan(short.failure_load)
     stiff = jc.trace_path(structure, phase, steps=4)
-    assert int(stiff.status) == status.OUT_OF_STEPS  # it is elastic there
+    assert int(stiff.status) == status.OUT_OF_POINTS  # it is elastic there

@@ -160,7 +160,11 @@ def test_it_can_be_mapped():
         ([], UPRIGHT, "unknowns: none"),
         ([(0, "pretension")], [], "targets: none"),
         ([(7, "pretension")], UPRIGHT, "unknowns.0.: phase 7; there are phases 0 to 2"),
-        ([(0, "tension")], UPRIGHT, "unknowns.0. = 'tension': expected one of pretension"),
+        (
+            [(0, "tension")],
+            UPRIGHT,
+            "unknowns.0. = 'tension': not a statement; there are 'pretension'",
+        ),
         ([(0, "shortening")], UPRIGHT, "unknowns.0.: phases.0. states no shortening"),
         (["pretension"], UPRIGHT, "unknowns.0. = 'pretension': expected .phase, statement."),
         ([(0, "pretension")], 3.0, "targets.0.: expected a Target, got float"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import overload
+from typing import ClassVar, overload
 
 import jax
 import numpy as np
@@ -63,6 +63,8 @@ class Path(Told):
         (0, True)
     """
 
+    _shown: ClassVar[str] = "load_factor, displacement m, tension N, residual N, iterations"
+
     load_factor: Float[Array, " n_inc"]
     displacement: Float[Array, "n_inc n_node 3"]
     tension: PyTree[Float[Array, "n_inc n_elem"]]
@@ -114,6 +116,8 @@ class PhaseResult(Told):
         >>> print(prestress.load[:, 2].sum(), loading.load[:, 2].sum())  # N
         0.0 -60.0
     """
+
+    _shown: ClassVar[str] = "stable, displacement m, tension N, reactions N, path"
 
     status: Int[Array, ""]
     displacement: Float[Array, "n_node 3"]
@@ -169,6 +173,8 @@ class PhaseResults(Sequence[PhaseResult]):
         >>> len(results), [phase.path.load_factor.shape for phase in results]
         (2, [(1,), (10,)])
     """
+
+    _shown: ClassVar[str] = "increments"
 
     ends: PhaseResult
     paths: Path

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from ..common.tree import Indices, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..mechanics.carry import Carry
@@ -84,6 +86,8 @@ class State(Told):
         0 1.0 200.0
     """
 
+    _shown: ClassVar[str] = "phase, load_factor, displacement m, tension N, reactions N"
+
     displacement: Float[Array, "n_node 3"]
     positions: Float[Array, "n_node 3"]
     tension: PyTree[Float[Array, " n_elem"]]
@@ -144,6 +148,8 @@ class Solution(Told):
         >>> print(f"{solution.reactions[:, 2].sum():.6f} N")  # four loads of 15 N
         60.000000 N
     """
+
+    _shown: ClassVar[str] = "stable, phases, displacement m, tension N, reactions N"
 
     status: Int[Array, ""]
     displacement: Float[Array, "n_node 3"]

@@ -22,15 +22,21 @@ from . import inputs, outputs
 from .guard import Refused, require_writable, say
 
 _WIDTH = 0.02  # width of the smooth maximum of deflections, relative to their limit
+_ROUNDING = 1e-9  # relative to a limit: two analyses of the same numbers differ by less
 
 
 def run(options: Namespace) -> None:
     """Optimize the pretension of the first phase that states one.
 
-    If the search does not converge, the best numbers that it has found are printed, with the cause
-    and exit status 1; they are written if `options.keep` asks for it. If the analysis fails at the
-    start, there is no design, and nothing is written.
+    If the search does not converge, or a limit is violated, the best numbers that it has found are
+    printed, with the cause and exit status 1; they are written if `options.keep` asks for it. If
+    the analysis fails at the start, there is no design, and nothing is written.
     """
+    if (options.deflection, options.lowest) == (None, None):
+        if options.target is None:
+            raise Refused("optimize: give --target, or --deflection and/or --lowest")
+    elif options.target is not None:
+        raise Refused("optimize: --target has no limits; leave out --deflection and --lowest")
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save, inputs=[options.scene])
     structure, phases = inputs.scene(options)
@@ -65,27 +71,28 @@ def run(options: Namespace) -> None:
         if options.save is not None:
             say(f"{options.save}: not written: the analysis fails with the pretension of the start")
         status.raise_if_failed(solution)
-    moved = np.linalg.norm(np.asarray(solution.last.displacement), axis=1).max()
     lines = [
         f"status {code}: {status.describe(code)}",
         f"{description}, {int(found.evaluations)} analyses",
         f"pretension {inputs.spread(found.params)} N",
         f"forces at the end {inputs.spread(solution.last.peak_tension)} N",
-        f"largest displacement {inputs.short(float(moved))} m",
+        *_limits(solution, options),
     ]
     good = code == status.OK or options.keep
+    violated = code == status.CONSTRAINTS_VIOLATED
+    cause = "the limits are violated" if violated else "the search has not come to its end"
     if options.save is not None and good:
         best = jax.tree.map(np.asarray, spread_out(found.params))
         phase = replace(phases[number], pretension=best)
         save_scene(options.save, Scene(structure, [*phases[:number], phase, *phases[number + 1 :]]))
         ended = "the scene with this pretension"
         if code != status.OK:
-            ended += ", the best one found: the search has not come to its end"
+            ended += f", the best one found: {cause}"
         lines.append(f"wrote {options.save}: {ended}")
     print("\n".join(lines))
     if options.save is not None and not good:
         sys.stdout.flush()
-        say(f"{options.save}: not written: the search has not come to its end; --keep writes it")
+        say(f"{options.save}: not written: {cause}; --keep writes it")
     status.raise_if_failed(found)
 
 
@@ -164,10 +171,38 @@ def _least(analysed, start, bounds, options):
             broken.append(1.0 - forces / limits[1])
         return jnp.sum(parameters), jnp.concatenate(broken), solution
 
-    if limits == (None, None):
-        raise Refused("optimize: give --target, or --deflection and/or --lowest")
     found = design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
     )
-    worst = float(np.max(found.constraints))
-    return found, f"least pretension, its limits met within {worst:.1e}"
+    return found, f"sum of the pretensions {inputs.short(float(found.loss))} N"
+
+
+def _deflection(solution):
+    """The largest displacement of a node in the last phase, m, and the number of the node."""
+    moved = np.linalg.norm(np.asarray(solution.phases[-1].displacement), axis=1)
+    return float(moved.max()), int(moved.argmax())
+
+
+def _limits(solution, options):
+    """The largest displacement, and for every limit what is reached and whether it is violated."""
+    reached, node = _deflection(solution)
+    if options.deflection is None:
+        lines = [f"largest displacement of the last phase {inputs.short(reached)} m at node {node}"]
+    else:
+        where = f"m at node {node}: {_violated(reached / options.deflection - 1.0)}"
+        limit = f"limit on displacements of the last phase: {inputs.short(options.deflection)} m"
+        lines = [f"{limit}, reached {inputs.short(reached)} {where}"]
+    if options.lowest is not None:
+        forces = np.concatenate(
+            [np.ravel(np.asarray(v, float)) for v in jax.tree.leaves(solution.tension)]
+        )
+        reached = float(forces.min())
+        limit = f"limit on the lowest tension at the end: {inputs.short(options.lowest)} N"
+        words = _violated(1.0 - reached / options.lowest)
+        lines.append(f"{limit}, reached {inputs.short(reached)} N: {words}")
+    return lines
+
+
+def _violated(excess):
+    """Whether a limit is kept, in words; `excess` is relative to the limit, above 0 if not."""
+    return "met" if excess <= _ROUNDING else f"violated by {100 * excess:.2g} %"

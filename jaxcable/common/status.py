@@ -28,6 +28,13 @@ INVALID_INPUT = 14
 EXCESSIVE_DEFORMATION = 15
 AT_ROUNDING = 16
 COLLAPSED = 17
+OUT_OF_POINTS = 18
+OUT_OF_EVENTS = 19
+CONSTRAINTS_VIOLATED = 20
+OUT_OF_TIME_STEPS = 21
+PUSHING_CABLE = 22
+PATH_LOST = 23
+SECTION_UNBALANCED = 24
 
 _TEXTS = {
     OK: "converged",
@@ -72,15 +79,14 @@ _TEXTS = {
         "stress-strain curve; reduce the forces or look at Section.interaction"
     ),
     OUT_OF_STEPS: (
-        "the allowed steps are used up: of an optimization, before the gradient inside the bounds "
-        "fell to tol (allow more, another learning rate, or go on from the parameters reached); of "
-        "a path, before it reached its last load factor (allow more steps or events, or larger "
-        "steps)"
+        "maximum number of optimization steps reached before convergence: allow more, take another "
+        "learning rate, or go on from the parameters reached"
     ),
     STALLED: (
-        "no step, however short, leads on: the loss has reached its rounding level (then raise "
-        "tol, or lower that of the analysis), has a kink here (a cable at the point of "
-        "slackening), or the analysis fails in this direction (look at failures)"
+        "no step, however short, brings the optimization on: the loss has reached its rounding "
+        "level (then raise tol, or lower that of the analysis), has a kink here (a cable at the "
+        "point of slackening), no parameter has an influence, or the analysis fails in this "
+        "direction (look at failures)"
     ),
     BAD_START: (
         "the loss or its gradient is not finite at the start, or the analysis fails there; "
@@ -100,6 +106,33 @@ _TEXTS = {
         "the path it has less than a twentieth of its stiffness at the start, as in plastic "
         "collapse where bars turn; look at displacement over load_factor, and judge the load by a "
         "displacement that is allowed"
+    ),
+    OUT_OF_POINTS: (
+        "maximum number of path points reached before the path came to its last load factor: allow "
+        "more points (steps) or longer steps (largest)"
+    ),
+    OUT_OF_EVENTS: (
+        "maximum number of events of a path reached, so that it ends here: allow more (events)"
+    ),
+    CONSTRAINTS_VIOLATED: (
+        "the constraints are violated at the best parameters found; the result says by how much: "
+        "they may contradict each other or the bounds, or need more rounds or another start"
+    ),
+    OUT_OF_TIME_STEPS: (
+        "maximum number of time steps of the relaxation reached before the unbalanced forces fell "
+        "to tol: allow more (max_steps), or start nearer to the form"
+    ),
+    PUSHING_CABLE: (
+        "a cable of given length would have to push in this form: give it another length, or make "
+        "it one of Bars"
+    ),
+    PATH_LOST: (
+        "the next point of the path was not found, however short the step: the path may end here, "
+        "or turn sharply (a shorter largest step, a looser tol of the method)"
+    ),
+    SECTION_UNBALANCED: (
+        "no strains that balance the forces of the section were found within the allowed "
+        "iterations: allow more (max_steps), or reduce the forces"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

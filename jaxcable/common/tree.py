@@ -21,6 +21,7 @@ import numpy as np
 from jax import lax
 
 from .owned import owned
+from .summary import summary
 from .types import Array, ArrayLike, Bool, Float, Int, PyTree
 
 _T = TypeVar("_T")
@@ -92,7 +93,9 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
     """
     if cls is None:
         return lambda c: pytree(c, static=static, indices=indices)
-    cls = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+    if cls.__repr__ is object.__repr__:
+        cls.__repr__ = summary
     meta = tuple(static) + tuple(indices)
     data = tuple(f.name for f in dataclasses.fields(cls) if f.name not in meta)
     cls._index_fields = tuple(indices)

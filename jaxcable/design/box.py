@@ -9,10 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..common import checks
+from ..common import checks, status
 from ..common import rules as _rules
 from ..common.tree import pytree
-from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from .arguments import is_tolerance
 
 
 @pytree
@@ -101,7 +102,9 @@ def spread(
         if v.shape not in ((), x.shape):
             raise ValueError(f"{where}: expected a scalar or shape {x.shape}, got {v.shape}")
         if positive:
-            v = _rules.or_nan(_rules.positive(where, v))
+            text = "must be positive and finite"
+            sound = _rules.Rule(where, v, lambda v: ~((v > 0) & (v < np.inf)), text)
+            v = _rules.or_nan(sound)
         return jnp.broadcast_to(jnp.asarray(v, x.dtype), x.shape)
 
     return jax.tree_util.tree_map_with_path(fill, tree, params)
@@ -151,6 +154,17 @@ def make_box(
     return Box(lower, upper)
 
 
+def checked_code(
+    code: Int[Array, ""],
+    box: Box,
+    params: PyTree[Float[Array, " ..."]],
+    tol: Float[ArrayLike, ""],
+) -> Int[Array, ""]:
+    """The status of a search, unless what was traced breaks a rule: bounds, start or tolerance."""
+    code = jnp.where(box.holds(params), code, status.OUTSIDE)
+    return jnp.where(is_tolerance(tol), code, status.INVALID_INPUT).astype(jnp.int32)
+
+
 def _refuse(bad, name, rule, *values):
     """Raise ValueError that names the first entry where `bad` is True, if there is one."""
     if not np.any(bad):
@@ -162,7 +176,11 @@ def _refuse(bad, name, rule, *values):
 
 
 def checked_call(
-    function: Callable[..., Any], args: tuple[Any, ...] | list[Any], steps: int, name: str
+    function: Callable[..., Any],
+    args: tuple[Any, ...] | list[Any],
+    steps: int,
+    name: str,
+    counted: str = "steps",
 ) -> tuple[Any, ...]:
     """`args` as a tuple, once the arguments that `minimize` and `fit` share are checked.
 
@@ -174,5 +192,5 @@ def checked_call(
         raise ValueError(f"{name}: expected a function, got {type(function).__name__}")
     if not isinstance(args, tuple | list):
         raise ValueError(f"args: expected a tuple of arguments, got {type(args).__name__}")
-    checks.whole(steps, "steps")
+    checks.whole(steps, counted)
     return tuple(args)

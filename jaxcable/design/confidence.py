@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..common import status
+from ..common import checks, status
 from ..common.tree import pytree
 from ..common.types import Array, Float, PyTree
 from .fit import Fit
@@ -18,7 +20,8 @@ class Confidence:
 
     Attributes:
         half_width: half width of the confidence interval of every parameter, in the shape of the
-            parameters; infinite if the data do not determine it, NaN if a bound blocks it.
+            parameters; infinite if the data do not determine it (as for all in
+            `Fit.without_influence`), NaN if a bound blocks it.
         standard_error: standard error of every parameter, likewise.
         correlation: correlation of the flattened parameters, [n_param, n_param]; NaN where not
             determined.
@@ -37,6 +40,8 @@ class Confidence:
         >>> print(found.status, sure.rank, sure.degrees, f"{sure.deviation:.3f} N")
         0 1 2 1.165 N
     """
+
+    _shown: ClassVar[str] = "half_width, deviation, rank, degrees"
 
     half_width: PyTree[Float[Array, " ..."]]
     standard_error: PyTree[Float[Array, " ..."]]
@@ -72,8 +77,9 @@ def confidence(
         `Confidence`.
 
     Raises:
-        ValueError: a fit that has not converged, a level outside of 0 to 1, or no `deviation` and
-            no more residuals than determined combinations.
+        ValueError: a fit that has not converged or a batch of them, a level outside of 0 to 1, a
+            deviation that is not positive, or no `deviation` and no more residuals than determined
+            combinations.
 
     Example:
         An axial stiffness from three measured forces, with ``s / sqrt(sum(e^2))`` and Student's
@@ -85,16 +91,26 @@ def confidence(
         >>> print(found.status, f"{found.params:.0f} +- {sure.half_width:.0f} N")
         0 100143 +- 1340 N
     """
-    if not 0 < level < 1:
+    if not isinstance(fit, Fit):
+        raise ValueError(f"fit: expected the result of fit, got {checks.kind(fit, 'fit(...)')}")
+    if np.ndim(fit.status):
+        raise ValueError(f"fit: a batch of shape {np.shape(fit.status)}; give one of its fits")
+    if not 0 < checks.scalar(level, "level") < 1:
         raise ValueError(f"level = {level}: must be between 0 and 1")
+    if not 0 <= checks.scalar(rcond, "rcond") < 1:
+        raise ValueError(f"rcond = {rcond}: must be at least 0 and below 1")
+    if deviation is not None and not 0 < checks.scalar(deviation, "deviation") < np.inf:
+        raise ValueError(f"deviation = {deviation}: must be positive and finite")
     from scipy import special  # slow to import
 
     if int(fit.status) != status.OK:
         raise ValueError(f"fit: has not converged ({status.describe(fit.status)})")
-    jacobian = np.asarray(fit.jacobian, float)
+    jacobian = np.array(fit.jacobian, float)
     back = ravel_pytree(jax.tree.map(lambda x: np.asarray(x, float), fit.params))[1]
     n_residual, n_param = jacobian.shape
     varied = np.concatenate([np.ravel(f) for f in jax.tree.leaves(fit.free)]).astype(bool)
+    idle = [np.ravel(f) for f in jax.tree.leaves(fit.without_influence)]
+    jacobian[:, np.concatenate(idle).astype(bool)] = 0.0  # their columns are rounding
     columns = np.linalg.norm(jacobian[:, varied], axis=0)
     unit = np.where(columns > 0, columns, 1.0)
     svd = np.linalg.svd(jacobian[:, varied] / unit, full_matrices=True)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.solution import Solution
-from ..common import status
+from ..common import checks, status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from .arguments import tolerance
 from .box import checked_call, default_tol, numbers
 from .minimize import minimize
 from .outcome import split_loss
@@ -35,7 +36,8 @@ class ConstrainedDesign:
         constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
         multipliers: [n]; by how much the smallest loss would fall if a constraint were relaxed by
             1; zero for a constraint without influence.
-        status: 0 if converged, else the status of the last round.
+        status: 0 if converged, else the status of the last round; CONSTRAINTS_VIOLATED if its
+            search has converged and a constraint is above 0.
         rounds: number of rounds of `minimize`.
         evaluations: number of evaluations of loss, constraints and gradient, in all rounds.
         failures: number of trial points at which the inner analysis failed.
@@ -48,6 +50,8 @@ class ConstrainedDesign:
         >>> print(f"{found.multipliers[0]:.0f} mm2")  # saved if c = 1 were allowed, to 1st order
         250 mm2
     """
+
+    _shown: ClassVar[str] = "loss, constraints, params, rounds, evaluations"
 
     params: PyTree[Float[Array, " ..."]]
     loss: Float[Array, ""]
@@ -100,7 +104,7 @@ def minimize_subject_to(
 
     Returns:
         `ConstrainedDesign`; computed on the host, not to be traced. If the constraints cannot be
-        met the status is OUT_OF_STEPS and `constraints` shows by how much.
+        met the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
 
     Raises:
         ValueError: as `minimize`.
@@ -113,9 +117,10 @@ def minimize_subject_to(
         >>> print(f"{jc.describe(found.status)}: {found.params:.2f} mm2")
         converged: 250.00 mm2
     """
-    args = checked_call(problem, args, rounds, "problem")
+    args = checked_call(problem, args, rounds, "problem", "rounds")
+    checks.whole(steps, "steps")
     params = numbers(params)
-    tol = default_tol(params) if tol is None else tol
+    tol = tolerance(tol, default_tol(params))
     loss, evaluate = _programs(problem)
     with compiling(listener(progress)):
         (value, (constraints, code)), slope = evaluate(params, *args)
@@ -155,7 +160,9 @@ def minimize_subject_to(
             penalty *= _HARDER * (_HARDER if gap > _USELESS * worst else 1.0)
         worst, accuracy = gap, max(tol, 0.1 * accuracy)
     else:
-        code = status.OUT_OF_STEPS if code == status.OK else code
+        if code == status.OK:
+            violated = not np.all(np.asarray(constraints) <= 0)
+            code = status.CONSTRAINTS_VIOLATED if violated else status.OUT_OF_STEPS
     return ConstrainedDesign(
         params=params,
         loss=value,

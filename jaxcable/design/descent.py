@@ -20,25 +20,29 @@ from ..common.progress import Step, tell
 from ..common.tree import where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .box import Box
+from .criteria import Criteria
 
 _LBFGS = optax.lbfgs(linesearch=None)  # without a line search: the loop has one
 _SHORTEST = 40  # how often a step is shortened before the loop gives up
 _PATIENCE = 10  # how often a step is shortened before the default optimizer forgets its memory
 _DECREASE = 1e-4  # least decrease of the loss over the one that the slope promises
 _FLAT = 0.8  # slope at the end of a step over that at its beginning, at most, near the minimum
-_FIRST = 0.1  # part of the first loss that changes are compared with when the loss falls to zero
 _GROWTH = 4.0  # factor on the longest step allowed, from step to step
 _NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an analysis
 
 
 class Point(NamedTuple):
-    """Parameters, loss, gradient, gradient without blocked entries, and its measure."""
+    """Parameters, loss, gradient, the same without blocked entries, and its measure.
+
+    `at_rest` is True if the point is a minimum, provided that no step lowers the loss.
+    """
 
     x: Float[Array, " n"]
     loss: Float[Array, ""]
     gradient: Float[Array, " n"]
     inside: Float[Array, " n"]
     measure: Float[Array, ""]
+    at_rest: Bool[Array, ""]
 
 
 class Log(NamedTuple):
@@ -63,6 +67,7 @@ class Search(NamedTuple):
         fresh: whether the optimizer has started without memory in this step.
         unit: factor on the loss that the optimizer gets.
         first: loss at the start.
+        steepest: largest size that each entry of the gradient has had, [n].
         reach: longest step allowed for now, over `scale`, because an analysis has failed beyond.
         n: number of accepted steps; -1 before the start is evaluated.
         evaluations: number of evaluations of the loss and its gradient.
@@ -84,6 +89,7 @@ class Search(NamedTuple):
     fresh: Bool[Array, ""]
     unit: Float[Array, ""]
     first: Float[Array, ""]
+    steepest: Float[Array, " n"]
     reach: Float[Array, ""]
     n: Int[Array, ""]
     evaluations: Int[Array, ""]
@@ -104,9 +110,8 @@ class Descent:
         optimizer: optax transformation, or None for L-BFGS with a search for a lower loss.
         steps: largest number of accepted steps.
         box: `Box` of flat bounds.
-        sizes: function of the flat parameters to their sizes, for the measure of the gradient.
+        criteria: the `Criteria` of convergence.
         scale: the optimizer gets the parameters divided by it, [n].
-        tol: largest measure of the gradient at convergence.
         listen: function of a `progress.Step`, called after every accepted step, or None.
     """
 
@@ -117,15 +122,14 @@ class Descent:
         optimizer: optax.GradientTransformation | None,
         steps: int,
         box: Box,
-        sizes: Callable[[Float[Array, " n"]], Float[Array, " n"]],
+        criteria: Criteria,
         scale: Float[Array, " n"],
-        tol: Float[Array, ""],
         listen: Callable[[Step], Any] | None = None,
     ):
         self.searched = optimizer is None
         self.optimizer = optax.with_extra_args_support(_LBFGS if self.searched else optimizer)
         self.loss, self.back, self.box = loss, back, box
-        self.steps, self.sizes, self.scale, self.tol = steps, sizes, scale, tol
+        self.steps, self.criteria, self.scale = steps, criteria, scale
         self.listen = listen
         self.noise = max(_NOISE, 64 * float(jnp.finfo(scale.dtype).eps))
 
@@ -133,7 +137,7 @@ class Descent:
         """Search from `x`, [n]."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
-        start = Point(x, unknown, nothing, nothing, unknown)
+        start = Point(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
         reals, integers = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
         search = Search(
             trial=x,
@@ -146,6 +150,7 @@ class Descent:
             fresh=jnp.ones((), bool),
             unit=one,
             first=one,
+            steepest=nothing,
             reach=jnp.inf * one,
             n=jnp.int32(-1),
             evaluations=none,
@@ -167,14 +172,20 @@ class Descent:
         first = jnp.where(begun, s.first, value)
         blocked = self.box.blocked(s.trial, gradient)
         inside = jnp.where(blocked, 0.0, gradient)
-        largest = jnp.max(jnp.abs(inside) * self.sizes(s.trial))
-        measure = jnp.where(largest > 0, largest / self.against(value, first), 0.0)
-        at = where(accepted, Point(s.trial, value, gradient, inside, measure), s.at)
+        steepest = jnp.where(sound, jnp.maximum(s.steepest, jnp.abs(gradient)), s.steepest)
+        measure, level, at_rest = self.criteria.measured(s.trial, inside, value, first, steepest)
+        moved = s.trial - s.at.x
+        along = jnp.where(blocked, 0.0, moved)
+        slopes = gradient @ along, s.at.gradient @ along
+        near = (measure == 0) | self.criteria.near(s.trial, along, *slopes, value, first)
+        last = self.criteria.short(moved, s.at.x)  # whether the trial was next to the point
+        at = where(accepted, Point(s.trial, value, gradient, inside, measure, at_rest), s.at)
         best = where(accepted & ~(at.loss >= s.best.loss), at, s.best)
         s = s._replace(
             at=at,
             best=best,
             first=first,
+            steepest=steepest,
             n=s.n + accepted,
             evaluations=s.evaluations + 1,
             failures=s.failures + ~sound,
@@ -206,11 +217,11 @@ class Descent:
 
         # At the start the sizes of the parameters may be meaningless, and a small measure with
         # them: ask for one accepted step. A point above the best one is no minimum.
-        level = value <= best.loss + self.noise * jnp.abs(best.loss)
-        small = accepted & (measure <= self.tol) & level & ((s.n > 0) | (measure == 0))
-        converged = small & (measure == 0 if self.searched else True)
+        lowest = value <= best.loss + self.noise * jnp.abs(best.loss)
+        small = accepted & level & lowest & ((s.n > 0) | (measure == 0))
+        converged = small & (measure == 0 if self.searched else near)
         used_up = s.n >= self.steps
-        at_rest = at.measure <= self.tol  # if no step lowers the loss then, this is the minimum
+        at_rest = at.at_rest & last  # if no step lowers the loss then, this is the minimum
         spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)
@@ -240,7 +251,8 @@ class Descent:
         )
         if self.searched:  # the whole step, made with the curvature, must promise little, too
             promised = -(s.at.inside @ step)
-            small &= ~fresh & (promised <= self.tol * self.against(s.at.loss, s.first))
+            small &= ~fresh & self.criteria.little(promised, s.at.loss, s.first)
+            small &= self.criteria.short(self.box.project(s.at.x + step) - s.at.x, s.at.x)
             s = s._replace(
                 code=jnp.where(small, status.OK, s.code),
                 running=s.running & ~small & (s.n < self.steps),
@@ -263,15 +275,6 @@ class Descent:
             failures=jnp.where(logged, 0, s.failures),
             failure=jnp.where(logged, 0, s.failure),
         )
-
-    def against(self, value: Float[Array, ""], first: Float[Array, ""]) -> Float[Array, ""]:
-        """The size that changes of a loss are compared with: the loss, or a part of the first one.
-
-        The larger of both counts, since no change is small beside a loss that falls to zero. Of a
-        loss above the first one only the part counts.
-        """
-        least = _FIRST * jnp.abs(first)
-        return jnp.where(value <= first, jnp.maximum(jnp.abs(value), least), least)
 
     def value(self, x: Float[Array, " n"]) -> tuple[Float[Array, ""], Int[Array, ""]]:
         """Loss and status; NONFINITE if the loss is not finite."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +13,20 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
-from ..common import checks, status
+from ..common import checks
 from ..common.compilation import program
 from ..common.progress import Trial, compiling, listener, tell
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from .box import Box, checked_call, default_tol, make_box, numbers
-from .levenberg import Evaluation, LevenbergMarquardt, State, evaluated
+from .arguments import tolerance
+from .box import Box, checked_call, checked_code, default_tol, make_box, numbers
+from .levenberg import (
+    Evaluation,
+    LevenbergMarquardt,
+    State,
+    evaluated,
+    without_influence,
+)
 from .outcome import split_residuals
 from .programs import Programs, underivable
 
@@ -60,6 +67,8 @@ class Fit:
             [n_residual, n_param].
         misfit: Euclidean norm of the residuals.
         free: True where no bound blocks the parameter, in the shape of `params`.
+        without_influence: True where the residuals do not depend on the parameter, to rounding, in
+            the shape of `params`; such a parameter stays where it is.
         history: `FitHistory`.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, accepted or not.
@@ -73,11 +82,14 @@ class Fit:
         ((3, 1), True)
     """
 
+    _shown: ClassVar[str] = "misfit, params, free, without_influence, steps"
+
     params: PyTree[Float[Array, " ..."]]
     residual: Float[Array, " n_residual"]
     jacobian: Float[Array, "n_residual n_param"]
     misfit: Float[Array, ""]
     free: PyTree[Bool[Array, " ..."]]
+    without_influence: PyTree[Bool[Array, " ..."]]
     history: FitHistory
     status: Int[Array, ""]
     steps: Int[Array, ""]
@@ -115,11 +127,7 @@ def fit(
 
     Options:
         steps: largest number of trial points after the start.
-        tol: stop when the undamped step would change the residuals by at most `tol` of the misfit,
-            or every parameter by at most ``tol^1.5`` of its size (the norm of its array),
-            or when the misfit is at most ``tol^2`` of that at the start, or when a step that
-            promises 1e-9 of the squared misfit or less does not reduce it (rounding). Default: 1e-6
-            in float64, 1e-3 in float32.
+        tol: tolerance of convergence, see below. Default: 1e-6 in float64, 1e-3 in float32.
         args: tuple of further arguments of the residuals; pass here what changes from call to call
             (see `minimize`).
         progress: True to show progress on stderr (trial, misfit); or a function of a
@@ -132,9 +140,31 @@ def fit(
         ValueError: residuals that are no floats, bounds that leave no room, or a start outside of
             them.
 
-    A trial point at which the analysis fails is never accepted: the damping grows until a shorter
-    step works, or the status is STALLED. Parameters without influence on the residuals stay where
-    they are.
+    The status is OK (converged) if, with the undamped step ``d`` of the parameters that are free of
+    bounds, one of these holds:
+
+    - Orthogonality: ``|J d| <= tol |r|``, the cosine of the angle between the residuals and the
+      columns of J; such a step promises `tol^2` of the squared misfit. (A first step is tried in
+      any case.)
+    - Parameters: ``|d| <= tol^1.5 |x|`` in every entry, with the norm of its array as ``|x|``.
+    - Zero residuals: a misfit of at most `tol^2` of that at the start, and of what the parameters
+      contribute to the residuals, ``max_k |J_k| |x_k|``; or of 1e-9 of both, if the last step has
+      not reduced it.
+    - Rounding: the last step has not been accepted, it has promised and changed less than 1e-9 of
+      the squared misfit, and the cosine is at most 0.01.
+
+    If no step is accepted and none of this holds the status is STALLED, and OUT_OF_STEPS after
+    `steps` trial points. A trial point at which the analysis fails is never accepted: the damping
+    grows until a shorter step works.
+
+    A parameter whose column of J is zero or rounding is without influence: it stays where it is,
+    and `Fit.without_influence` names it. Rounding is what a change of the parameter by its whole
+    size (of its array, or between its bounds) does, if it is less than 4096 eps of the residuals
+    and of the largest ``|J_k| |x_k|``. If no parameter has influence at the start the status is
+    STALLED.
+
+    Source: Moré, The Levenberg-Marquardt algorithm: implementation and theory (1978), and MINPACK
+    for the criteria; Bates and Watts, Technometrics 23 (1981), for the cosine.
 
     Example:
         The axial stiffness of a cable from three measured forces, ``sum(e F) / sum(e^2)``:
@@ -146,10 +176,16 @@ def fit(
     """
     args = checked_call(residuals, args, steps, "residuals")
     params = numbers(params)
-    tol = default_tol(params) if tol is None else tol
+    tol = tolerance(tol, default_tol(params))
     box, listen = make_box(bounds, params), listener(progress)
     with compiling(listen):  # most of the time before the first report
         return _programs(residuals, int(steps), listen)(params, args, box, tol)
+
+
+def _norms(params):
+    """For every entry the norm of its array, flat."""
+    norms = jax.tree.map(lambda v: jnp.full_like(v, jnp.linalg.norm(v.ravel())), params)
+    return ravel_pytree(norms)[0]
 
 
 def _make(reference, steps, listen):
@@ -162,8 +198,7 @@ def _make(reference, steps, listen):
         flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
 
         def sizes(x):
-            norms = jax.tree.map(lambda v: jnp.full_like(v, jnp.linalg.norm(v.ravel())), back(x))
-            return ravel_pytree(norms)[0]
+            return _norms(back(x))
 
         def flattened(x):
             values, code = split_residuals(reference()(back(x), *args))
@@ -182,7 +217,7 @@ def _make(reference, steps, listen):
             return state
 
         end = lax.while_loop(lambda s: s.running, iterate, search.begin(start, count))
-        return underivable(fit_of(end, params, box))
+        return underivable(fit_of(end, params, box, tol))
 
     return run
 
@@ -204,19 +239,20 @@ def searched(
     """
     checks.whole(steps, "steps")
     params = numbers(params)
-    box, tol = make_box(bounds, params), default_tol(params) if tol is None else tol
+    box, tol = make_box(bounds, params), tolerance(tol, default_tol(params))
     start, _ = ravel_pytree(params)
     flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
     given = {"steps": int(steps), "counts": tuple(leaf.size for leaf in jax.tree.leaves(params))}
     found = evaluate(start)
-    state = LevenbergMarquardt(int(steps), flat, jnp.abs, tol).begin(start, found.residual.size)
+    search = LevenbergMarquardt(int(steps), flat, lambda _: _norms(params), tol)
+    state = search.begin(start, found.residual.size)
     while True:
         state = _advanced(state, found, flat, tol, **given, size=start.size)
         if listen is not None:
             told = {name: np.asarray(value).item() for name, value in trial_of(state).items()}
             listen(Trial(count=int(steps), **told))
         if not state.running:
-            return fit_of(state, params, box)
+            return fit_of(state, params, box, tol)
         found = evaluate(state.trial)
 
 
@@ -237,19 +273,27 @@ def trial_of(s: State) -> dict[str, Array]:
     return {"number": s.n, "misfit": misfit, "accepted": accepted, "status": code}
 
 
-def fit_of(end: State, params: PyTree[Float[Array, " ..."]], box: Box) -> Fit:
+def fit_of(
+    end: State, params: PyTree[Float[Array, " ..."]], box: Box, tol: Float[ArrayLike, ""]
+) -> Fit:
     """The `Fit` of the last state of a search from `params` within a box of their shape."""
     start, back = ravel_pytree(params)
     flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
     blocked = flat.blocked(end.x, end.residual @ end.jacobian)
+    idle = without_influence(end.x, end.residual, end.jacobian, _norms(back(end.x)), flat)
+
+    def flags(flat):
+        return jax.tree.map(lambda f: f > 0.5, back(flat.astype(start.dtype)))
+
     return Fit(
         params=back(end.x),
         residual=end.residual,
         jacobian=end.jacobian,
         misfit=jnp.linalg.norm(end.residual),
-        free=jax.tree.map(lambda f: f > 0.5, back((~blocked).astype(start.dtype))),
+        free=flags(~blocked),
+        without_influence=flags(idle),
         history=FitHistory(*end.trials),
-        status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+        status=checked_code(end.code, box, params, tol),
         steps=jnp.maximum(end.n, 0),
     )
 

@@ -8,11 +8,12 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
+from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
 from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..common import memory
+from ..common import checks, memory
+from ..common.rules import Rule, not_negative, refuse
 from ..common.selection import only
 from ..common.tree import replace
 from ..common.types import Array, ArrayLike, Float, PyTree
@@ -22,6 +23,7 @@ from ..equilibrium.newton import Newton
 from ..linear import unbatched
 from ..loads import NodalLoads, as_list
 from ..model.structure import Structure
+from .arguments import require_phase, require_structure
 
 _COPIES = 2  # of the matrix: as it is computed, and in its shape
 _OF = ("tension", "displacement", "positions", "reactions", "rest_length")
@@ -82,12 +84,14 @@ def influence(
         [0.416667 0.416667 0.416667]
     """
     if not callable(of) and of not in _OF:
-        raise ValueError(f"of = {of!r}: expected one of {', '.join(_OF)}, or a function")
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
+        there = checks.meant(of, _OF)
+        raise ValueError(f"of = {of!r}: expected a function or the name of a result{there}")
+    require_structure(structure)
+    phases = as_phases(structure, phases) if isinstance(phases, Phase) or phases else []
     if not phases and start is None:
         raise ValueError("phases: none, and no start; there is no state to change")
-    if phase is not None and not 0 <= phase < len(phases):
-        raise ValueError(f"phase = {phase}: there are phases 0 to {len(phases) - 1}")
+    if phase is not None:
+        require_phase(phase, len(phases))
     if (
         phase is None and isinstance(wrt, str) and wrt in INCREMENTS
     ):  # a separate phase at the end, which changes nothing yet
@@ -97,7 +101,11 @@ def influence(
 
     def final(value):
         solution = solve(*put(value), method, start=start)
-        return of(solution) if callable(of) else getattr(solution, of)
+        found = of(solution) if callable(of) else getattr(solution, of)
+        for leaf in jax.tree.leaves(found):
+            if isinstance(leaf, str) or not jnp.issubdtype(jnp.result_type(leaf), jnp.floating):
+                raise ValueError("of: expected a function of the solution to arrays of floats")
+        return found
 
     n_of = _count(jax.eval_shape(final, value))
     memory.require(
@@ -156,8 +164,8 @@ def _changing(structure, phases, wrt, phase, start):
             where = "no phase states" if phase is None else f"phase {phase} does not state"
             raise ValueError(f"wrt = {wrt!r}: {where} a {wrt}")
     else:
-        known = ", ".join((*INCREMENTS, *ABSOLUTE, "load", "nodes"))
-        raise ValueError(f"wrt = {wrt!r}: expected one of {known}")
+        there = checks.meant(wrt, (*INCREMENTS, *ABSOLUTE, "load", "nodes"))
+        raise ValueError(f"wrt = {wrt!r}: no input{there}")
     if wrt in ABSOLUTE:
         some = _some_there(structure, phases, phase, start)
         values = [v if there else None for v, there in zip(values, some, strict=True)]
@@ -222,6 +230,11 @@ def flat_matrix(
 
     def blocks(entry):
         parts = jax.tree.leaves(entry)
+        for part, size in zip(parts, sizes, strict=True):
+            if not size or part.size % size:
+                raise ValueError(
+                    f"jacobian: has shape {list(part.shape)}, which is not one by {size} inputs"
+                )
         return [part.reshape(-1, size) for part, size in zip(parts, sizes, strict=True)]
 
     entries = jax.tree.leaves(jacobian, is_leaf=lambda t: shape == jax.tree.structure(t))
@@ -267,6 +280,9 @@ def adjustment(
         >>> print(jnp.round(1e3 * shortening, 6))  # mm: 10 N / (30 + 20) N/mm
         [0.2 0.2]
     """
+    for name, tree in (("jacobian", jacobian), ("change", change), ("like", like)):
+        jax.tree.map(lambda x, name=name: checks.floats(x, name), tree)
+    refuse([Rule("rcond", rcond, lambda v: ~((v >= 0) & (v < 1)), "must be at least 0, below 1")])
     like = change if like is None else like
     matrix = flat_matrix(jacobian, like)
     wanted = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(change)])
@@ -310,9 +326,17 @@ def scatter(
         >>> print(worst, jnp.round(random, 3))
         [7. 8.] [5.    6.325]
     """
-    shape = jax.tree.structure(tolerance)
+    shape: Any = jax.tree.structure(tolerance)
     if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
         raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
+    refuse([not_negative("tolerance", leaf) for leaf in jax.tree.leaves(tolerance)])
+    for entry in jax.tree.leaves(jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape):
+        for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
+            inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]
+            if inputs != jnp.shape(one):
+                raise ValueError(
+                    f"tolerance: expected shape {inputs}, that of the inputs, got {jnp.shape(one)}"
+                )
 
     def add(function, finish):
         def summed(entry):

@@ -20,6 +20,8 @@ from ..elements.abilities import Uniaxial
 from ..mechanics.elementwise import each
 from ..model.structure import Structure
 from ..numerics import implicit
+from .arguments import require_result, require_structure
+from .box import numbers, spread
 from .objectives import smooth_min
 
 
@@ -48,6 +50,10 @@ def slack_distance(
         >>> print(solution.status, f"{distance.min():.6f}, {strain.min():.6f}")
         0 0.002384, 0.002384
     """
+    require_structure(structure)
+    require_result(solution, "displacement")
+    if not isinstance(solution, Solution) and not hasattr(solution, "carry"):
+        raise ValueError(f"solution: expected a Solution or State, got {type(solution).__name__}")
     if jnp.ndim(solution.displacement) > 2:
         return jax.vmap(lambda case: slack_distance(structure, case))(solution)
     if isinstance(solution, Solution):
@@ -61,6 +67,9 @@ def slack_distance(
             )
     rows, groups = structure.rows()
     nodes = jnp.asarray(structure.nodes if rows is None else structure.nodes[rows.node])
+    same = len(groups) == len(solution.carry.states)
+    if not same or len(nodes) != len(solution.carry.motion):
+        raise ValueError("solution: is of another structure")
     thawed, arrays = thaw((groups, solution.carry.states, nodes, solution.carry.motion))
     return structure.arrange(_above_slack(thawed, arrays))
 
@@ -100,7 +109,10 @@ def slack_margin(
         >>> print(solution.status, bool(smallest - 1e-5 * np.log(12) <= margin <= smallest))
         0 True
     """
-    return smooth_min(slack_distance(structure, solution), width)
+    distance = slack_distance(structure, solution)
+    if not jax.tree.leaves(distance):
+        raise ValueError("structure: no group carries tension only; there is nothing to slacken")
+    return smooth_min(distance, width)
 
 
 def nearest_kink(
@@ -130,6 +142,10 @@ def nearest_kink(
         >>> print(jnp.round(steps, 6))
         [4.]
     """
+    if not callable(distance):
+        raise ValueError(f"distance: expected a function, got {type(distance).__name__}")
+    params, direction = numbers(params), numbers(direction, "direction")
+    spread(direction, params, "direction")
     values, rates = jax.jvp(distance, (params,), (direction,))
 
     def to_kink(value, rate):

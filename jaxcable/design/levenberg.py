@@ -1,4 +1,8 @@
-"""The search of `fit` and `tune`: Levenberg-Marquardt on a flat vector, from point to point."""
+"""The search of `fit` and `tune`: Levenberg-Marquardt on a flat vector, from point to point.
+
+Parameters without influence (columns of the Jacobian that are zero or rounding) are left out of the
+steps: scaled by their own norms, as the method scales columns, they would lead anywhere.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +24,8 @@ _LARGEST = 1e20  # damping from which a step is too short to matter
 _WORTH = 1e-4  # least part of the promised decrease that makes a step acceptable
 _ROUNDS = 8  # how often a step is computed again because entries have met a bound
 _NOISE = 1e-9  # changes of the squared misfit, relative to it, within the tolerance of an analysis
+_UNSEEN = 1e-2  # cosine of residuals and Jacobian above which noise is no reason to end
+_ROUNDING = 2.0**12  # rounding of a Jacobian over eps: an analysis solves ill-conditioned systems
 _QUICKEST = 0.1  # least factor on the damping after an accepted step
 
 
@@ -51,6 +57,7 @@ class State(NamedTuple):
         growth: factor on the damping if the trial point is not accepted.
         promised: decrease of half the squared misfit by the linear model.
         first: misfit at the start.
+        least: sizes of the parameters below which steps cannot be told from zero, [n].
         n: number of trial points after the start; -1 before the start is evaluated.
         trials: `Trials`.
         code, running: status, and whether the loop goes on.
@@ -65,6 +72,7 @@ class State(NamedTuple):
     growth: Float[Array, ""]
     promised: Float[Array, ""]
     first: Float[Array, ""]
+    least: Float[Array, " n"]
     n: Int[Array, ""]
     trials: Trials
     code: Int[Array, ""]
@@ -104,6 +112,7 @@ class LevenbergMarquardt:
             growth=2 * one,
             promised=one,
             first=one,
+            least=jnp.finfo(x.dtype).eps * self.sizes(x),
             n=none - 1,
             trials=Trials(real, whole, real, whole),
             code=none,
@@ -132,7 +141,9 @@ class LevenbergMarquardt:
         )
         size = jnp.maximum(s.size, jnp.linalg.norm(jacobian, axis=0))
         blocked = self.box.blocked(x, residual @ jacobian)
-        trial = self.step(x, residual, jacobian, size, damping, blocked)
+        idle = without_influence(x, residual, jacobian, self.sizes(x), self.box)
+        still = blocked | idle
+        trial = self.step(x, residual, jacobian, size, damping, still)
         change = jacobian @ (trial - x)
         s = s._replace(
             trial=trial,
@@ -147,11 +158,17 @@ class LevenbergMarquardt:
             n=s.n + 1,
             trials=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.trials, entries),
         )
-        # a promised decrease within the noise of the analysis cannot be observed: converged
-        noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps))
-        level = begun & sound & ~accepted & (promised >= 0) & (promised <= noise * before)
-        converged = (begun | sound) & (self.converged(s, blocked) | level)
-        hopeless = ~accepted & ((damping > _LARGEST) | jnp.all(trial == x))
+        # a change within the noise of the analysis cannot be judged
+        noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps)) * before
+        refused = begun & sound & ~accepted
+        unseen = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
+        converged = (begun | sound) & self.converged(s, still, begun, refused, unseen)
+        # nothing can be changed, and nothing has been: that no parameter matters is no minimum
+        moved = jnp.sum(jnp.maximum(s.trials.accepted, 0)) > 1
+        useless = sound & ~moved & jnp.all(still) & jnp.any(idle & ~blocked)
+        useless &= jnp.any(s.residual != 0)
+        converged &= ~useless
+        hopeless = useless | (~accepted & ((damping > _LARGEST) | jnp.all(trial == x)))
         code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
         code = jnp.where(begun | sound, code, status.BAD_START)
         return s._replace(
@@ -159,15 +176,34 @@ class LevenbergMarquardt:
             running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
         )
 
-    def converged(self, s: State, blocked: Bool[Array, " n"]) -> Bool[Array, ""]:
-        """Whether the undamped step would change next to nothing; a damped one is always short."""
+    def converged(
+        self,
+        s: State,
+        still: Bool[Array, " n"],
+        begun: Bool[Array, ""],
+        refused: Bool[Array, ""],
+        unseen: Bool[Array, ""],
+    ) -> Bool[Array, ""]:
+        """Whether the point is a minimum, by the undamped step: a damped one is always short.
+
+        Args:
+            s: the state, with the last accepted point.
+            still: entries that do not move: blocked by a bound, or without influence.
+            begun: whether a step has been tried.
+            refused: whether the last trial point was not accepted, its analysis being sound.
+            unseen: whether it changed the squared misfit by no more than noise, as was promised.
+        """
         size = jnp.linalg.norm(s.jacobian, axis=0)
-        whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, blocked)
+        whole = damped_step(s.residual, s.jacobian, size, _SINGULAR, still)
         misfit = jnp.linalg.norm(s.residual)
-        stationary = jnp.linalg.norm(s.jacobian @ whole) <= self.tol * misfit
-        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * self.sizes(s.x))
-        least = jnp.finfo(misfit.dtype).eps
-        return stationary | settled | (misfit <= jnp.maximum(self.tol**2, least) * s.first)
+        gain = jnp.linalg.norm(s.jacobian @ whole)  # over the misfit: cosine of r and range of J
+        stationary = begun & (gain <= self.tol * misfit)
+        settled = jnp.all(jnp.abs(whole) <= self.tol**1.5 * jnp.maximum(self.sizes(s.x), s.least))
+        # zero: beside the misfit at the start, and beside what the parameters contribute
+        beside = jnp.minimum(s.first, jnp.max(size * jnp.abs(s.x)))
+        zero = misfit <= jnp.maximum(self.tol**2, jnp.finfo(misfit.dtype).eps) * beside
+        zero |= refused & (misfit <= _NOISE * beside)
+        return stationary | settled | zero | (unseen & (gain <= _UNSEEN * misfit))
 
     def step(
         self,
@@ -195,6 +231,27 @@ class LevenbergMarquardt:
         start = (jnp.zeros_like(x), blocked, jnp.ones((), bool), 0)
         move, *_ = lax.while_loop(lambda s: s[2] & (s[3] < _ROUNDS), again, start)
         return self.box.project(x + move)
+
+
+def without_influence(
+    x: Float[Array, " n"],
+    residual: Float[Array, " n_residual"],
+    jacobian: Float[Array, "n_residual n"],
+    sizes: Float[Array, " n"],
+    box: Box,
+) -> Bool[Array, " n"]:
+    """Whether the column of each parameter in the Jacobian is zero, or no more than rounding, [n].
+
+    It is rounding if a change by the whole size of the parameter (of its array, or the range that
+    its bounds leave, whichever is more) changes the residuals by less than 4096 eps of their norm
+    and of what any other parameter contributes to them, ``|J_k| |x_k|``. Units do not matter.
+    """
+    columns = jnp.linalg.norm(jacobian, axis=0)
+    span = box.upper - box.lower
+    whole = jnp.maximum(sizes, jnp.where(jnp.isfinite(span), span, 0.0))
+    beside = jnp.maximum(jnp.linalg.norm(residual), jnp.max(columns * jnp.abs(x)))
+    little = columns * whole <= _ROUNDING * jnp.finfo(x.dtype).eps * beside
+    return (columns == 0) | ((whole > 0) & little)
 
 
 def evaluated(

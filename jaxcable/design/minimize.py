@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,9 @@ from ..common import status
 from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
-from .box import Box, checked_call, default_tol, make_box, numbers, spread
+from .arguments import tolerance
+from .box import Box, checked_call, checked_code, default_tol, make_box, numbers, spread
+from .criteria import Criteria
 from .descent import Descent
 from .outcome import split_loss
 from .programs import Programs, underivable
@@ -62,7 +64,7 @@ class Design:
         gradient: gradient at `params`, in their shape; not projected.
         gradient_norm: measure of the gradient at `params`, as in `History`.
         history: `History`.
-        status: 0 if `gradient_norm` fell to `tol`; `describe` has the texts.
+        status: 0 if converged, as `minimize` says; `describe` has the texts.
         steps: number of accepted steps.
         evaluations: number of evaluations of loss and gradient by the loop; a line search of the
             optimizer adds its own.
@@ -77,6 +79,8 @@ class Design:
         >>> print(f"{found.gradient[0]:.4f}")  # the upper bound blocks the first parameter
         -2.0000
     """
+
+    _shown: ClassVar[str] = "loss, gradient_norm, params, steps, evaluations, failures"
 
     params: PyTree[Float[Array, " ..."]]
     loss: Float[Array, ""]
@@ -121,19 +125,13 @@ def minimize(
 
     Options:
         steps: largest number of accepted steps.
-        tol: stop when ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is
-            at most `tol`: a change of a parameter by its size ``s`` then promises less than `tol`
-            of the loss, or of a tenth of the loss at the start. (So a start with a huge loss needs
-            a smaller `tol`.) The size is the largest entry of the parameter's array, now or at the
-            start (if all are zero at the start, the largest finite bound, or 1). Entries at a bound
-            that the step would cross do not count. With the default optimizer its whole step must
-            not promise more than that either. Default: 1e-6 in float64, 1e-3 in float32.
+        tol: tolerance of convergence, see below. Default: 1e-6 in float64, 1e-3 in float32.
         args: tuple of further arguments of the loss, any pytrees. The loss is compiled once per
             function object, as by `jax.jit`, with the outside values that it uses frozen; pass
             here what changes from call to call.
         scale: size of a typical change of every parameter, in the forms that a bound can have; the
-            optimizer works on the parameters divided by it. Default: a tenth of ``s`` at the start
-            for the default optimizer, 1 for others.
+            optimizer works on the parameters divided by it. Default: a tenth of the size at the
+            start for the default optimizer, 1 for others.
         progress: True to show progress on stderr (step, loss, gradient norm); or a function of a
             `progress.Step`, called at the start and after every accepted step.
 
@@ -144,6 +142,28 @@ def minimize(
         ValueError: no optax transformation, a loss that is no scalar, bounds that leave no room, or
             a start outside of them. Where the numbers are traced, bounds without room and a start
             outside of them end in the status OUTSIDE.
+
+    The status is OK (converged) if all of these hold, entries at a bound that the step would cross
+    left aside; OUT_OF_STEPS after `steps` accepted steps:
+
+    - Gradient: ``gradient_norm = max_i |g_i| s / max(|loss|, |loss at the start| / 10)`` is at most
+      `tol`. The size ``s`` of a parameter is the largest entry of its array, now or at the start
+      (if all are zero at the start, the largest finite bound, or 1).
+    - Every entry of the gradient: ``|g_i| s`` is at most `tol` of the present loss, or ``|g_i|`` at
+      most tol^2 of the largest that it has been.
+    - Loss: the next step promises at most `tol` of the present loss. (Both hold for a loss that has
+      fallen to tol^3 of that at the start, which is taken for zero.)
+    - Parameters: the next step changes them by at most sqrt(tol) of the largest entry of their
+      array now, or tol^1.5 of that at the start. (From a minimum flatter than a parabola, such as
+      that of ``(x - 1)^4``, they may be some times as far.)
+
+    The next step is that of L-BFGS, which must have learned the curvature; of other optimizers it
+    is the one to the minimum along the last step, by the slopes at its ends. A gradient of exactly
+    zero is converged. So is a point at which the gradient is small (with `tol` in place of tol^2)
+    and no step, down to that length, lowers the loss: it is a minimum to rounding.
+
+    Source: Gill, Murray and Wright, Practical Optimization (1981), section 8.2.3; Dennis and
+    Schnabel, Numerical Methods for Unconstrained Optimization (1983), section 7.2.
 
     Bounds hold exactly at every point at which the loss is evaluated (projection). Entries at a
     bound that the step would cross are hidden from the optimizer, so that a quasi-Newton method
@@ -174,7 +194,7 @@ def minimize(
         )
     params = numbers(params)
     box = make_box(bounds, params)
-    tol = default_tol(params) if tol is None else tol
+    tol = tolerance(tol, default_tol(params))
     floor = jax.tree.map(_floor, params, box.lower, box.upper)
     if scale is None and optimizer is None:
         scale = jax.tree.map(lambda s: _PART * s, floor)
@@ -210,11 +230,12 @@ def _make(reference, optimizer, steps, listen):
         def value(params):
             return split_loss(reference()(params, *args))
 
-        def sizes(x):
-            largest = jax.tree.map(lambda v: jnp.full_like(v, jnp.max(jnp.abs(v))), back(x))
-            return jnp.maximum(floor, ravel_pytree(largest)[0])
+        def largest(x):
+            entries = jax.tree.map(lambda v: jnp.full_like(v, jnp.max(jnp.abs(v))), back(x))
+            return ravel_pytree(entries)[0]
 
-        descent = Descent(value, back, optimizer, steps, flat, sizes, scale, tol, listen)
+        criteria = Criteria(largest, floor, tol)
+        descent = Descent(value, back, optimizer, steps, flat, criteria, scale, listen)
         end = descent.run(start)
         converged = end.code == status.OK
         point = where(converged, end.at, end.best)
@@ -226,7 +247,7 @@ def _make(reference, optimizer, steps, listen):
                 gradient=back(point.gradient),
                 gradient_norm=point.measure,
                 history=History(*log),
-                status=jnp.where(box.holds(params), end.code, status.OUTSIDE),
+                status=checked_code(end.code, box, params, tol),
                 steps=jnp.maximum(end.n, 0),
                 evaluations=end.evaluations,
                 # of accepted steps, and of a last step that was never accepted

@@ -9,9 +9,13 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..analysis.solution import Solution, State
+from ..common import checks
+from ..common.rules import positive, refuse
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
+from .arguments import like, phase_of, require_result, width_of
 
 
 def smooth_max(
@@ -37,7 +41,10 @@ def smooth_max(
         >>> print(f"{jc.design.smooth_max(jnp.ones(3), width=0.1):.4f}")  # 1 + 0.1 log(3)
         1.1099
     """
-    return _smooth_max(values, width)
+    values = jax.tree.map(lambda v: checks.floats(v, "values"), values)
+    if not any(np.size(v) for v in jax.tree.leaves(values)):
+        raise ValueError("values: none; expected at least one number")
+    return _smooth_max(values, width_of(width))
 
 
 @jax.jit
@@ -65,7 +72,8 @@ def smooth_min(
         >>> print(f"{jc.design.smooth_min(jnp.ones(3), width=0.1):.4f}")  # 1 - 0.1 log(3)
         0.8901
     """
-    return -smooth_max(jax.tree.map(jnp.negative, values), width)
+    values = jax.tree.map(lambda v: -checks.floats(v, "values"), values)
+    return -smooth_max(values, width)
 
 
 def mean_over_cases(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> PyTree[Float[Array, " ..."]]:
@@ -82,6 +90,8 @@ def mean_over_cases(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> PyTree[Fl
         >>> print(jc.design.mean_over_cases(cases)["net"])
         [200. 300.]
     """
+    if any(np.ndim(v) == 0 for v in jax.tree.leaves(values)):
+        raise ValueError("values: expected arrays with the cases on their leading axis")
     return jax.tree.map(lambda v: jnp.mean(v, axis=0), values)
 
 
@@ -107,7 +117,17 @@ def shape_distance(
         >>> print(solution.status, f"{1e3 * jnp.sqrt(distance):.3f} mm")
         0 12.838 mm
     """
-    found = solution.positions if nodes is None else solution.positions[..., jnp.asarray(nodes), :]
+    require_result(solution, "positions")
+    found = solution.positions
+    if nodes is not None:
+        nodes = checks.integers(nodes, "nodes")
+        checks.known(nodes, found.shape[-2], "nodes")
+        found = found[..., nodes, :]
+    positions = checks.floats(positions, "positions")
+    if positions.shape not in (found.shape[-2:], found.shape):
+        raise ValueError(
+            f"positions: expected shape {found.shape[-2:]}, one per node, got {positions.shape}"
+        )
     return jnp.sum((found - _for_all(positions, found)) ** 2)
 
 
@@ -129,7 +149,8 @@ def tension_distance(
         >>> print(prestressed.status, f"{jc.design.tension_distance(prestressed, 210.0):.3f} N2")
         0 1200.000 N2
     """
-    target = jax.tree.broadcast(tension, solution.tension)
+    require_result(solution, "tension")
+    target = like(tension, solution.tension, "tension")
     gaps = jax.tree.map(
         lambda found, wanted: jnp.sum((found - _for_all(wanted, found)) ** 2),
         solution.tension,
@@ -152,6 +173,7 @@ def tension_spread(solution: Solution | State) -> Float[Array, ""]:
         >>> print(prestressed.status, f"{jc.design.tension_spread(prestressed):.6f}")
         0 0.000000
     """
+    require_result(solution, "tension")
     flat = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(solution.tension)])
     mean = jnp.mean(flat)
     return jnp.mean((flat - mean) ** 2) / mean**2
@@ -181,7 +203,7 @@ def largest_deflection(
         >>> print(solution.status, f"{1e3 * largest:.2f} mm, at most {1e3 * bound:.2f} mm")
         0 12.84 mm, at most 12.89 mm
     """
-    moved = solution.phases[phase].displacement
+    moved, width = phase_of(solution, phase).displacement, width_of(width)
     return jnp.sqrt(smooth_max(jnp.sum(moved**2, axis=-1), width**2))
 
 
@@ -204,7 +226,7 @@ def total_prestress(solution: Solution, phase: int = 0) -> Float[Array, ""]:
         >>> print(solution.status, f"{jc.design.total_prestress(solution):.3f} N")  # 12 of 200 N
         0 2400.000 N
     """
-    return _added(jax.tree.map(jnp.sum, solution.phases[phase].tension))
+    return _added(jax.tree.map(jnp.sum, phase_of(solution, phase).tension))
 
 
 def material_use(
@@ -228,7 +250,10 @@ def material_use(
         >>> print(prestressed.status, f"{1e9 * volume:.1f} mm3")
         0 9580.4 mm3
     """
-    stress = jax.tree.broadcast(stress, solution.peak_tension)
+    require_result(solution, "peak_tension")
+    stress = like(stress, solution.peak_tension, "stress")
+    named = jax.tree_util.tree_leaves_with_path(stress)
+    refuse([positive("stress" + jax.tree_util.keystr(path), value) for path, value in named])
 
     def volume(force, length, stress):
         cases = (-1, length.shape[-1])

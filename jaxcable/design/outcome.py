@@ -33,9 +33,18 @@ def split_residuals(result: Any) -> tuple[PyTree[Float[ArrayLike, " ..."]], Int[
     """
     if isinstance(result, tuple) and len(result) == 2:
         leaves = jax.tree.leaves(result[1], is_leaf=_has_status)
-        if all(_has_status(x) or jnp.issubdtype(jnp.asarray(x).dtype, jnp.integer) for x in leaves):
-            return result[0], worst_code(result[1], "residuals")
-    return result, worst_code((), "residuals")
+        if all(_has_status(x) or _is_code(x) for x in leaves):
+            return _no_results(result[0]), worst_code(result[1], "residuals")
+    return _no_results(result), worst_code((), "residuals")
+
+
+def _no_results(residuals):
+    """The residuals; ValueError for results, whose arrays are no residuals, and for text."""
+    for leaf in jax.tree.leaves(residuals, is_leaf=_has_status):
+        if _has_status(leaf) or isinstance(leaf, str):
+            text = "expected floats, or (floats, solution), got a"
+            raise ValueError(f"residuals: {text} {type(leaf).__name__}")
+    return residuals
 
 
 def worst_code(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
@@ -47,6 +56,10 @@ def worst_code(outcomes: PyTree[Any], name: str) -> Int[Array, ""]:
             raise ValueError(f"{name}: beside the value expected solutions or status codes")
         code = jnp.maximum(code, jnp.max(codes, initial=status.OK))
     return code.astype(jnp.int32)
+
+
+def _is_code(item):
+    return not isinstance(item, str) and jnp.issubdtype(jnp.asarray(item).dtype, jnp.integer)
 
 
 def _has_status(item):

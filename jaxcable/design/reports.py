@@ -7,15 +7,18 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from ..analysis.phases import Phase
 from ..analysis.solution import Solution, State, Told
 from ..analysis.solver import solve
+from ..common import checks
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..model.structure import Structure
+from .arguments import require_structure
 
 
 def solve_cases(
@@ -58,6 +61,8 @@ def solve_cases(
         [0 0] [[ 0.   0.  -0.1]
          [ 0.1  0.   0. ]]
     """
+    if not isinstance(cases, Phase | list | tuple):
+        raise ValueError(f"cases: expected a list of Phase, got {type(cases).__name__}")
     first = solve(structure, phases, method, start=start)
     if not isinstance(cases, Phase):
         cases = list(cases)
@@ -113,6 +118,8 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
         >>> print(extremes.highest["net"], extremes.highest_case["net"])
         [230. 250.] [1 0]
     """
+    if any(np.ndim(v) == 0 or not np.shape(v)[0] for v in jax.tree.leaves(values)):
+        raise ValueError("values: expected arrays with the cases on their leading axis")
     functions = (jnp.min, jnp.max, jnp.argmin, jnp.argmax)
     return Envelope(*(jax.tree.map(lambda v, f=f: f(v, axis=0), values) for f in functions))
 
@@ -157,6 +164,7 @@ def utilisation(
         >>> print(jc.design.utilisation(structure, jnp.array([250e3])))
         [0.25]
     """
+    require_structure(structure)
     groups = structure.groups
     forces = getattr(tension, "peak_tension", tension)
     leaves = jax.tree.leaves(forces, is_leaf=lambda leaf: leaf is None)
@@ -167,7 +175,12 @@ def utilisation(
         if force is None:  # a group without axial forces
             found.append(None)
             continue
-        force = jnp.asarray(force)
+        force = jnp.asarray(checks.floats(force, f"tension: group {len(found)}"))
+        if force.shape[-1:] != (len(group.links),):
+            raise ValueError(
+                f"tension: group {len(found)} has {len(group.links)} elements, the forces have "
+                f"shape {force.shape}"
+            )
         limit = group.strength
         if limit is None and group.breaks:
             low, high = group.capacity()

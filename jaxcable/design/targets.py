@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from types import EllipsisType
 from typing import Any, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import PER_PHASE, Solution
 from ..common import checks
 from ..common.owned import owned
+from ..common.rules import Rule, refuse
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[ArrayLike, ' n']"
@@ -37,12 +39,13 @@ class Target:
             Default all.
         on: key of the group in the structure's elements, for results of elements.
         phase: number of the phase, from 0, or from the end as -1, the default.
-        within: deviation that is as good as none, in the unit of the result; targets that cannot be
-            met all at once are weighed by it.
+        within: tolerance of the deviation, in the unit of the result; targets that cannot be met
+            all at once are weighed by it.
 
     Raises:
-        ValueError: `within` is not positive, `phase` is no integer, the value is no number, `at` is
-            no index; once it is measured, an index that is not there.
+        ValueError: `within` is not positive, `phase` is no integer, the value is no finite number,
+            `at` is no index, `of` no name or function; once it is measured, a result, a group or an
+            index that is not there, no group where there are several, or another number of values.
 
     Example:
         >>> level = jc.design.Target("positions", 0.0, at=np.s_[1:9, 2], within=1e-4)
@@ -58,31 +61,91 @@ class Target:
     within: float = 1.0
 
     def __post_init__(self):
-        checks.floats(self.value, "value")
-        object.__setattr__(self, "value", owned(self.value))
+        if not callable(self.of) and not isinstance(self.of, str):
+            got = type(self.of).__name__
+            raise ValueError(f"of: expected the name of a result or a function, got {got}")
+        value = checks.floats(self.value, "value")
+        refuse([Rule("value", value, lambda v: ~np.isfinite(v), "must be finite")])
         if isinstance(self.phase, bool) or not isinstance(self.phase, int | np.integer):
             raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
+        object.__setattr__(self, "value", owned(self.value))
         object.__setattr__(self, "at", owned(_index(self.at)))
-        if not self.within > 0:
-            raise ValueError(f"within = {self.within!r}: must be positive")
+        within = checks.scalar(self.within, "within")
+        text = "must be positive and finite"
+        refuse([Rule("within", within, lambda v: ~((v > 0) & np.isfinite(v)), text)])
 
     def measured(self, solution: Solution) -> Float[Array, " n"]:
         """The numbers that are meant, of a solution, [n]."""
-        result = solution.phases[self.phase]
-        found = self.of(result) if callable(self.of) else getattr(result, self.of)
-        found = jnp.asarray(found if self.on is None else found[self.on])
+        found = self._result(solution.phases[self.phase])
         try:
             np.broadcast_to(0, found.shape)[self.at]  # jax would take the nearest number there is
         except IndexError as error:
             shape = list(found.shape)
             raise ValueError(f"at: {error}; the result has shape {shape}") from None
-        return jnp.ravel(found[self.at])
+        chosen = jnp.ravel(found[self.at])
+        if not chosen.size:
+            raise ValueError(f"at: means no number of the result of shape {list(found.shape)}")
+        return chosen
+
+    def _result(self, result):
+        """The array of a result of a phase, of one group if it has one for each."""
+        name = "of" if callable(self.of) else f"of = {self.of!r}"
+        if callable(self.of):
+            found = self.of(result)
+        elif self.of in PER_PHASE:
+            found = getattr(result, self.of)
+        else:
+            found = result.told.get(self.of)
+            if found is None:
+                known = [one for one in PER_PHASE if one != "results"]
+                there = checks.meant(self.of, dict.fromkeys([*known, *result.told]))
+                raise ValueError(f"{name}: a phase has no such result{there}")
+        if self.on is not None:
+            if not isinstance(found, dict | list | tuple):
+                text = "not of several groups; leave out `on`"
+                raise ValueError(f"on = {self.on!r}: the result {name} is {text}")
+            try:
+                found = found[self.on]
+            except (KeyError, IndexError, TypeError):
+                there = checks.meant(self.on, _keys(found))
+                raise ValueError(f"on = {self.on!r}: not a group{there}") from None
+        if found is None:
+            whose = "this structure" if self.on is None else f"group {self.on!r}"
+            raise ValueError(f"{name}: {whose} has no such result")
+        if isinstance(found, dict | list | tuple):
+            text = "there are several groups; give the key of one by `on`"
+            raise ValueError(f"{name}: {text}{checks.meant('', _keys(found))}")
+        if not isinstance(found, jax.Array | np.ndarray | np.generic | float):
+            raise ValueError(f"{name}: expected an array of floats, got {type(found).__name__}")
+        found = jnp.asarray(found)
+        if not jnp.issubdtype(found.dtype, jnp.floating):
+            raise ValueError(f"{name}: expected an array of floats, got {found.dtype}")
+        return found
 
     def deviation(self, solution: Solution) -> Float[Array, " n"]:
         """How much more than the value these numbers are, [n]."""
         measured = self.measured(solution)
         value = jnp.ravel(jnp.asarray(self.value, measured.dtype))
+        if value.size not in (1, measured.size):
+            text = f"{measured.size} numbers are meant by `of`, `on` and `at`"
+            raise ValueError(f"value: has {value.size} numbers, but {text}")
         return measured - (value if value.size > 1 else value.reshape(()))
+
+
+def deviations(targets: Sequence[Target], solution: Solution) -> list[Float[Array, " n"]]:
+    """The deviation of every target, a list of arrays [n]; errors name the target."""
+    found = []
+    for number, target in enumerate(targets):
+        try:
+            found.append(target.deviation(solution))
+        except ValueError as error:
+            raise ValueError(f"targets[{number}]: {error}") from None
+    return found
+
+
+def _keys(groups):
+    """The keys by which groups are known."""
+    return list(groups) if isinstance(groups, dict) else range(len(groups))
 
 
 def concerns(targets: Sequence[Target]) -> tuple[str, ...]:

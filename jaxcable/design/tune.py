@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
 
-from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase
+from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..common import status
+from ..common import checks, status
 from ..common.compilation import by_itself
 from ..common.progress import Trial, hearing, listener
 from ..common.tree import copy, pytree, replace
@@ -27,7 +27,7 @@ from ..model.structure import Structure
 from .fit import fit, searched
 from .levenberg import Evaluation
 from .sensitivity import sensitivity
-from .targets import Target, concerns, require_targets
+from .targets import Target, concerns, deviations, require_targets
 
 _SAME = 1e-3  # of what a target allows
 _MANY = 256  # unknowns: beyond, derivatives of targets (reverse mode) are taken
@@ -48,6 +48,8 @@ class Tuned:
         influence: derivative of all targets, one after the other, by all unknowns, one after the
             other, [n_target, n_unknown].
         free: which values no bound stops, in the shape of `values`.
+        without_influence: True for values on which no target depends, to rounding, likewise; they
+            stay as the phases state them.
         status: 0 if it has converged; `describe` has the texts.
         steps: number of trial points after the start, of both searches if there were two.
         remarks: a sentence for every group of cables of which some are nearly slack in the first
@@ -68,6 +70,8 @@ class Tuned:
         0.001 [[1.]]
     """
 
+    _shown: ClassVar[str] = "met, values, deviation, without_influence, steps, remarks"
+
     phases: list[Phase]
     values: list[PyTree[Float[Array, " ..."]]]
     solution: Solution
@@ -75,6 +79,7 @@ class Tuned:
     met: list[Bool[Array, ""]]
     influence: Float[Array, "n_target n_unknown"]
     free: list[PyTree[Bool[Array, " ..."]]]
+    without_influence: list[PyTree[Bool[Array, " ..."]]]
     status: Int[Array, ""]
     steps: Int[Array, ""]
     remarks: tuple[str, ...] = ()
@@ -174,7 +179,11 @@ def tune(
         >>> print(f"{1e3 * abs(tuned.deviation[0]).max():.2f} mm", tuned.remarks)
         0.07 mm ()
     """
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
+    phases = as_phases(structure, phases)
+    if not isinstance(targets, Target | list | tuple):
+        raise ValueError(
+            f"targets: expected a list of Target, got {checks.kind(targets, 'Target(...)')}"
+        )
     targets = [targets] if isinstance(targets, Target) else list(targets)
     values = _stated(phases, unknowns)
     require_targets(targets, len(phases))
@@ -202,7 +211,7 @@ def tune(
             found = seeks(structure, values)
             found = copy(found, steps=spent + found.steps)
             solution = solve(structure, put(found.params), method, start=start)
-    deviation = [target.deviation(solution) for target in targets]
+    deviation = deviations(targets, solution)
     within = np.concatenate(
         [np.full(len(own), target.within) for own, target in zip(deviation, targets, strict=True)]
     )
@@ -217,6 +226,7 @@ def tune(
         ],
         influence=found.jacobian * within[:, None],
         free=found.free,
+        without_influence=found.without_influence,
         status=found.status,
         steps=found.steps,
         remarks=_nearly_slack(structure, solution, min(t.phase % len(phases) for t in targets)),
@@ -229,7 +239,8 @@ def _seeking(put, values, targets, bounds, method, start, options):
     names = concerns(targets)
 
     def measure(solution):
-        return jnp.concatenate([t.deviation(solution) / t.within for t in targets])
+        found = deviations(targets, solution)
+        return jnp.concatenate([d / t.within for d, t in zip(found, targets, strict=True)])
 
     def residuals(structure, values):
         solution = solve(structure, put(values), method, start=start)
@@ -303,6 +314,9 @@ def _same(targets, solution, found):
 
 def _stated(phases, unknowns):
     """The statements that are unknown, a list of pytrees of floats."""
+    if not isinstance(unknowns, list | tuple):
+        got = type(unknowns).__name__
+        raise ValueError(f"unknowns: expected a list of pairs (phase, statement), got {got}")
     if not unknowns:
         raise ValueError("unknowns: none; give pairs such as (0, 'pretension')")
     values = []
@@ -315,8 +329,10 @@ def _stated(phases, unknowns):
                 f"unknowns[{number}]: phase {k!r}; there are phases 0 to {len(phases) - 1}"
             )
         if name not in _STATEMENTS:
-            known = ", ".join(_STATEMENTS)
-            raise ValueError(f"unknowns[{number}] = {name!r}: expected one of {known}")
+            there = checks.meant(name, _STATEMENTS)
+            raise ValueError(f"unknowns[{number}] = {name!r}: not a statement{there}")
+        if unknown in unknowns[:number]:
+            raise ValueError(f"unknowns[{number}] = {unknown!r}: is there twice")
         value = getattr(phases[k], name)
         if value is None:
             raise ValueError(

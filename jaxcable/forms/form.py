@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax import lax
@@ -54,6 +55,8 @@ class Form:
         >>> print(f"{form.rest_length[0]:.6f} m")  # l / (1 + 500 / 1e5)
         1.407178 m
     """
+
+    _shown: ClassVar[str] = "positions m, tension N, length m, residual N, iterations"
 
     positions: Float[Array, "n_node 3"]
     tension: PyTree[Float[Array, " n_elem"]]

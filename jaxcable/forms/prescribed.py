@@ -90,7 +90,7 @@ def find_form(
             `tol` relative to them; given lengths exclude the solver PARDISO (default: SuperLU).
 
     Returns:
-        `Form`; check its `status`, or call `raise_if_failed`. The status is NOT_CONVERGED if a
+        `Form`; check its `status`, or call `raise_if_failed`. The status is PUSHING_CABLE if a
         cable of given length would have to push, and MATERIAL_FAILURE if a force is beyond the
         curve of a law.
 
@@ -247,7 +247,7 @@ def _find(thawed, arrays, freedoms, extra, net, method, convex):
         if group.tension_only
     ]
     slack = jnp.any(jnp.stack([jnp.zeros((), bool), *pushing]))
-    code = status.first_failure(code, jnp.where(slack, status.NOT_CONVERGED, status.OK))
+    code = status.first_failure(code, jnp.where(slack, status.PUSHING_CABLE, status.OK))
     worst = jnp.max(jnp.abs(residual), initial=0.0)
     met = nearest(groups, frozen[0], frozen[0] + lax.stop_gradient(reached))
     return make_form(groups, positions, forces, code, worst, scale, steps, parameters, met)

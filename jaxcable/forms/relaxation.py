@@ -75,12 +75,12 @@ def dynamic_relaxation(
         tol: largest unbalanced force at a free freedom over the largest, over nodes, of the sum of
             absolute end forces plus the load; not below 64 eps. Strains are differences of lengths
             here, whose rounding leaves a relative residual of eps EA/N.
-        max_steps: largest number of time steps; beyond it the status is NOT_CONVERGED.
+        max_steps: largest number of time steps; beyond it the status is OUT_OF_TIME_STEPS.
 
     Returns:
-        `Form`; its `iterations` are time steps. The status of a failure is NOT_CONVERGED, MECHANISM
-        (a node has moved away), NONFINITE or MATERIAL_FAILURE (an element is strained beyond its
-        curve).
+        `Form`; its `iterations` are time steps. The status of a failure is OUT_OF_TIME_STEPS,
+        MECHANISM (a node has moved away), NONFINITE or MATERIAL_FAILURE (an element is strained
+        beyond its curve).
 
     Raises:
         ValueError: as `find_form`; both statements for one element.
@@ -313,7 +313,7 @@ def _relax(thawed, arrays, fixed, tol, max_steps):
     zero = jnp.zeros((), dtype)
     at_rest = _Motion(begin, begin, begin, begin, zero, zero, jnp.int32(0), zero, zero)
     end = lax.while_loop(unfinished, step, stopped(at_rest, begin))
-    code = jnp.where(end.size <= limit, status.OK, status.NOT_CONVERGED)
+    code = jnp.where(end.size <= limit, status.OK, status.OUT_OF_TIME_STEPS)
     gone = jnp.max(jnp.abs(end.x - nodes)) > _AWAY * extent
     code = jnp.where(gone, status.MECHANISM, code)
     return _ended(members, rests, end, code, parameters)

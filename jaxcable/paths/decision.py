@@ -159,10 +159,10 @@ def outcome(
         (given_up & by_newton, code),
         (first & ~jnp.isfinite(found.scale), status.NONFINITE),
         (first & found.converged & ~found.regular, status.SINGULAR),
-        (given_up, status.NOT_CONVERGED),
-        (lost, status.NOT_CONVERGED),
+        (given_up | lost, status.PATH_LOST),
         (full & decided.soft & (count == 0), status.EXCESSIVE_DEFORMATION),
-        (full, status.OUT_OF_STEPS),
+        (full & (count > n_event), status.OUT_OF_EVENTS),
+        (full, status.OUT_OF_POINTS),
     )
     code = jnp.int32(status.OK)
     for happened, new in reversed(outcomes):

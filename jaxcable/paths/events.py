@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import ClassVar
 
 import numpy as np
 
@@ -72,6 +73,8 @@ class Events:
         >>> print(jnp.round(first.mode[1], 6), f"{first.displacement[1, 2]:.6f} m")
         [0. 0. 1.] -0.042361 m
     """
+
+    _shown: ClassVar[str] = "kind, load_factor, row, multiplicity"
 
     kind: Int[Array, " n"]
     load_factor: Float[Array, " n"]

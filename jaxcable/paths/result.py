@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 
@@ -23,9 +25,9 @@ class TracedPath(Path):
         residual, relative_residual, rounding: likewise; the start of a point is its guess.
         n_slack, n_loose, strain: likewise.
         status: outcome, scalar: OK if the path reached the last load factor; LIMIT_POINT or
-            BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM,
-            NOT_CONVERGED; OUT_OF_STEPS, or EXCESSIVE_DEFORMATION if the load still rises then but
-            little stiffness is left; or the status of the phases before.
+            BIFURCATION if it ends there (``through=False``); MATERIAL_FAILURE, MECHANISM; PATH_LOST
+            if no next point is found; OUT_OF_EVENTS; OUT_OF_POINTS, or EXCESSIVE_DEFORMATION if the
+            load still rises then but little stiffness is left; or the status of the phases before.
         iterations: iterations of the correction onto the path, [n].
         factorizations: None.
         equilibrated: None.
@@ -51,6 +53,8 @@ class TracedPath(Path):
         >>> print(f"{path.load_factor[-1]:.1f}: {path.displacement[-1, 1, 2]:.3f} m")  # through
         1.0: -0.219 m
     """
+
+    _shown: ClassVar[str] = "load_factor, displacement m, n_negative, events"
 
     status: Int[Array, ""]
     factorizations: None  # type: ignore[assignment]  # of a `Path` only

@@ -28,7 +28,7 @@ class SectionState:
     Attributes:
         strain: ``(e0, ky, kz)``, each of the shape of the forces, -, 1/m, 1/m.
         status: OK; BEYOND_CAPACITY if a fibre of the last iterate is beyond the end of its curve,
-            whether converged or not; else NOT_CONVERGED.
+            whether converged or not; else SECTION_UNBALANCED.
         residual: largest unbalanced force; moments divided by the radius of gyration, N.
         steps: number of iterations.
 
@@ -84,7 +84,7 @@ def equilibrium(
     frozen = lax.stop_gradient(parameters)
     found, steps, residual, good = _iterate(*frozen, lax.stop_gradient(radius), tol, max_steps)
     broken = section.beyond(*(found / radius))
-    code = jnp.where(good, status.OK, status.NOT_CONVERGED)
+    code = jnp.where(good, status.OK, status.SECTION_UNBALANCED)
     code = jnp.where(broken, status.BEYOND_CAPACITY, code).astype(jnp.int32)
     ok = code == status.OK
     section, target, memory = implicit.gate(ok, parameters)

@@ -1,0 +1,153 @@
+"""Short texts for objects, a few lines each: what `repr` shows of structures and results.
+
+A text is made of what an object holds: nothing is computed but the range of its numbers. It has the
+status of a result in words, the sizes of its arrays and their extremes, and the shapes alone where
+numbers are traced.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sized
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from . import status
+
+_LINES = 5
+_WIDTH = 96
+_DEEP = 3  # levels of containers that are opened
+_LARGE = 10_000_000  # numbers of an array whose range is found in some milliseconds
+
+
+def summary(obj: Any) -> str:
+    """Describe a `pytree` object in five lines at most.
+
+    A class may say in ``_shown`` which fields with which units are shown, ``"loss, tension N"``;
+    else all fields are. It never fails: what cannot be described is shown as its type.
+    """
+    name = type(obj).__name__
+    try:
+        parts = []
+        for key, unit in _shown(obj).items():
+            text = _text(obj.__dict__.get(key))
+            if text and key != "status":
+                parts.append(f"{key} {text} {unit}".strip())
+        head = _outcome(obj.__dict__["status"]) if "status" in obj.__dict__ else ""
+        return _folded(f"{name}: {head}" if head else name, parts)
+    except Exception:  # a text of an object must not add an error to another one
+        return f"{name}(...)"
+
+
+def _shown(obj):
+    """The fields to show and their units, a dict."""
+    chosen = getattr(type(obj), "_shown", None)
+    if chosen is None:
+        return dict.fromkeys(type(obj)._all_fields, "")
+    return {name: unit for name, _, unit in (part.partition(" ") for part in chosen.split(", "))}
+
+
+def _folded(head, parts):
+    """The first line and the parts, in one line if that is possible, else in five at most."""
+    together = f"{head}({', '.join(parts)})"
+    if ":" not in head and len(together) <= _WIDTH:
+        return together
+    lines = [textwrap.shorten(head, _WIDTH, placeholder=" ...")]
+    for part in parts:
+        part = textwrap.shorten(part, _WIDTH - 4, placeholder=" ...")
+        if len(lines) > 1 and len(lines[-1]) + len(part) + 2 <= _WIDTH - 4:
+            lines[-1] += f"; {part}"
+        elif len(lines) < _LINES:
+            lines.append(f"  {part}")
+        else:
+            lines[-1] += " ..."
+            break
+    return "\n".join(lines)
+
+
+def _outcome(code):
+    """A status, or those of a batch, in words."""
+    if isinstance(code, jax.core.Tracer):
+        return "traced"
+    codes = np.asarray(code)
+    if codes.dtype.kind not in "iu":
+        return "status unknown"
+    failed = codes[codes != status.OK]
+    first = _said(int(failed[0])) if failed.size else ""
+    if codes.ndim == 0:
+        return first or status.describe(status.OK)
+    return f"{codes.size - failed.size} of {codes.size} converged" + (first and f"; one: {first}")
+
+
+def _said(code):
+    """A code and its text."""
+    try:
+        return f"status {code}, {status.describe(code)}"
+    except ValueError:
+        return f"status {code}"
+
+
+def _text(value, depth=0):
+    """A value in a few words; empty for None."""
+    try:
+        return _known_text(value, depth)
+    except Exception:  # such as an array that has been deleted
+        return type(value).__name__
+
+
+def _known_text(value, depth):
+    """See `_text`."""
+    if value is None:
+        return ""
+    if isinstance(value, jax.core.Tracer):
+        return f"{value.dtype}{list(value.shape)} traced"
+    if isinstance(value, np.ndarray | np.generic | jax.Array):
+        return _array_text(value)
+    if isinstance(value, str | bool | int | float | complex):
+        return repr(value)
+    if hasattr(value, "_all_fields") or depth == _DEEP:
+        return _object_text(value)
+    if isinstance(value, dict):
+        items = (f"{key!r}: {_text(item, depth + 1) or None}" for key, item in value.items())
+        return "{" + ", ".join(items) + "}"
+    if isinstance(value, list | tuple):
+        kinds = {type(item).__name__ for item in value}
+        if len(value) > 3 or (len(kinds) == 1 and all(hasattr(v, "_all_fields") for v in value)):
+            return f"{len(value)} of {', '.join(sorted(kinds))}"
+        return "[" + ", ".join(_text(item, depth + 1) or "None" for item in value) + "]"
+    if hasattr(value, "shape"):
+        return f"{list(value.shape)}"
+    return _object_text(value)
+
+
+def _object_text(value):
+    """The kind of an object and, if it has one, its length."""
+    links = value.__dict__.get("links") if hasattr(value, "__dict__") else None
+    sized = links if isinstance(links, Sized) else value
+    count = f"[{len(sized)}]" if isinstance(sized, Sized) else ""
+    return getattr(value, "__name__", type(value).__name__) + count
+
+
+def _array_text(value):
+    """The shape of an array and the range of its numbers."""
+    shape = list(value.shape)
+    numeric = jnp.issubdtype(value.dtype, jnp.number) or value.dtype == bool
+    if not numeric or not 0 < value.size <= _LARGE:
+        return f"{value.dtype}{shape}"
+    array = np.asarray(value)
+    if array.ndim == 0:
+        return f"{array.item():.6g}" if array.dtype.kind != "b" else str(bool(array))
+    if array.dtype.kind == "b":
+        return f"{shape} {int(array.sum())} True"
+    numbers = array.astype(float, copy=False)
+    known = numbers[~np.isnan(numbers)]
+    if not known.size:
+        return f"{shape} NaN"
+    low, high = f"{known.min():.6g}", f"{known.max():.6g}"
+    extent = low if low == high else f"{low} to {high}"
+    return f"{shape} {extent}" + (
+        f" ({array.size - known.size} NaN)" if known.size < array.size else ""
+    )

@@ -1,0 +1,101 @@
+"""Checks of arguments of the functions of this room: tolerances, phases, values of elements."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common import checks
+from ..common.rules import Rule, or_nan, positive, refuse
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
+from ..model.structure import Structure
+
+
+def tolerance(tol: Float[ArrayLike, ""] | None, default: float) -> Float[ArrayLike, ""]:
+    """Return a tolerance of 0 or more and below 1, or the default for None; traced ones pass."""
+    if tol is None:
+        return default
+    tol = checks.scalar(tol, "tol")
+    refuse([Rule("tol", tol, lambda v: ~((v >= 0) & (v < 1)), "must be at least 0 and below 1")])
+    return tol
+
+
+def is_tolerance(tol: Float[ArrayLike, ""]) -> Bool[Array, ""]:
+    """Whether a tolerance, which may be traced, keeps the rule of `tolerance`."""
+    tol = jnp.asarray(tol)
+    return (tol >= 0) & (tol < 1)
+
+
+def width_of(width: Float[ArrayLike, ""]) -> Float[ArrayLike, ""]:
+    """Return the width of a smoothing, positive; NaN if it is traced and is not."""
+    return or_nan(positive("width", checks.scalar(width, "width")))
+
+
+def require_result(solution: Any, *names: str) -> None:
+    """Raise ValueError unless `solution` has the results `names`."""
+    for name in names:
+        if not hasattr(solution, name):
+            got = checks.kind(solution, "solve(structure, phases)")
+            raise ValueError(f"solution: expected a Solution, got {got}, which has no {name}")
+
+
+def require_structure(structure: Any) -> None:
+    """Raise ValueError unless `structure` is a `Structure`."""
+    if not isinstance(structure, Structure):
+        got = checks.kind(structure, "Structure(nodes, elements, supports)")
+        raise ValueError(f"structure: expected a Structure, got {got}")
+
+
+def phase_of(solution: Any, phase: int) -> Any:
+    """Return the result of a phase of a solution; ValueError if there is no such phase."""
+    require_result(solution, "phases")
+    require_phase(phase, len(solution.phases), -len(solution.phases))
+    return solution.phases[phase]
+
+
+def require_phase(phase: Any, count: int, least: int = 0) -> None:
+    """Raise ValueError unless `phase` is the number of one of `count` phases."""
+    whole = isinstance(phase, int | np.integer) and not isinstance(phase, bool)
+    if not whole or not least <= phase < count:
+        raise ValueError(f"phase = {phase!r}: there are phases 0 to {count - 1}")
+
+
+def like(
+    value: PyTree[Float[ArrayLike, " ..."]], tree: PyTree[Float[Array, " ..."]], name: str
+) -> PyTree[Float[ArrayLike, " ..."]]:
+    """Return `value` in the shape of `tree`, results of elements: scalars, or as many numbers.
+
+    Args:
+        value: a scalar, an array or a prefix pytree of `tree`.
+        tree: arrays [..., n_elem].
+        name: the argument, for messages.
+
+    Raises:
+        ValueError: another structure, or another number of elements.
+    """
+    if isinstance(value, list | tuple) and isinstance(tree, jax.Array | np.ndarray):
+        value = checks.floats(value, name)
+    try:
+        value = jax.tree.broadcast(value, tree)
+    except ValueError:
+        shape = jax.tree.structure(tree)
+        raise ValueError(
+            f"{name}: expected a number, or the shape of the elements, {shape}; got "
+            f"{jax.tree.structure(value)}"
+        ) from None
+
+    def checked(path, one, of):
+        where = name + jax.tree_util.keystr(path)
+        one = checks.floats(one, where)
+        fits = one.ndim <= of.ndim and one.shape == of.shape[of.ndim - one.ndim :]
+        if not fits:
+            raise ValueError(
+                f"{where}: expected a number or shape {of.shape[-1:]}, one value per element, got "
+                f"{one.shape}"
+            )
+        return one
+
+    return jax.tree_util.tree_map_with_path(checked, value, tree)
