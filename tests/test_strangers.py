@@ -44,7 +44,6 @@ def test_the_control_finds_what_harms(tmp_path, monkeypatch, solution):
         assert len(faults) == 1
 
 
-@pytest.mark.xfail(reason="a bounded folder of programs removes files of others", strict=False)
 def test_kept_programs_leave_strangers_alone(tmp_path):
     strangers.fill(tmp_path)
     before = strangers.seen(tmp_path)

@@ -15,7 +15,8 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend import core
+
+from .jax_internals import is_literal, is_program
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _SIZE = 16  # bytes of a digest
@@ -59,7 +60,7 @@ class _Digests:
 
     def of(self, value: Any) -> bytes:
         """The digest of any object; of unknown ones that of their text without addresses."""
-        if isinstance(value, core.ClosedJaxpr | core.Jaxpr):
+        if is_program(value):
             return self._once(value, self._jaxpr)
         if isinstance(value, jax.Array | np.ndarray):
             return self.of(value.tolist()) if value.dtype == object else self._once(value, _array)
@@ -92,7 +93,7 @@ class _Digests:
         numbers: dict[Any, int] = {}
 
         def atom(x):
-            if isinstance(x, core.Literal):
+            if is_literal(x):
                 return self.of(x.val) + repr(x.aval).encode()
             return numbers.setdefault(x, len(numbers)).to_bytes(4, "little")
 

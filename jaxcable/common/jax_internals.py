@@ -150,6 +150,16 @@ def function_of(program: Any) -> Callable[..., Any]:
     return _parts[2](program)
 
 
+def is_program(value: Any) -> bool:
+    """Whether a value is a program of jax (a jaxpr), with its constants or without."""
+    return hasattr(value, "eqns") and (hasattr(value, "consts") or hasattr(value, "constvars"))
+
+
+def is_literal(value: Any) -> bool:
+    """Whether an operand in a program of jax is a number that stands in it, not a variable."""
+    return hasattr(value, "val") and hasattr(value, "aval")
+
+
 # --- where the program is
 
 _state = _names("jax.extend.core", "get_opaque_trace_state")

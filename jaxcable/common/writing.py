@@ -9,8 +9,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import secrets
 import stat
-import tempfile
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from os import PathLike
@@ -44,7 +44,7 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
     The block gets a function of the arguments of `written` that opens the stream of the next file;
     the stream before it is complete then.
     """
-    staged: list[tuple[str, Path, int]] = []
+    staged: list[tuple[str, Path]] = []
     streams: list[IO[Any]] = []
 
     def finish():
@@ -57,9 +57,8 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
     def begin(path, mode="w"):
         finish()
         target = replaceable(path)
-        permissions = _permissions(target)
         handle, name = _open_beside(target, path)
-        staged.append((name, target, permissions))
+        staged.append((name, target))
         text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
         streams.append(open(handle, mode, **text))
         return streams[0]
@@ -67,19 +66,20 @@ def written_together() -> Iterator[Callable[..., IO[Any]]]:
     try:
         yield begin
         finish()
-        for name, target, permissions in staged:
-            os.chmod(name, permissions)  # mkstemp allows the user alone to read its files
+        for name, target in staged:
+            if target.exists():
+                os.chmod(name, _permissions(target))
             os.replace(name, target)
     except BaseException:
         for stream in streams:
             with contextlib.suppress(OSError):
                 stream.close()
-        for name, _, _ in staged:
+        for name, _ in staged:
             with contextlib.suppress(OSError):
                 os.unlink(name)
         raise
     finally:
-        for name, _, _ in staged:
+        for name, _ in staged:
             AT_EXIT.remove(name)
 
 
@@ -120,7 +120,6 @@ def create(path: str | PathLike[str], content: bytes) -> bool:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
-        os.chmod(name, _permissions(target))
         try:
             os.link(name, target)
         except FileExistsError:
@@ -148,9 +147,14 @@ def put_arrays(
 
 
 def _open_beside(target, path):
-    """A new file in the folder of `target`: its descriptor and name; errors name `path`."""
+    """A new file in the folder of `target`: its descriptor and name; errors name `path`.
+
+    It has the permissions of any new file. (Those of `tempfile` allow the user alone to read it,
+    and to ask for the usual ones changes them for all threads for a moment.)
+    """
+    name = str(target.parent / f".jaxcable-{secrets.token_hex(8)}.part")
     try:
-        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".jaxcable-", suffix=".part")
+        handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
     AT_EXIT.append(name)
@@ -158,9 +162,5 @@ def _open_beside(target, path):
 
 
 def _permissions(target):
-    """Permissions of a file: those that it has, or those of a new one."""
-    with contextlib.suppress(OSError):
-        return stat.S_IMODE(target.stat().st_mode)
-    umask = os.umask(0)
-    os.umask(umask)
-    return 0o666 & ~umask
+    """Permissions of a file that is there."""
+    return stat.S_IMODE(target.stat().st_mode)
