@@ -153,8 +153,9 @@ def _open_beside(target, path):
     and to ask for the usual ones changes them for all threads for a moment.)
     """
     name = str(target.parent / f".jaxcable-{secrets.token_hex(8)}.part")
+    binary = getattr(os, "O_BINARY", 0)
     try:
-        handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        handle = os.open(name, os.O_RDWR | os.O_CREAT | os.O_EXCL | binary, 0o666)
     except OSError as error:
         raise type(error)(error.errno, error.strerror, str(path)) from None
     AT_EXIT.append(name)
