@@ -411,7 +411,7 @@ def test_a_folder_that_cannot_be_written_to(scene, capsys, monkeypatch):
     def denied(*_, **__):
         raise PermissionError(13, "Permission denied", "x")
 
-    monkeypatch.setattr("jaxcable.common.writing.tempfile.mkstemp", denied)
+    monkeypatch.setattr("jaxcable.common.writing.os.open", denied)
     monkeypatch.setattr("jaxcable.cli.solve.solver.solve", pytest.fail)
     assert main(["solve", "net.json", "--save", "r.json"]) == 2
     assert one_line(capsys.readouterr().err) == "jaxcable: r.json: Permission denied"

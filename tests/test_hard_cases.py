@@ -20,6 +20,8 @@ def _parameters():
             yield pytest.param(case, dtype, marks=marks, id=f"{case.name}, {dtype}")
 
 
+# that float32 is coarse far from the origin is what some of these cases are about
+@pytest.mark.filterwarnings("ignore:nodes.* in float32:jaxcable.InputWarning")
 @pytest.mark.parametrize(("case", "dtype"), list(_parameters()))
 def test_hard_case(case, dtype):
     problem = case.build(False, dtype)

@@ -647,7 +647,7 @@ def test_form_tells_what_it_does_not_take(tmp_path, capsys, monkeypatch):
     ]
     jc.save_scene("net.json", (structure, phases))
     assert main(["form", "net.json"]) == 2
-    assert "element 0 of group 'b' has no force density" in capsys.readouterr().err
+    assert "element 0 of elements['b'] has no force density" in capsys.readouterr().err
     words = ["form", "net.json", "--force-density", "b=100", "--save", "form.json"]
     assert main(words) == 0
     out, err = capsys.readouterr()

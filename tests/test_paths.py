@@ -10,6 +10,7 @@ from problems import HEAVY, SOLVERS, two_links
 
 import jaxcable as jc
 from jaxcable import paths
+from jaxcable.common import status
 from jaxcable.scenes import von_mises_truss
 
 
@@ -346,7 +347,7 @@ def test_single_precision(newton):
 
 
 def test_it_says_when_there_is_no_room(newton):
-    path = ok(jc.trace_path(*truss(USUAL), steps=10, method=newton), 8)
+    path = ok(jc.trace_path(*truss(USUAL), steps=10, method=newton), status.OUT_OF_POINTS)
     assert len(path.load_factor) == 10
     path = ok(jc.trace_path(*truss(USUAL), steps=10, until=0.05, method=newton))
     assert float(path.load_factor[-1]) == 0.05

@@ -65,7 +65,7 @@ def by_quadrature(length, stiffness, weight):
 
 
 def test_a_guy_of_300_metres(hung):
-    """The top has 0.19 of its strength where the mean of both ends says 0.12."""
+    """The top has 0.29 of its strength where the mean of both ends says 0.22."""
     structure, solution = hung
     low, high = by_quadrature(float(solution.rest_length["guy"][0]), EA, WEIGHT)
     # the quadrature of 200 points and its root are good to 1e-12
@@ -74,7 +74,7 @@ def test_a_guy_of_300_metres(hung):
     used = jc.design.utilisation(structure, solution)
     assert float(used["guy"][0]) == pytest.approx(high / STRENGTH, rel=1e-10)
     mean = jc.design.utilisation(structure, solution.tension)["guy"][0]
-    assert used["guy"][0] > 0.19 and mean < 0.12
+    assert used["guy"][0] > 0.29 and mean < 0.22
 
 
 def test_inextensible_tension_rises_by_the_weight_of_the_height():

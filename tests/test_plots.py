@@ -58,7 +58,17 @@ def fitted():
     history = jc.design.FitHistory(
         misfit, np.array([1, 0, 0, 1, 1, -1]), 10.0 ** np.arange(6.0), np.array([0, 3, 0, 0, 0, -1])
     )
-    return jc.design.Fit(None, None, None, misfit[4], None, history, 0, 4)
+    return jc.design.Fit(
+        params=None,
+        residual=None,
+        jacobian=None,
+        misfit=misfit[4],
+        free=None,
+        without_influence=None,
+        history=history,
+        status=0,
+        steps=4,
+    )
 
 
 ERRORS = {

@@ -21,6 +21,7 @@ from jaxcable.analysis.preparation import prepare, verdicts
 from jaxcable.analysis.solution import State
 from jaxcable.common import status
 from jaxcable.common.tree import fill, thaw
+from jaxcable.design.arguments import is_tolerance, tolerance, width_of
 from jaxcable.design.box import spread
 from jaxcable.mechanics.carry import unloaded
 from jaxcable.paths.trace import _settings
@@ -88,6 +89,7 @@ def settings(name):
 
 BARS = jc.Structure(NODES, jc.Bars(LINKS, axial_stiffness=1e3), supports=jc.pinned([0, 2]))
 PRISM = jc.scenes.simplex()[0]
+STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
 def relaxed(v):
@@ -408,6 +410,49 @@ TABLE = [
         [1.0, -1.0],
     ),
     Row(
+        "design/arguments.py:tol",
+        "tol = 1.0",
+        lambda v: jnp.where(is_tolerance(tolerance(v, 1e-3)), 1.0, jnp.nan),
+        0.5,
+        1.0,
+    ),
+    Row("design/arguments.py:width", "width = 0.0", width_of, 0.1, 0.0),
+    Row(
+        "design/targets.py:value",
+        "value = nan",
+        lambda v: jc.design.Target("tension", v).value,
+        1.0,
+        np.nan,
+    ),
+    Row(
+        "design/targets.py:within",
+        "within = 0.0",
+        lambda v: jc.design.Target("tension", within=v).within,
+        1.0,
+        0.0,
+    ),
+    Row(
+        "design/influence.py:rcond",
+        "rcond = 1.0",
+        lambda v: jc.design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v),
+        0.1,
+        1.0,
+    ),
+    Row(
+        "design/influence.py:tolerance",
+        r"tolerance\[1\] = -1.0",
+        lambda v: jc.design.scatter(jnp.eye(2), v)[0],
+        [1.0, 1.0],
+        [1.0, -1.0],
+    ),
+    Row(
+        "design/objectives.py:material_use",
+        "stress = -1.0",
+        lambda v: jc.design.material_use(STRESSED, v),
+        1.0,
+        -1.0,
+    ),
+    Row(
         "forms/feasible.py:tension",
         r"tension = -1.0: with group \d so",
         lambda v: (
@@ -480,10 +525,12 @@ OTHERWISE = {
     "stiffness/vibration.py:natural_frequencies": "NaN where it is traced: an unsymmetric tangent",
     "stiffness/vibration.py:_suspect_catenaries": "no rule: a warning",
     "stiffness/buckling.py:buckling_factor": "NaN where it is traced",
+    "stiffness/buckling.py:_have_unstressed": "NaN where it is traced",
     "model/supports.py:_directions": "traced directions are refused",
     "model/spins.py:free_spins": "a warning",
     "model/spins.py:warn": "a warning",
     "model/plausibility.py:_there": "warnings",
+    "loads/movement.py:__post_init__": "a warning",
     "loads/movement.py:check_supported": "NaN where it is traced (`ramp`), status NONFINITE",
     "forms/feasible.py:feasible_prestress": "NaN where a cable is not taut",
     "forms/_balance.py:host_nodes": "traced nodes are refused",

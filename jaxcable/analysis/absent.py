@@ -79,18 +79,18 @@ def loads_that_never_act(
         earlier: number of phases solved before, by which messages number the phases.
     """
     for k, loads in enumerate(along):
-        for load in loads:
-            if not isinstance(load, SelfWeight | LineLoads | CablePressure):
+        for acting in loads:
+            if not isinstance(acting, SelfWeight | LineLoads | CablePressure):
                 continue
-            on: Any = load.on  # numbers of groups, after `among`
+            on: Any = acting.on  # numbers of groups, after `among`
             if any(isinstance(presence.present[number], jax.core.Tracer) for number in on):
                 continue
-            part = load.part or {}
+            part = acting.part or {}
             acts = [presence.present[n][k:] & (np.asarray(part.get(n, 1.0)) != 0) for n in on]
             if not any(np.any(one) for one in acts):
                 checks.suspect(
-                    f"loads of phases[{earlier + k}]: {load} acts on elements that are not there, "
-                    "neither in this phase nor in a later one"
+                    f"loads of phases[{earlier + k}]: {acting} acts on elements that are not "
+                    "there, neither in this phase nor in a later one"
                 )
 
 

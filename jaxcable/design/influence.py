@@ -13,7 +13,7 @@ from ..analysis.presence import presence_of
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks, memory
-from ..common.rules import Rule, not_negative, refuse
+from ..common.rules import Rule, not_negative, or_nan
 from ..common.selection import only
 from ..common.tree import replace
 from ..common.types import Array, ArrayLike, Float, PyTree
@@ -282,7 +282,8 @@ def adjustment(
     """
     for name, tree in (("jacobian", jacobian), ("change", change), ("like", like)):
         jax.tree.map(lambda x, name=name: checks.floats(x, name), tree)
-    refuse([Rule("rcond", rcond, lambda v: ~((v >= 0) & (v < 1)), "must be at least 0, below 1")])
+    text = "must be at least 0 and below 1"
+    rcond = or_nan(Rule("rcond", rcond, lambda v: ~((v >= 0) & (v < 1)), text))
     like = change if like is None else like
     matrix = flat_matrix(jacobian, like)
     wanted = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(change)])
@@ -329,7 +330,7 @@ def scatter(
     shape: Any = jax.tree.structure(tolerance)
     if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
         raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
-    refuse([not_negative("tolerance", leaf) for leaf in jax.tree.leaves(tolerance)])
+    tolerance = jax.tree.map(lambda leaf: or_nan(not_negative("tolerance", leaf)), tolerance)
     for entry in jax.tree.leaves(jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape):
         for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
             inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]

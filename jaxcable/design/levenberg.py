@@ -286,5 +286,6 @@ def damped_step(
     size = jnp.where(size > 0, size, 1.0)
     scaled = jnp.where(blocked[None, :], 0.0, jacobian / size[None, :])
     damper = jnp.sqrt(jnp.asarray(damping, size.dtype)) * jnp.eye(size.size, dtype=size.dtype)
-    q, r = unbatched.qr(jnp.concatenate([scaled, damper]))
+    # a search has no derivative, and `programs.underivable` says so of its result
+    q, r = unbatched.qr(lax.stop_gradient(jnp.concatenate([scaled, damper])))
     return unbatched.solve_triangular(r, -(residual @ q[: residual.size]), lower=False) / size

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..analysis.solution import Solution, State
 from ..common import checks
-from ..common.rules import positive, refuse
+from ..common.rules import or_nan, positive
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import like, phase_of, require_result, width_of
 
@@ -252,8 +252,9 @@ def material_use(
     """
     require_result(solution, "peak_tension")
     stress = like(stress, solution.peak_tension, "stress")
-    named = jax.tree_util.tree_leaves_with_path(stress)
-    refuse([positive("stress" + jax.tree_util.keystr(path), value) for path, value in named])
+    stress = jax.tree_util.tree_map_with_path(
+        lambda path, value: or_nan(positive("stress" + jax.tree_util.keystr(path), value)), stress
+    )
 
     def volume(force, length, stress):
         cases = (-1, length.shape[-1])

@@ -15,7 +15,7 @@ from ..analysis.phase_results import PhaseResult
 from ..analysis.solution import PER_PHASE, Solution
 from ..common import checks
 from ..common.owned import owned
-from ..common.rules import Rule, refuse
+from ..common.rules import Rule, or_nan
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 
 Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[ArrayLike, ' n']"
@@ -65,14 +65,15 @@ class Target:
             got = type(self.of).__name__
             raise ValueError(f"of: expected the name of a result or a function, got {got}")
         value = checks.floats(self.value, "value")
-        refuse([Rule("value", value, lambda v: ~np.isfinite(v), "must be finite")])
         if isinstance(self.phase, bool) or not isinstance(self.phase, int | np.integer):
             raise ValueError(f"phase = {self.phase!r}: expected the number of a phase")
-        object.__setattr__(self, "value", owned(self.value))
+        finite = Rule("value", value, lambda v: ~(abs(v) < np.inf), "must be finite")
+        object.__setattr__(self, "value", owned(or_nan(finite)))
         object.__setattr__(self, "at", owned(_index(self.at)))
         within = checks.scalar(self.within, "within")
         text = "must be positive and finite"
-        refuse([Rule("within", within, lambda v: ~((v > 0) & np.isfinite(v)), text)])
+        rule = Rule("within", within, lambda v: ~((v > 0) & (v < np.inf)), text)
+        object.__setattr__(self, "within", owned(or_nan(rule)))
 
     def measured(self, solution: Solution) -> Float[Array, " n"]:
         """The numbers that are meant, of a solution, [n]."""

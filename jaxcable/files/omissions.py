@@ -20,6 +20,11 @@ class Omission:
         count: how many there are.
         where: the first places in the file, in words: layers, lines or keys; may be empty.
         why: the reason, or what to do about it; may be empty.
+
+    Example:
+        >>> row = jc.files.Omission("CIRCLE", 2, "layer 'masts'", "convert it to a polyline first")
+        >>> print(row)
+        CIRCLE (2), layer 'masts': convert it to a polyline first
     """
 
     what: str

@@ -12,7 +12,6 @@ calls stay batched.
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -21,7 +20,7 @@ import jax.numpy as jnp
 import jax.scipy.linalg as jsl
 from jax import lax
 
-from ..common.types import Array, Float, Int
+from ..common.types import Array, ArrayLike, Float, Int
 
 
 def one_at_a_time(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -164,11 +163,12 @@ def lu_solve(
     return _SOLVES[False, False](lu, _UNIT_SOLVES[False](lu, rhs[order]))
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(2,))
 def lstsq(
-    matrix: Float[Array, "m n"], rhs: Float[Array, " m"], rcond: float | None = None
+    matrix: Float[Array, "m n"],
+    rhs: Float[Array, " m"],
+    rcond: Float[ArrayLike, ""] | None = None,
 ) -> Float[Array, " n"]:
-    """Return the shortest x of least ``|A x - b|``.
+    """Return the shortest x of least ``|A x - b|``; NaN if `rcond` is NaN.
 
     Args:
         matrix: A, [m, n].
@@ -176,22 +176,29 @@ def lstsq(
         rcond: singular values below this part of the largest one count as zero; None for
             max(m, n) eps.
     """
+    if rcond is None:
+        rcond = max(matrix.shape) * jnp.finfo(matrix.dtype).eps
+    return _lstsq(matrix, rhs, jnp.asarray(rcond, matrix.dtype))
+
+
+@jax.custom_jvp
+def _lstsq(matrix, rhs, rcond):
     left, size, right = _thin_svd(matrix)
-    part = max(matrix.shape) * jnp.finfo(matrix.dtype).eps if rcond is None else rcond
-    counts = size > part * jnp.max(size, initial=0.0)
-    return right.T @ jnp.where(counts, left.T @ rhs / jnp.where(counts, size, 1.0), 0.0)
+    counts = ~(size <= rcond * jnp.max(size, initial=0.0))
+    inverse = jnp.where(counts, 1 / jnp.where(counts, size, 1.0), 0.0)
+    return right.T @ (jnp.where(jnp.isnan(rcond), jnp.nan, inverse) * (left.T @ rhs))
 
 
-@lstsq.defjvp
-def _lstsq_jvp(rcond, primals, tangents):
+@_lstsq.defjvp
+def _lstsq_jvp(primals, tangents):
     """Differentiate a pseudo-inverse of constant rank (Golub and Pereyra 1973, eq. 4.12)."""
-    (matrix, rhs), (matrix_dot, rhs_dot) = primals, tangents
+    (matrix, rhs, rcond), (matrix_dot, rhs_dot, _) = primals, tangents
 
     def inverse(v):
-        return lstsq(matrix, v, rcond)
+        return _lstsq(matrix, v, rcond)
 
     def inverse_transposed(v):
-        return lstsq(matrix.T, v, rcond)
+        return _lstsq(matrix.T, v, rcond)
 
     x = inverse(rhs)
     change = inverse(rhs_dot - matrix_dot @ x)

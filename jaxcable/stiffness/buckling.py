@@ -141,12 +141,11 @@ def buckling_factor(
             "without, give the state before the loads to be multiplied"
         )
     after, slack = tangent_at(thawed, arrays, freedoms), _slack(thawed, arrays)
-    if reference is None:
-        _require_unstressed(structure, slack)
     alike: Bool[ArrayLike, ""]
     if reference is None:
+        alike = _have_unstressed(structure, slack)
         bare = _without_stress(thawed, arrays, slack)
-        before, alike = tangent_at((*thawed[:2], bare), arrays, freedoms), True
+        before = tangent_at((*thawed[:2], bare), arrays, freedoms)
     else:
         if not isinstance(reference, Solution | State):
             raise ValueError(
@@ -188,16 +187,24 @@ def _refuse_following(carry, name):
         )
 
 
-def _require_unstressed(structure, slack):
-    """Raise ValueError if slack elements have no state without stress in which they are slack."""
+def _have_unstressed(structure, slack):
+    """Whether slack elements have a state without stress in which they are slack.
+
+    Raises:
+        ValueError: they are known to be slack and have none.
+    """
+    sound = jnp.ones((), bool)
     for (where, group), own in zip(structure.named_groups(), slack, strict=True):
+        if not group.tension_only or type(group).unstressed is not Element.unstressed:
+            continue
+        sound &= ~jnp.any(own)
         known = checks.concrete(own)
-        inherited = type(group).unstressed is Element.unstressed
-        if group.tension_only and inherited and known is not None and known.any():
+        if known is not None and known.any():
             raise ValueError(
                 f"reference: missing; elements{where} ({type(group).__name__}) has slack elements "
                 "and no method `unstressed`, give the state before the loads to be multiplied"
             )
+    return sound
 
 
 @jax.jit
