@@ -96,6 +96,7 @@ def test_an_analysis_is_one_function(name):
 
 
 @fused
+@pytest.mark.filterwarnings("ignore:elements.weight. no phase has SelfWeight")  # of a cut scene
 @pytest.mark.parametrize("name", NETS)
 def test_a_gradient_is_two_functions(name):
     structure, phases = NETS[name]()[:2]

@@ -22,6 +22,7 @@ import jax
 import numpy as np
 
 from ..common import checks, digest
+from ..common.fusion import fuses
 from ..common.types import Array, Float, Int, PyTree
 from ..common.writing import create, put_arrays, written
 from .batches import batched
@@ -129,9 +130,10 @@ def streamed(
     process a chunk is solved by `batched`.
 
     The folder of a study knows what is computed: the traced function with the values of all that it
-    uses (the model, random keys), and the cases; of cases by a function it compares 16. A call with
-    something else is refused, also one with another version of jaxcable or jax. Functions of this
-    package that run on the host count by name and version.
+    uses (the model, random keys), the backend of jax, whether loops are fused, and the cases; of
+    cases by a function it compares 16. A call with something else is refused, also one with another
+    version of jaxcable or jax. Functions of this package that run on the host count by name and
+    version.
 
     Args:
         function: of one case, to a dict of arrays, whose names may be any printable texts.
@@ -177,7 +179,7 @@ def streamed(
     for k in sorted(done):
         _require(study.file(k), len(study.numbers(k)), expected)
     for k in mine:
-        if k in done:
+        if k in done or study.file(k).exists():  # another process may have written it
             continue
         numbers = study.numbers(k)
         # the last chunk is filled up with its last case: one program serves for all
@@ -245,6 +247,10 @@ def _expected(compute, shapes):
             raise ValueError(f"function: the result {name!r} has no name of printable characters")
         if not isinstance(value, jax.ShapeDtypeStruct):
             raise ValueError(f"function: the result {name!r} is a {type(value).__name__}, no array")
+        if getattr(value.dtype, "kind", "V") == "V":
+            raise ValueError(
+                f"function: the result {name!r} is of {value.dtype}, unknown to files of NumPy"
+            )
     if not results:
         raise ValueError("function: expected a dict of arrays by name, got an empty one")
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
@@ -258,6 +264,8 @@ def _begin(study, compute, shapes, cases):
         "cases": digest.of_arrays(cases),
         "jaxcable": _version("jaxcable"),
         "jax": jax.__version__,
+        "backend": jax.default_backend(),
+        "fuse_loops": fuses(),
         "function": digest.of_function(compute, shapes),
     }
     path = study.folder / _STUDY
@@ -265,7 +273,7 @@ def _begin(study, compute, shapes, cases):
         raise ValueError(f"folder: {study.folder} is a file")
     if not path.exists():
         for k in range(study.n_chunk):
-            if study.file(k).exists():
+            if study.file(k).exists() and not path.exists():  # no other process has begun it
                 raise ValueError(
                     f"folder: {study.folder} holds {study.file(k).name} and no {_STUDY} that tells "
                     "what it is; take another folder, or move that file away"

@@ -184,8 +184,14 @@ def _in_plane(positions):
 
 def _later(phases, left):
     """The phases after the form, a list: without what the form has of them; none that is empty."""
-    later = []
+    later, removed = [], False
     for k, (phase, loads) in enumerate(zip(phases, left, strict=True)):
+        if removed and phase.adds is not None:
+            raise Refused(
+                f"phase {k + 1}: adds elements after an earlier phase has removed some; the form "
+                "is that of all elements, and cannot say which of them come back"
+            )
+        removed = removed or phase.removes is not None
         gone = dict.fromkeys((*ABSOLUTE, "adds", *(("supports",) if k == 0 else ())))
         phase = replace(phase, **gone, loads=loads or None)
         names = [field.name for field in dataclasses.fields(phase)]

@@ -38,7 +38,7 @@ def run(options: Namespace) -> None:
         names = ", ".join(there)
         raise Refused(f"{names}: there already; --save names another file, --force replaces")
     schema = scene.with_name(_SCHEMA)
-    if options.force or not schema.exists():
+    if not schema.exists() or (options.force and _is_ours(schema)):
         texts[schema] = laid_out(scene_schema()) + "\n"
     require_writable(*texts)
     with written_together() as begin:
@@ -50,6 +50,14 @@ def run(options: Namespace) -> None:
     if schema in texts:
         print(f"wrote {schema}: with it editors explain and check the scene")
     print(f"next:\n  jaxcable solve {name} --plot {picture}\n  jaxcable view {name}")
+
+
+def _is_ours(schema):
+    """Whether a file is a schema of scenes, of any version of jaxcable."""
+    try:
+        return "jaxcable" in schema.read_text("utf-8")[:1000]
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _template(name):

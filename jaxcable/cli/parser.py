@@ -30,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with warnings.catch_warnings(record=True) as refused:
         warnings.simplefilter("always", RuntimeWarning)
         keep_programs()
+    # of files that another process is just writing; `keep_programs` says so in the block only
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
     for warning in () if options.quiet else refused:
         say(f"warning: {warning.message}")
     jax.config.update("jax_enable_x64", True)

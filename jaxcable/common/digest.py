@@ -6,6 +6,7 @@ model, another array or another random key has another digest. Processes agree o
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import re
@@ -133,7 +134,9 @@ def _inside(function):
     elif isinstance(function, types.FunctionType):
         yield from _code(function.__code__)
         yield from (function.__defaults__, function.__kwdefaults__)
-        yield from (cell.cell_contents for cell in function.__closure__ or ())
+        for cell in function.__closure__ or ():
+            with contextlib.suppress(ValueError):  # a variable that has no value yet
+                yield cell.cell_contents
     elif dataclasses.is_dataclass(function):
         yield from (getattr(function, f.name) for f in dataclasses.fields(function))
     elif hasattr(function, "func"):  # `functools.partial`

@@ -23,6 +23,9 @@ def available() -> int | None:
     return min((amount for amount in left if amount is not None), default=None)
 
 
+_SMALL = 1 << 26  # bytes that are never refused: less than jax itself takes
+
+
 def require(n_bytes: float, what: str, way_out: str) -> None:
     """Raise ValueError if arrays do not fit into memory.
 
@@ -31,6 +34,8 @@ def require(n_bytes: float, what: str, way_out: str) -> None:
         what: needs it, in words; begins the message.
         way_out: what to do instead, in words.
     """
+    if n_bytes < _SMALL:
+        return
     left = available()
     if left is not None and n_bytes > left:
         raise ValueError(
@@ -54,10 +59,16 @@ def _machine():
 
 
 def _container():
-    """Bytes below the limit of the container; None if there is none."""
+    """Bytes below the limit of the container; None if there is none.
+
+    What the system keeps of files counts as used there, and is given back when it is needed.
+    """
     try:
         limit = int((_GROUP / "memory.max").read_text())
-        return limit - int((_GROUP / "memory.current").read_text())
+        used = int((_GROUP / "memory.current").read_text())
+        stat = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())
+        files = int(stat.get("inactive_file", 0)) + int(stat.get("active_file", 0))
+        return limit - max(used - files, 0)
     except (OSError, ValueError):  # no such file, or "max"
         return None
 

@@ -151,13 +151,22 @@ def _make(path):
     path.mkdir(mode=0o700, exist_ok=True)
     if _is_marked(path):
         return
-    if any(path.iterdir()):
+    if any(entry.name != _TAG for entry in path.iterdir()) or not _is_begun(path / _TAG):
         raise UnsafeError(
             f"{path}: holds files that jaxcable has not written (it has no {_TAG} of jaxcable); "
             "name another folder"
         )
-    with contextlib.suppress(FileExistsError), open(path / _TAG, "x", encoding="utf-8") as file:
-        file.write(_MARK)
+    (path / _TAG).write_text(_MARK, encoding="utf-8")
+
+
+def _is_begun(tag):
+    """Whether a tag is not there, or is one of ours that has not been written to its end."""
+    try:
+        return not tag.is_symlink() and _MARK.startswith(tag.read_text("utf-8"))
+    except FileNotFoundError:
+        return True
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def _is_marked(path):
