@@ -242,7 +242,7 @@ def test_a_bad_file_names_the_line_or_the_field(name, tmp_path):
         (b'{"format": "jaxcable scene", "a": ' + b"[" * 100_000, "nested too deeply"),
         (
             b'{"format": "jaxcable scene", "a": ' + b'{"b": ' * 5000 + b"1" + b"}" * 5001,
-            "deeply|un",
+            "deeply|un|version",  # Python 3.13 reads this depth, and then misses the version
         ),
         (b"\x00\x01\x02", "binary data"),
         (b'{\n"a": "\xff"}', "line 2: no UTF-8"),

@@ -215,7 +215,9 @@ def test_moving_pictures_use_it(hung):
     structure, solution = hung
     shots = _shots(solution, NODES, structure, 1.0, "utilisation", 60)
     path = solution.phases[0].path.peak_tension["guy"]
-    assert [shot.forces.value[0] for shot in shots] == (path[:, 0] / STRENGTH).tolist()
+    shown = [shot.forces.value[0] for shot in shots]
+    # a quotient of NumPy and one of XLA may differ by a rounding
+    np.testing.assert_allclose(shown, path[:, 0] / STRENGTH, rtol=4e-16)
 
 
 def test_material_for_the_largest_force(hung):
