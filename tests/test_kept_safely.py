@@ -2,6 +2,7 @@
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 import textwrap
@@ -164,7 +165,8 @@ def test_a_file_that_makes_no_sense_is_said_and_not_used(text, tmp_path):
     place = opened(tmp_path, 1 << 20)
     text = zlib.compress(pickle.dumps(("two", "parts"))) if text is None else text
     place.write(KEYS[0], text)  # with a right checksum
-    with pytest.warns(RuntimeWarning, match="is damaged; the program is compiled anew"):
+    named = rf"{re.escape(str(place.file_of(KEYS[0])))}: is damaged; the program is compiled anew"
+    with pytest.warns(RuntimeWarning, match=named):
         assert keeping._load(place, KEYS[0], []) is None
 
 

@@ -241,7 +241,7 @@ def _load(place, key, leaves):
         text = place.read(key)
         if text is None:
             return None
-        targets, executable, results = _unpacked(text, key)
+        targets, executable, results = _unpacked(text, place.file_of(key))
         trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(results)
     except (DamagedError, UnsafeError) as error:
         why = f"{error}: is damaged" if isinstance(error, DamagedError) else str(error)
@@ -258,12 +258,12 @@ def _load(place, key, leaves):
         return None
 
 
-def _unpacked(text, key):
+def _unpacked(text, path):
     """Names of host functions, the executable, and a tree in the shape of the results."""
     try:
         targets, executable, results = pickle.loads(zlib.decompress(text))
     except Exception as error:  # whatever pickle makes of it
-        raise DamagedError(key) from error
+        raise DamagedError(str(path)) from error
     return targets, executable, results
 
 

@@ -66,6 +66,10 @@ class Place:
         """Folder for jax's own cache."""
         return self.folder / COMPILED
 
+    def file_of(self, key: str) -> Path:
+        """Return the path of the program with a key."""
+        return self.programs / f"{key}.program"
+
     def read(self, key: str) -> bytes | None:
         """Return what was written under a key; None if there is nothing.
 
@@ -73,7 +77,7 @@ class Place:
             UnsafeError: another user has written it, or could have done so.
             DamagedError: it is not what was written, or not under this key.
         """
-        path = self.programs / f"{key}.program"
+        path = self.file_of(key)
         try:
             with open(os.open(path, os.O_RDONLY | _CAREFULLY), "rb") as file:
                 about = os.fstat(file.fileno())
@@ -91,7 +95,11 @@ class Place:
         return text
 
     def write(self, key: str, text: bytes) -> None:
-        """Write a file, as a whole or not at all: the folder may be full, or read-only."""
+        """Write a file, as a whole or not at all: the folder may be full, or read-only.
+
+        Not by `writing.written`: only the user may read it, and a file that is lost when the power
+        fails is compiled anew, so that nothing waits for the disk.
+        """
         name = None
         try:
             if not _is_marked(self.programs):
@@ -101,7 +109,7 @@ class Place:
             ) as file:
                 name = file.name
                 file.write(_digest(key, text) + text)
-            os.replace(name, self.programs / f"{key}.program")
+            os.replace(name, self.file_of(key))
         except OSError:
             if name is not None:
                 with contextlib.suppress(OSError):

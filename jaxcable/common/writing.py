@@ -39,8 +39,10 @@ def written(path: str | PathLike[str], mode: str = "w") -> Iterator[IO[Any]]:
 
 @contextlib.contextmanager
 def written_together() -> Iterator[Callable[..., IO[Any]]]:
-    """Write several files, which appear together when the block ends; none if it fails.
+    """Write several files, which appear when the block ends; none of them if the block fails.
 
+    Each appears as a whole. They are renamed one after the other when all are complete: a process
+    that is stopped between two renames leaves the first of them new, and the others as they were.
     The block gets a function of the arguments of `written` that opens the stream of the next file;
     the stream before it is complete then.
     """
