@@ -57,11 +57,11 @@ def main():
     for python in given.python:
         run = subprocess.run([python, "-c", VERSION], capture_output=True, text=True)
         record(f"\n{run.stdout.strip()}; {CALLS} calls each, two cores; seconds with compilation")
-        record(f"{'':22}{'usual':>22}{'fused loops':>22}")
+        record(f"{'':22}{'usual':>28}{'fused loops':>28}")
         for name in PROGRAMS:
             limit = min(given.limit, 60) if name == "control" else given.limit
             found = [ended(python, name, fused, limit) for fused in (False, True)]
-            record(f"{name:22}{found[0]:>22}{found[1]:>22}")
+            record(f"{name:22}{found[0]:>28}{found[1]:>28}")
     record.close()
 
 
