@@ -38,7 +38,7 @@ def run(options: Namespace) -> None:
         names = ", ".join(there)
         raise Refused(f"{names}: there already; --save names another file, --force replaces")
     schema = scene.with_name(_SCHEMA)
-    if not schema.exists() or (options.force and _is_ours(schema)):
+    if not schema.exists() or (options.force and _is_scene_schema(schema)):
         texts[schema] = laid_out(scene_schema()) + "\n"
     require_writable(*texts)
     with written_together() as begin:
@@ -52,7 +52,7 @@ def run(options: Namespace) -> None:
     print(f"next:\n  jaxcable solve {name} --plot {picture}\n  jaxcable view {name}")
 
 
-def _is_ours(schema):
+def _is_scene_schema(schema):
     """Whether a file is a schema of scenes, of any version of jaxcable."""
     try:
         return "jaxcable" in schema.read_text("utf-8")[:1000]

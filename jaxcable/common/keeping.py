@@ -241,7 +241,7 @@ def _load(place, key, leaves):
         text = place.read(key)
         if text is None:
             return None
-        targets, executable, results = _unpacked(text, place.file_of(key))
+        targets, executable, results = _unpack_program(text, place.file_of(key))
         trees = jax.tree.structure((tuple(leaves), {})), jax.tree.structure(results)
     except (DamagedError, UnsafeError) as error:
         why = f"{error}: is damaged" if isinstance(error, DamagedError) else str(error)
@@ -258,8 +258,8 @@ def _load(place, key, leaves):
         return None
 
 
-def _unpacked(text, path):
-    """Names of host functions, the executable, and a tree in the shape of the results."""
+def _unpack_program(text, path):
+    """Return names of host functions, the executable, and a tree in the shape of the results."""
     try:
         targets, executable, results = pickle.loads(zlib.decompress(text))
     except Exception as error:  # whatever pickle makes of it

@@ -159,7 +159,9 @@ def _make(path):
     path.mkdir(mode=0o700, exist_ok=True)
     if _is_marked(path):
         return
-    if any(entry.name != _TAG for entry in path.iterdir()) or not _is_begun(path / _TAG):
+    if any(entry.name != _TAG for entry in path.iterdir()) or not _is_missing_or_incomplete(
+        path / _TAG
+    ):
         raise UnsafeError(
             f"{path}: holds files that jaxcable has not written (it has no {_TAG} of jaxcable); "
             "name another folder"
@@ -167,7 +169,7 @@ def _make(path):
     (path / _TAG).write_text(_MARK, encoding="utf-8")
 
 
-def _is_begun(tag):
+def _is_missing_or_incomplete(tag):
     """Whether a tag is not there, or is one of ours that has not been written to its end."""
     try:
         return not tag.is_symlink() and _MARK.startswith(tag.read_text("utf-8"))
