@@ -154,6 +154,19 @@ def make_box(
     return Box(lower, upper)
 
 
+def sizes_of(
+    x: Float[Array, " ..."], low: Float[Array, " ..."], high: Float[Array, " ..."]
+) -> Float[Array, " ..."]:
+    """The size of every entry of an array: the largest at the start, else of its bounds, or 1.
+
+    Bounds that are infinite do not count.
+    """
+    ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
+    start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
+    size = jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
+    return jnp.full_like(x, size)
+
+
 def checked_code(
     code: Int[Array, ""],
     box: Box,

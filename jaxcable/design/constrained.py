@@ -1,4 +1,4 @@
-"""Minimise a loss subject to inequalities: the method of multipliers around `minimize`."""
+"""Minimise a loss subject to inequalities and bounds, by a library whose end is verified."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
 from ..common import checks, status
@@ -15,15 +16,18 @@ from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import tolerance
-from .box import checked_call, default_tol, numbers
-from .minimize import minimize
+from .box import checked_call, default_tol, make_box, numbers, sizes_of, spread
+from .optimality import Optimality, optimality
 from .outcome import split_loss
 from .programs import Programs
+from .solvers import solver_named
+from .trials import Elastic, Point, Scaled, Trials, evaluated, trial_code
 
-_PENALTY = 10.0  # first penalty, over the size of the loss at the start
-_HARDER = 10.0  # factor on the penalty when a round has not reduced the violations enough
-_ENOUGH = 0.25  # violations after a round over those before it, at most
-_USELESS = 0.9  # the same ratio from which the penalty is far too small: it grows by a factor more
+_PART = 0.3  # typical change of a parameter over its size
+_FIRST = 0.1  # part of the loss at the start that changes are compared with
+_WORTH = 0.5  # KKT residual, or violation, after a run that is of use, over that before it
+_USELESS = 2  # runs in a row without gain after which the search ends
+_SHORTER = 0.1  # factor on the first step of a run after one without gain
 
 
 @pytree
@@ -57,6 +61,7 @@ class ConstrainedDesign:
     loss: Float[Array, ""]
     constraints: Float[Array, " n"]
     multipliers: Float[np.ndarray, " n"]
+    kkt_residual: float
     status: Int[Array, ""]
     rounds: int
     evaluations: int
@@ -80,6 +85,7 @@ def minimize_subject_to(
     tol: float | None = None,
     args: tuple[Any, ...] = (),
     scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
+    solver: str = "slsqp",
     progress: bool | Callable[[Step], Any] | None = None,
 ) -> ConstrainedDesign:
     """Minimise a loss subject to ``constraints <= 0`` and bounds.
@@ -120,65 +126,154 @@ def minimize_subject_to(
     args = checked_call(problem, args, rounds, "problem", "rounds")
     checks.whole(steps, "steps")
     params = numbers(params)
-    tol = tolerance(tol, default_tol(params))
-    loss, evaluate = _programs(problem)
-    with compiling(listener(progress)):
-        (value, (constraints, code)), slope = evaluate(params, *args)
-    multipliers = np.zeros(constraints.shape[0])
-    # the loss may be zero at the start: its change with the parameters gives it a size, too
-    sizes = jax.tree.map(lambda x, g: jnp.max(jnp.abs(x), initial=0.0) * jnp.abs(g), params, slope)
-    change = max(float(jnp.max(leaf, initial=0.0)) for leaf in jax.tree.leaves(sizes))
-    penalty = _PENALTY * (max(abs(float(value)), change) or 1.0)
-    worst, count, evaluations, failures = np.inf, 0, 0, 0
-    accuracy = max(tol, 1e-3)
-    for _ in range(rounds):
-        inner = minimize(
-            loss,
-            params,
-            bounds,
-            steps=steps,
-            tol=accuracy,
-            args=(multipliers, penalty, tol, args),
-            scale=scale,
-            progress=progress,
-        )
-        count += 1
-        evaluations += int(inner.evaluations)
-        failures += int(inner.failures)
-        code = int(inner.status)
-        if code in (status.BAD_START, status.OUTSIDE):
-            break
-        params = inner.params
-        (value, (constraints, _)), _ = evaluate(params, *args)
-        tightened = np.asarray(constraints) + tol
-        # zero where a constraint is met and either active or without multiplier
-        gap = np.abs(np.maximum(tightened, -multipliers / penalty)).max(initial=0.0)
-        multipliers = np.maximum(0.0, multipliers + penalty * tightened)
-        if gap <= tol and accuracy <= tol and code == status.OK:
-            break
-        if gap > _ENOUGH * worst:
-            penalty *= _HARDER * (_HARDER if gap > _USELESS * worst else 1.0)
-        worst, accuracy = gap, max(tol, 0.1 * accuracy)
+    box, tol = make_box(bounds, params), float(tolerance(tol, default_tol(params)))
+    solve, listen, program = solver_named(solver), listener(progress), _programs(problem)
+    start, back = ravel_pytree(params)
+    least = jax.tree.map(sizes_of, params, box.lower, box.upper)
+    if scale is None:
+        step = jax.tree.map(lambda size: _PART * size, least)
     else:
-        if code == status.OK:
-            violated = not np.all(np.asarray(constraints) <= 0)
-            code = status.CONSTRAINTS_VIOLATED if violated else status.OUT_OF_STEPS
+        step = spread(scale, params, "scale", absent=1.0, positive=True)
+
+    def sizes(x):
+        entries = jax.tree.map(lambda v, s: jnp.maximum(s, jnp.max(jnp.abs(v))), back(x), least)
+        return _flat(entries)
+
+    trials = Trials(
+        lambda x: program(jnp.asarray(x, start.dtype), params, args),
+        _flat(box.lower),
+        _flat(box.upper),
+    )
+    with compiling(listen):  # most of the time before the first report
+        first = trials.at(_flat(params))
+    search = _Search(trials, first, solve, sizes, _flat(step), tol, int(steps), listen)
+    end, code, count = search.run(rounds)
+    found = search.judged(end)
     return ConstrainedDesign(
-        params=params,
-        loss=value,
-        constraints=constraints,
-        multipliers=multipliers,
+        params=back(jnp.asarray(end.x, start.dtype)),
+        loss=jnp.asarray(end.loss, start.dtype),
+        constraints=jnp.asarray(end.constraints, start.dtype),
+        multipliers=found.multipliers,
+        kkt_residual=found.missing,
         status=jnp.int32(code),
         rounds=count,
-        evaluations=evaluations,
-        failures=failures,
+        evaluations=trials.evaluations,
+        failures=trials.failures,
     )
 
 
-def _make(reference):
-    """The augmented loss of the problem that `reference()` returns, and the compiled problem."""
+class _Search:
+    """Runs of a library, each from where the one before has ended, until the end is a minimum.
 
-    def parts(params, *args):
+    Args:
+        trials: the trial points.
+        first: the start.
+        solve: a function of `solvers`.
+        sizes: function of the parameters to the largest entries of their arrays, [n].
+        step: typical changes of the parameters, [n].
+        tol, steps, listen: as for `minimize_subject_to`.
+    """
+
+    def __init__(self, trials, first, solve, sizes, step, tol, steps, listen):
+        self.trials, self.first, self.solve, self.sizes = trials, first, solve, sizes
+        self.step, self.tol, self.steps, self.listen = step, tol, steps, listen
+        self.number = self.known = 0
+
+    def run(self, rounds: int) -> tuple[Point, int, int]:
+        """Return the end, the status, and the number of runs."""
+        if self.first.failed:
+            return self.first, status.BAD_START, 0
+        self.tell(self.first)
+        point, missing, useless, best = self.first, np.inf, 0, self.first
+        for number in range(1, rounds + 1):
+            point = self.minimized(point)
+            if point.excess > 0:  # what has met the constraints before, or comes nearest to that
+                point = self.trials.best
+            if point.excess > 0:
+                point = self.least_violation(point)
+            if point.excess > _WORTH * best.excess > 0:
+                return point, status.CONSTRAINTS_VIOLATED, number
+            left = self.judged(point).missing
+            if point.excess <= 0 and left <= self.tol:
+                return point, status.OK, number
+            fallen = best.loss - self.trials.best.loss > self.tol * self.against(point)
+            gained = fallen or left <= _WORTH * missing or best.excess > 0
+            useless = 0 if gained else useless + 1
+            if useless >= _USELESS:
+                return self.trials.best, status.STALLED, number
+            if not gained:
+                self.step = _SHORTER * self.step
+            best, missing = self.trials.best, min(left, missing)
+        code = status.CONSTRAINTS_VIOLATED if best.excess > 0 else status.OUT_OF_STEPS
+        return best, code, rounds
+
+    def minimized(self, point: Point) -> Point:
+        """Run the library once: where it ends, or the last sound point if the analysis fails there.
+
+        Its parameters and its loss are scaled so that the first step is one of typical size.
+        """
+        steep = np.linalg.norm(point.gradient * self.step)
+        unit = 1 / (steep if steep > 0 else self.against(point))
+        problem = Scaled(self.trials, self.step, unit, self.tol)
+        # a gradient of tol leaves its square of the loss to gain
+        least = self.tol**2 * unit * self.against(point)
+        start = point.x / self.step
+        end = problem.point(self.solve(problem, start, self.steps, least, self.after(problem)))
+        return self.trials.sound if end.failed else end
+
+    def least_violation(self, point: Point) -> Point:
+        """Run the library for the smallest violation: the best point that is known then."""
+        problem = Elastic(Scaled(self.trials, self.step, 1.0, self.tol))
+        start = np.append(point.x / self.step, point.excess + self.tol)
+        self.solve(problem, start, self.steps, self.tol**2, self.after(problem))
+        return self.trials.best
+
+    def judged(self, point: Point) -> Optimality:
+        """The multipliers at a point, and its KKT residual over the size of the loss."""
+        if point.failed:
+            return Optimality(np.zeros(len(point.constraints)), np.nan)
+        found = optimality(
+            point, self.trials.lower, self.trials.upper, self.sizes(point.x), self.tol
+        )
+        return found._replace(missing=found.missing / self.against(point))
+
+    def against(self, point: Point) -> float:
+        """The size of the loss: the present one, or a part of the first one; else its change."""
+        size = max(abs(point.loss), _FIRST * abs(self.first.loss))
+        return size or float(np.abs(point.gradient * self.step).max()) or 1.0
+
+    def after(self, problem):
+        """The function to be called after every step of the library: whether its end is reached."""
+
+        def note(y):
+            point = problem.point(y)
+            self.number += 1
+            self.tell(point)
+            if point.failed or point.excess > 0:
+                return False
+            return isinstance(problem, Elastic) or self.judged(point).missing <= self.tol
+
+        return note
+
+    def tell(self, point: Point) -> None:
+        """Report a step, if somebody listens."""
+        if self.listen is None:
+            return
+        missing = self.judged(point).missing
+        failures = self.trials.failures - self.known
+        self.known = self.trials.failures
+        self.listen(Step(self.number, self.steps, point.loss, missing, failures))
+
+
+def _flat(tree):
+    """All entries of a pytree in one vector of NumPy."""
+    return np.asarray(ravel_pytree(tree)[0], float)
+
+
+def _make(reference):
+    """The compiled loss and constraints, with their Jacobian, of what `reference()` returns."""
+
+    def parts(params, args):
         returned = reference()(params, *args)
         if not isinstance(returned, tuple) or len(returned) not in (2, 3):
             raise ValueError(
@@ -191,14 +286,22 @@ def _make(reference):
                 f"constraints: expected floats [n], got {constraints.dtype}"
                 f"{list(constraints.shape)}"
             )
-        return value, (constraints, code)
+        return value, constraints, code
 
-    def loss(params, multipliers, penalty, margin, args):
-        value, (constraints, code) = parts(params, *args)
-        pushed = jnp.maximum(0.0, multipliers + penalty * (constraints + margin))
-        return value + jnp.sum(pushed**2 - multipliers**2) / (2 * penalty), code
+    @jax.jit
+    def evaluate(x, params, args):
+        _, back = ravel_pytree(params)
 
-    return loss, jax.jit(jax.value_and_grad(parts, has_aux=True))
+        def flattened(x):
+            value, constraints, code = parts(back(x), args)
+            values = jnp.concatenate([value[None], constraints]).astype(x.dtype)
+            return values, code
+
+        count = jax.eval_shape(flattened, x)[0].size
+        found = evaluated(flattened, x, count)
+        return found._replace(code=trial_code(found.code, found.values, found.jacobian))
+
+    return evaluate
 
 
 _programs = Programs(_make)

@@ -21,6 +21,7 @@ from ..common.tree import where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .box import Box
 from .criteria import Criteria
+from .trials import trial_code
 
 _LBFGS = optax.lbfgs(linesearch=None)  # without a line search: the loop has one
 _SHORTEST = 40  # how often a step is shortened before the loop gives up
@@ -280,15 +281,14 @@ class Descent:
         """Loss and status; NONFINITE if the loss is not finite."""
         value, code = self.loss(self.back(x))
         value = value.astype(x.dtype)
-        return value, jnp.where((code == status.OK) & ~jnp.isfinite(value), status.NONFINITE, code)
+        return value, trial_code(code, value)
 
     def evaluate(
         self, x: Float[Array, " n"]
     ) -> tuple[Float[Array, ""], Float[Array, " n"], Int[Array, ""]]:
         """Loss, gradient and status; NONFINITE if one of their numbers is not finite."""
         (value, code), gradient = jax.value_and_grad(self.value, has_aux=True)(x)
-        sound = jnp.all(jnp.isfinite(gradient))
-        return value, gradient, jnp.where((code == status.OK) & ~sound, status.NONFINITE, code)
+        return value, gradient, trial_code(code, gradient)
 
     def judge(
         self,

@@ -20,15 +20,10 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .arguments import tolerance
 from .box import Box, checked_call, checked_code, default_tol, make_box, numbers
-from .levenberg import (
-    Evaluation,
-    LevenbergMarquardt,
-    State,
-    evaluated,
-    without_influence,
-)
+from .levenberg import LevenbergMarquardt, State, without_influence
 from .outcome import split_residuals
 from .programs import Programs, underivable
+from .trials import Evaluation, evaluated
 
 
 @pytree

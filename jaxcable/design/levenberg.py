@@ -17,6 +17,7 @@ from ..common import status
 from ..common.types import Array, Bool, Float, Int
 from ..linear import unbatched
 from .box import Box
+from .trials import Evaluation, trial_code
 
 _DAMPING = 1e-3  # at the start; columns of the scaled Jacobian have norms of at most 1
 _SINGULAR = 1e-12  # damping of a whole step; weaker directions (squared) get no step
@@ -36,14 +37,6 @@ class Trials(NamedTuple):
     accepted: Int[Array, " steps+1"]
     damping: Float[Array, " steps+1"]
     status: Int[Array, " steps+1"]
-
-
-class Evaluation(NamedTuple):
-    """Residuals [n_residual], their Jacobian [n_residual, n], and the status, at a point."""
-
-    residual: Float[Array, " n_residual"]
-    jacobian: Float[Array, "n_residual n"]
-    code: Int[Array, ""]
 
 
 class State(NamedTuple):
@@ -122,8 +115,7 @@ class LevenbergMarquardt:
     def advance(self, s: State, found: Evaluation) -> State:
         """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
         residual, jacobian, code = found
-        finite = jnp.all(jnp.isfinite(residual)) & jnp.all(jnp.isfinite(jacobian))
-        code = jnp.where((code == status.OK) & ~finite, status.NONFINITE, code)
+        code = trial_code(code, residual, jacobian)
         sound, begun = code == status.OK, s.n >= 0
         before, after = (0.5 * jnp.sum(r**2) for r in (s.residual, residual))
         gain = jnp.where(begun, (before - after) / s.promised, 1.0)
@@ -252,24 +244,6 @@ def without_influence(
     beside = jnp.maximum(jnp.linalg.norm(residual), jnp.max(columns * jnp.abs(x)))
     little = columns * whole <= _ROUNDING * jnp.finfo(x.dtype).eps * beside
     return (columns == 0) | ((whole > 0) & little)
-
-
-def evaluated(
-    residuals: Callable[[Float[Array, " n"]], tuple[Float[Array, " n_residual"], Int[Array, ""]]],
-    x: Float[Array, " n"],
-    count: int,
-) -> Evaluation:
-    """What a function that returns (residuals [count], code) is at `x`: an `Evaluation`."""
-    if x.size <= count:
-        # not `linearize`: forward and linear part apart would be a program half as long again
-        def push(direction):
-            return jax.jvp(residuals, (x,), (direction,), has_aux=True)
-
-        out = None, 1, None  # values are those of every direction
-        return Evaluation(*jax.vmap(push, out_axes=out)(jnp.eye(x.size, dtype=x.dtype)))
-    residual, pull, code = jax.vjp(residuals, x, has_aux=True)
-    jacobian = jax.vmap(pull)(jnp.eye(count, dtype=residual.dtype))[0]
-    return Evaluation(residual, jacobian, code)
 
 
 def damped_step(

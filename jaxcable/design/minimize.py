@@ -16,7 +16,7 @@ from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import tolerance
-from .box import Box, checked_call, checked_code, default_tol, make_box, numbers, spread
+from .box import Box, checked_call, checked_code, default_tol, make_box, numbers, sizes_of, spread
 from .criteria import Criteria
 from .descent import Descent
 from .outcome import split_loss
@@ -195,7 +195,7 @@ def minimize(
     params = numbers(params)
     box = make_box(bounds, params)
     tol = tolerance(tol, default_tol(params))
-    floor = jax.tree.map(_floor, params, box.lower, box.upper)
+    floor = jax.tree.map(sizes_of, params, box.lower, box.upper)
     if scale is None and optimizer is None:
         scale = jax.tree.map(lambda s: _PART * s, floor)
     else:
@@ -204,17 +204,6 @@ def minimize(
     with compiling(listen):  # most of the time before the first report
         program = _programs(loss, optimizer, int(steps), listen)
         return program(params, args, box, floor, scale, tol)
-
-
-def _floor(x, low, high):
-    """Least size of every entry: the largest of its array at the start, else of its bounds, or 1.
-
-    Bounds that are infinite do not count.
-    """
-    ends = jnp.stack([jnp.where(jnp.isfinite(b), jnp.abs(b), 0.0) for b in (low, high)])
-    start, bound = jnp.max(jnp.abs(x), initial=0.0), jnp.max(ends, initial=0.0)
-    size = jnp.where(start > 0, start, jnp.where(bound > 0, bound, 1.0))
-    return jnp.full_like(x, size)
 
 
 def _make(reference, optimizer, steps, listen):

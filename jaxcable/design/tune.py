@@ -25,9 +25,9 @@ from ..equilibrium.newton import Newton
 from ..model.parts import groups_by_name, per_group
 from ..model.structure import Structure
 from .fit import fit, searched
-from .levenberg import Evaluation
 from .sensitivity import sensitivity
 from .targets import Target, concerns, deviations, require_targets
+from .trials import Evaluation
 
 _SAME = 1e-3  # of what a target allows
 _MANY = 256  # unknowns: beyond, derivatives of targets (reverse mode) are taken
