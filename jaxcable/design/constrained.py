@@ -1,7 +1,8 @@
-"""Minimise a loss subject to inequalities and bounds, by a library whose end is verified."""
+"""Minimise a loss subject to inequalities and bounds, by a library whose points are verified."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -17,17 +18,16 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import tolerance
 from .box import checked_call, default_tol, make_box, numbers, sizes_of, spread
-from .optimality import Optimality, optimality
+from .optimality import optimality
 from .outcome import split_loss
 from .programs import Programs
 from .solvers import solver_named
-from .trials import Elastic, Point, Scaled, Trials, evaluated, trial_code
+from .trials import Point, RunEnd, Scaled, Trials, evaluated, trial_code
 
-_PART = 0.3  # typical change of a parameter over its size
 _FIRST = 0.1  # part of the loss at the start that changes are compared with
+_TRIALS = 20  # evaluations for each step that a run may take, at most
 _WORTH = 0.5  # KKT residual, or violation, after a run that is of use, over that before it
-_USELESS = 2  # runs in a row without gain after which the search ends
-_SHORTER = 0.1  # factor on the first step of a run after one without gain
+_SHORTER = 0.1  # first step of a run over that of the run before it
 
 
 @pytree
@@ -35,16 +35,19 @@ class ConstrainedDesign:
     """Result of `minimize_subject_to`.
 
     Attributes:
-        params: parameters found, in the shape of the start.
+        params: parameters found, in the shape of the start: those of the lowest loss that meet the
+            constraints; if none do, those of the smallest violation.
         loss: loss at `params`.
         constraints: constraints at `params`, [n]; all at most 0 if the status is OK.
         multipliers: [n]; by how much the smallest loss would fall if a constraint were relaxed by
             1; zero for a constraint without influence.
-        status: 0 if converged, else the status of the last round; CONSTRAINTS_VIOLATED if its
-            search has converged and a constraint is above 0.
-        rounds: number of rounds of `minimize`.
-        evaluations: number of evaluations of loss, constraints and gradient, in all rounds.
+        status: 0 if converged: the constraints are met and `kkt_residual` is at most `tol`;
+            CONSTRAINTS_VIOLATED if a constraint is above 0; `describe` has the texts.
+        rounds: number of runs of the library.
+        evaluations: number of evaluations of loss, constraints and gradients, in all runs.
         failures: number of trial points at which the inner analysis failed.
+        kkt_residual: by how much the conditions of a minimum (Karush, Kuhn, Tucker) are missed at
+            `params`, relative to the loss; see `minimize_subject_to`.
 
     Example:
         >>> problem = lambda area: (area, jnp.array([50e3 / (area * 200.0) - 1.0]))
@@ -55,17 +58,17 @@ class ConstrainedDesign:
         250 mm2
     """
 
-    _shown: ClassVar[str] = "loss, constraints, params, rounds, evaluations"
+    _shown: ClassVar[str] = "loss, constraints, params, kkt_residual, evaluations"
 
     params: PyTree[Float[Array, " ..."]]
     loss: Float[Array, ""]
     constraints: Float[Array, " n"]
     multipliers: Float[np.ndarray, " n"]
-    kkt_residual: float
     status: Int[Array, ""]
     rounds: int
     evaluations: int
     failures: int
+    kkt_residual: float
 
 
 def minimize_subject_to(
@@ -80,19 +83,15 @@ def minimize_subject_to(
     bounds: tuple[PyTree[Float[ArrayLike, " ..."]] | None, PyTree[Float[ArrayLike, " ..."]] | None]
     | None = None,
     *,
-    rounds: int = 30,
-    steps: int = 100,
+    solver: str = "slsqp",
+    rounds: int = 10,
+    steps: int = 300,
     tol: float | None = None,
     args: tuple[Any, ...] = (),
     scale: PyTree[Float[ArrayLike, " ..."]] | None = None,
-    solver: str = "slsqp",
     progress: bool | Callable[[Step], Any] | None = None,
 ) -> ConstrainedDesign:
-    """Minimise a loss subject to ``constraints <= 0`` and bounds.
-
-    This is the method of multipliers (Hestenes, Powell; with inequalities Rockafellar 1973). Each
-    round minimises ``f + sum(max(0, m + p c)^2 - m^2) / (2 p)`` by `minimize` with its default
-    optimizer, and then sets ``m = max(0, m + p c)``.
+    """Minimise a loss subject to ``constraints <= 0`` and bounds, by SciPy or IPOPT.
 
     Args:
         problem: function ``problem(params, *args)`` that returns (loss, constraints) or (loss,
@@ -101,19 +100,36 @@ def minimize_subject_to(
         params, bounds: as for `minimize`.
 
     Options:
-        rounds: largest number of rounds.
-        steps: largest number of accepted steps in every round.
-        tol: tolerance of `minimize` in the last round, and of the constraints, which are met on
+        solver: "slsqp" or "trust-constr" of SciPy, for up to some hundred parameters; or "ipopt",
+            for many limits (``pip install 'jaxcable[ipopt]'``).
+        rounds: largest number of runs of the library, each from the best point of the one before
+            with a shorter first step; one run is enough where no analysis fails.
+        steps: largest number of steps in every run; it takes 20 times as many evaluations at most.
+        tol: tolerance of the KKT residual, see below, and of the constraints, which are met on
             their safe side: within ``[-2 tol, 0]`` where they are active. Default: 1e-6 in float64,
             1e-3 in float32.
-        args, scale, progress: as for `minimize`.
+        args, progress: as for `minimize`.
+        scale: size of a typical change of every parameter, in the forms that a bound can have.
+            Default: its size.
 
     Returns:
-        `ConstrainedDesign`; computed on the host, not to be traced. If the constraints cannot be
-        met the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
+        `ConstrainedDesign`; computed on the host, not to be traced. If no point meets the
+        constraints the status is CONSTRAINTS_VIOLATED and `constraints` shows by how much.
 
     Raises:
-        ValueError: as `minimize`.
+        ValueError: as `minimize`; a solver that there is not, or that is not installed.
+
+    Every point that the library accepts is judged here, whatever the library says: the status is OK
+    if all constraints are at most 0 and the KKT residual is at most `tol`. With the multipliers
+    ``m >= 0`` that miss them least, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s``
+    and ``m_j |c_j + tol|``, of bounds likewise, over the size of the loss. That and the size ``s``
+    of a parameter are those of `minimize`.
+
+    At a trial point where the analysis fails the library meets a loss that it does not accept, so
+    that it shortens the step.
+
+    Source: Kraft, A software package for sequential quadratic programming (1988); Byrd, Hribar and
+    Nocedal, SIAM J. Optim. 9 (1999); Waechter and Biegler, Math. Program. 106 (2006).
 
     Example:
         The least area, mm2, that carries 50 kN with at most 200 N/mm2:
@@ -130,14 +146,10 @@ def minimize_subject_to(
     solve, listen, program = solver_named(solver), listener(progress), _programs(problem)
     start, back = ravel_pytree(params)
     least = jax.tree.map(sizes_of, params, box.lower, box.upper)
-    if scale is None:
-        step = jax.tree.map(lambda size: _PART * size, least)
-    else:
-        step = spread(scale, params, "scale", absent=1.0, positive=True)
+    step = spread(least if scale is None else scale, params, "scale", absent=1.0, positive=True)
 
     def sizes(x):
-        entries = jax.tree.map(lambda v, s: jnp.maximum(s, jnp.max(jnp.abs(v))), back(x), least)
-        return _flat(entries)
+        return _flat(jax.tree.map(lambda v, s: jnp.maximum(s, jnp.abs(v).max()), back(x), least))
 
     trials = Trials(
         lambda x: program(jnp.asarray(x, start.dtype), params, args),
@@ -146,15 +158,15 @@ def minimize_subject_to(
     )
     with compiling(listen):  # most of the time before the first report
         first = trials.at(_flat(params))
-    search = _Search(trials, first, solve, sizes, _flat(step), tol, int(steps), listen)
-    end, code, count = search.run(rounds)
-    found = search.judged(end)
+    search = _Search(trials, first, sizes, tol, int(steps), listen)
+    end, code, count = search.run(solve, _flat(step), int(rounds))
+    multipliers, residual = search.judged(end)
     return ConstrainedDesign(
         params=back(jnp.asarray(end.x, start.dtype)),
         loss=jnp.asarray(end.loss, start.dtype),
         constraints=jnp.asarray(end.constraints, start.dtype),
-        multipliers=found.multipliers,
-        kkt_residual=found.missing,
+        multipliers=multipliers,
+        kkt_residual=residual,
         status=jnp.int32(code),
         rounds=count,
         evaluations=trials.evaluations,
@@ -163,106 +175,74 @@ def minimize_subject_to(
 
 
 class _Search:
-    """Runs of a library, each from where the one before has ended, until the end is a minimum.
+    """Runs of a library, each from the best point before it, until a point is a minimum.
 
     Args:
         trials: the trial points.
         first: the start.
-        solve: a function of `solvers`.
         sizes: function of the parameters to the largest entries of their arrays, [n].
-        step: typical changes of the parameters, [n].
         tol, steps, listen: as for `minimize_subject_to`.
     """
 
-    def __init__(self, trials, first, solve, sizes, step, tol, steps, listen):
-        self.trials, self.first, self.solve, self.sizes = trials, first, solve, sizes
-        self.step, self.tol, self.steps, self.listen = step, tol, steps, listen
+    def __init__(self, trials, first, sizes, tol, steps, listen):
+        self.trials, self.first, self.sizes = trials, first, sizes
+        self.tol, self.steps, self.listen = tol, steps, listen
         self.number = self.known = 0
 
-    def run(self, rounds: int) -> tuple[Point, int, int]:
-        """Return the end, the status, and the number of runs."""
-        if self.first.failed:
-            return self.first, status.BAD_START, 0
-        self.tell(self.first)
-        point, missing, useless, best = self.first, np.inf, 0, self.first
+    def run(
+        self, solve: Callable[[Scaled, int, float], None], step: np.ndarray, rounds: int
+    ) -> tuple[Point, int, int]:
+        """Return the end, the status, and the number of runs.
+
+        Args:
+            solve: a function of `solvers`.
+            step: typical changes of the parameters, [n]; those of the first step.
+            rounds: largest number of runs.
+        """
+        best, missing = self.first, np.inf
+        if best.failed:
+            return best, status.BAD_START, 0
+        self.converged(best)
         for number in range(1, rounds + 1):
-            point = self.minimized(point)
-            if point.excess > 0:  # what has met the constraints before, or comes nearest to that
-                point = self.trials.best
-            if point.excess > 0:
-                point = self.least_violation(point)
-            if point.excess > _WORTH * best.excess > 0:
-                return point, status.CONSTRAINTS_VIOLATED, number
-            left = self.judged(point).missing
-            if point.excess <= 0 and left <= self.tol:
-                return point, status.OK, number
-            fallen = best.loss - self.trials.best.loss > self.tol * self.against(point)
-            gained = fallen or left <= _WORTH * missing or best.excess > 0
-            useless = 0 if gained else useless + 1
-            if useless >= _USELESS:
-                return self.trials.best, status.STALLED, number
-            if not gained:
-                self.step = _SHORTER * self.step
-            best, missing = self.trials.best, min(left, missing)
-        code = status.CONSTRAINTS_VIOLATED if best.excess > 0 else status.OUT_OF_STEPS
+            steep = np.linalg.norm(best.gradient * step)
+            unit = 1 / (steep if steep > 0 else self.against(best))
+            most = _TRIALS * self.steps
+            problem = Scaled(self.trials, best, step, unit, self.tol, self.converged, most)
+            with contextlib.suppress(RunEnd):
+                solve(problem, self.steps, self.tol)
+            for point in (problem.reached, self.trials.best):
+                left = self.judged(point)[1]
+                if point.violation <= 0 and left <= self.tol:
+                    return point, status.OK, number
+            before, best = best, self.trials.best
+            if best.violation > _WORTH * before.violation > 0:
+                return best, status.CONSTRAINTS_VIOLATED, number
+            fallen = before.loss - best.loss > self.tol**2 * self.against(best)
+            if not (fallen or left <= _WORTH * missing or before.violation > 0):
+                return best, status.STALLED, number
+            missing, step = min(left, missing), _SHORTER * step
+        code = status.CONSTRAINTS_VIOLATED if best.violation > 0 else status.OUT_OF_STEPS
         return best, code, rounds
 
-    def minimized(self, point: Point) -> Point:
-        """Run the library once: where it ends, or the last sound point if the analysis fails there.
-
-        Its parameters and its loss are scaled so that the first step is one of typical size.
-        """
-        steep = np.linalg.norm(point.gradient * self.step)
-        unit = 1 / (steep if steep > 0 else self.against(point))
-        problem = Scaled(self.trials, self.step, unit, self.tol)
-        # a gradient of tol leaves its square of the loss to gain
-        least = self.tol**2 * unit * self.against(point)
-        start = point.x / self.step
-        end = problem.point(self.solve(problem, start, self.steps, least, self.after(problem)))
-        return self.trials.sound if end.failed else end
-
-    def least_violation(self, point: Point) -> Point:
-        """Run the library for the smallest violation: the best point that is known then."""
-        problem = Elastic(Scaled(self.trials, self.step, 1.0, self.tol))
-        start = np.append(point.x / self.step, point.excess + self.tol)
-        self.solve(problem, start, self.steps, self.tol**2, self.after(problem))
-        return self.trials.best
-
-    def judged(self, point: Point) -> Optimality:
-        """The multipliers at a point, and its KKT residual over the size of the loss."""
-        if point.failed:
-            return Optimality(np.zeros(len(point.constraints)), np.nan)
-        found = optimality(
-            point, self.trials.lower, self.trials.upper, self.sizes(point.x), self.tol
-        )
-        return found._replace(missing=found.missing / self.against(point))
+    def judged(self, point: Point) -> tuple[np.ndarray, float]:
+        """Return the multipliers at a point, and its KKT residual over the size of the loss."""
+        box = self.trials.lower, self.trials.upper
+        multipliers, residual = optimality(point, *box, self.sizes(point.x), self.tol)
+        return multipliers, residual / self.against(point)
 
     def against(self, point: Point) -> float:
-        """The size of the loss: the present one, or a part of the first one; else its change."""
+        """Return the size of the loss: the present one, or a part of the first, or its change."""
         size = max(abs(point.loss), _FIRST * abs(self.first.loss))
-        return size or float(np.abs(point.gradient * self.step).max()) or 1.0
+        return size or float(np.abs(point.gradient * self.sizes(point.x)).max()) or 1.0
 
-    def after(self, problem):
-        """The function to be called after every step of the library: whether its end is reached."""
-
-        def note(y):
-            point = problem.point(y)
-            self.number += 1
-            self.tell(point)
-            if point.failed or point.excess > 0:
-                return False
-            return isinstance(problem, Elastic) or self.judged(point).missing <= self.tol
-
-        return note
-
-    def tell(self, point: Point) -> None:
-        """Report a step, if somebody listens."""
-        if self.listen is None:
-            return
-        missing = self.judged(point).missing
-        failures = self.trials.failures - self.known
-        self.known = self.trials.failures
-        self.listen(Step(self.number, self.steps, point.loss, missing, failures))
+    def converged(self, point: Point) -> bool:
+        """Report a point that the library has accepted; return whether it is a minimum."""
+        residual = self.judged(point)[1]
+        if self.listen is not None:
+            failures, self.known = self.trials.failures - self.known, self.trials.failures
+            self.listen(Step(self.number, self.steps, point.loss, residual, failures))
+        self.number += 1
+        return point.violation <= 0 and residual <= self.tol
 
 
 def _flat(tree):

@@ -1,9 +1,7 @@
 """Libraries that minimise a loss subject to constraints: SciPy's SLSQP and trust-constr, IPOPT.
 
-Each is a function of a problem (`trials.Scaled`, `trials.Elastic`), a start, the largest number of
-steps, a tolerance of the loss and a function that is called after every step, which says whether to
-end. It returns the point where the library has ended; whether that is a minimum is judged elsewhere
-(`optimality`).
+Each is a function of a problem (`trials.Scaled`), the largest number of steps and a tolerance. None
+of them is asked whether it has converged: `optimality` judges the points that it accepts.
 """
 
 from __future__ import annotations
@@ -15,131 +13,77 @@ from typing import Any
 import numpy as np
 from scipy import optimize
 
-from .trials import Elastic, Scaled
+from .trials import RunEnd, Scaled
 
 _FINEST = 1e-12  # least tolerance of IPOPT
+_MEMORY = 50  # steps from which IPOPT takes the curvature; with its 6 it needs three times as many
 _NO_BOUND = 2e19  # what IPOPT takes for infinite, from 1e19 on
 
 
-class _EndError(Exception):
-    """The search is to end: the point is good, or the analysis has failed where it would go on."""
-
-
-def slsqp(
-    problem: Scaled | Elastic,
-    start: np.ndarray,
-    steps: int,
-    tol: float,
-    after: Callable[[np.ndarray], bool],
-) -> np.ndarray:
-    """Minimise by SciPy's SLSQP (Kraft 1988): dense, for up to some hundred parameters."""
-    reached = start
-
-    def slopes(y):
-        # its line search has shortened the step ten times: it would go on from here
-        if problem.point(y).failed:
-            raise _EndError
-        return problem.at(y)
-
-    def note(y):
-        nonlocal reached
-        reached = np.array(y)
-        if after(reached):
-            raise _EndError
-
+def slsqp(problem: Scaled, steps: int, tol: float) -> None:
+    """Run SciPy's SLSQP (Kraft 1988): dense, for up to some hundred parameters."""
     limits = {
         "type": "ineq",
-        "fun": lambda y: -problem.at(y)[2],
-        "jac": lambda y: -slopes(y)[3],
+        "fun": lambda y: -problem.constraints(y),
+        "jac": lambda y: -problem.jacobian(y),
     }
-    try:
-        end = optimize.minimize(
-            lambda y: problem.at(y)[0],
-            start,
-            jac=lambda y: slopes(y)[1],
-            bounds=optimize.Bounds(problem.lower, problem.upper),
-            constraints=[limits] if len(problem.at(start)[2]) else [],
-            method="SLSQP",
-            callback=note,
-            options={"ftol": tol, "maxiter": steps},
-        )
-    except _EndError:
-        return reached
-    return end.x
+    optimize.minimize(
+        problem.loss,
+        problem.start,
+        jac=problem.gradient,
+        bounds=optimize.Bounds(problem.lower, problem.upper),
+        constraints=[limits] if len(problem.reached.constraints) else [],
+        method="SLSQP",
+        # a change of the loss says nothing of the gradient: in a valley it is small long before
+        options={"ftol": tol**3, "maxiter": steps},
+    )
 
 
-def trust_constr(
-    problem: Scaled | Elastic,
-    start: np.ndarray,
-    steps: int,
-    tol: float,
-    after: Callable[[np.ndarray], bool],
-) -> np.ndarray:
-    """Minimise by SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points, dense."""
+def trust_constr(problem: Scaled, steps: int, tol: float) -> None:
+    """Run SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points, dense."""
     limits = optimize.NonlinearConstraint(
-        lambda y: problem.at(y)[2],
-        -np.inf,
-        0.0,
-        jac=lambda y: problem.at(y)[3],
-        hess=optimize.BFGS(),
+        problem.constraints, -np.inf, 0.0, jac=problem.jacobian, hess=optimize.BFGS()
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of gradients that have not changed
-        end = optimize.minimize(
-            lambda y: problem.at(y)[0],
-            start,
-            jac=lambda y: problem.at(y)[1],
+        optimize.minimize(
+            problem.loss,
+            problem.start,
+            jac=problem.gradient,
             hess=optimize.BFGS(),
             bounds=optimize.Bounds(problem.lower, problem.upper),
-            constraints=[limits] if len(problem.at(start)[2]) else [],
+            constraints=[limits] if len(problem.reached.constraints) else [],
             method="trust-constr",
-            callback=lambda y, _: after(np.array(y)),
-            options={
-                "maxiter": steps,
-                "gtol": tol,
-                "xtol": tol,
-                "barrier_tol": tol,
-            },
+            options={"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol},
         )
-    return end.x
 
 
-def ipopt(
-    problem: Scaled | Elastic,
-    start: np.ndarray,
-    steps: int,
-    tol: float,
-    after: Callable[[np.ndarray], bool],
-) -> np.ndarray:
-    """Minimise by IPOPT (Waechter, Biegler 2006): interior points, for many limits.
+def ipopt(problem: Scaled, steps: int, tol: float) -> None:
+    """Run IPOPT (Waechter, Biegler 2006): interior points, for many limits.
 
-    A failed analysis is NaN here: IPOPT takes that for an error of the evaluation, and shortens the
-    step, in its restoration of feasibility, too.
+    A failed analysis is NaN here: IPOPT shortens the step then, also while it restores feasibility.
     """
     import ipyopt
 
-    _, _, constraints, jacobian = problem.at(start)
-    m, n = jacobian.shape
-    reached = start
+    m, n = problem.reached.jacobian.shape
+    ended = False
 
-    def put(which, shape):
+    def number(function, y):
+        """A value of the problem; NaN where the analysis fails, or once the run is to end."""
+        nonlocal ended
+        try:
+            return np.nan if problem.point(y).failed else function(y)
+        except RunEnd:
+            ended = True
+            return np.nan
+
+    def put(function):
         def filled(y, out):
-            failed = problem.point(np.array(y)).failed
-            out[:] = np.nan if failed else problem.at(np.array(y))[which].reshape(shape)
+            out[:] = np.ravel(number(function, np.array(y)))
             return out
 
         return filled
 
-    def loss(y):
-        nonlocal reached
-        reached = np.array(y)
-        return np.nan if problem.point(reached).failed else problem.at(reached)[0]
-
-    def note(*_):
-        return not after(reached)
-
-    rows, columns = (index.ravel() for index in np.indices((m, n)))
-    nothing = np.zeros(0, int), np.zeros(0, int)
     search = ipyopt.Problem(
         n,
         np.maximum(problem.lower, -_NO_BOUND),
@@ -147,27 +91,27 @@ def ipopt(
         m,
         np.full(m, -_NO_BOUND),
         np.zeros(m),
-        (rows, columns),
-        nothing,
-        loss,
-        put(1, n),
-        put(2, m),
-        put(3, m * n),
-        intermediate_callback=note,
+        tuple(index.ravel() for index in np.indices((m, n))),
+        (np.zeros(0, int), np.zeros(0, int)),
+        lambda y: number(problem.loss, np.array(y)),
+        put(problem.gradient),
+        put(problem.constraints),
+        put(problem.jacobian),
+        intermediate_callback=lambda *_: not ended,
         ipopt_options={
             "hessian_approximation": "limited-memory",
+            "limited_memory_max_history": _MEMORY,
             "bound_relax_factor": 0.0,
             "print_level": 0,
             "sb": "yes",
-            "tol": max(tol, _FINEST),
+            "tol": max(tol**2, _FINEST),
             "max_iter": steps,
         },
     )
-    end, _, _ = search.solve(start.copy())
-    return np.asarray(end)
+    search.solve(problem.start.copy())
 
 
-def solver_named(name: Any) -> Callable[..., np.ndarray]:
+def solver_named(name: Any) -> Callable[[Scaled, int, float], None]:
     """Return the function of a solver by its name.
 
     Raises:

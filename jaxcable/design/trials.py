@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import status
-from ..common.types import Array, Bool, Float, Int
+from ..common.types import Array, Float, Int
 
-_WALL = 1.0
-"""Rise of a scaled loss, whose gradient at the start is 1, where a library is to turn back."""
+_WALL = 1e10
+"""Scaled loss of a failed analysis, whose gradient at the start is 1: no search accepts that."""
 
 
 class Evaluation(NamedTuple):
@@ -58,9 +58,9 @@ def evaluated(
 
 
 class Point(NamedTuple):
-    """A trial point of a library: parameters, loss, gradient, constraints and their Jacobian.
+    """A trial point of a library: parameters, loss, gradient, constraints, Jacobian and status.
 
-    `code` is its status. Arrays are those of NumPy; [n], [n], [m], [m, n].
+    All arrays are those of NumPy: [n], [n], [m], [m, n].
     """
 
     x: np.ndarray
@@ -76,13 +76,19 @@ class Point(NamedTuple):
         return self.code != status.OK
 
     @property
-    def excess(self) -> float:
+    def violation(self) -> float:
         """The largest constraint; minus infinity if there is none."""
         return float(self.constraints.max(initial=-np.inf))
 
+    def better(self, other: Point) -> bool:
+        """Whether it meets the constraints at a lower loss than another, or violates them less."""
+        if min(self.violation, other.violation) > 0:
+            return self.violation < other.violation
+        return (self.violation > 0, self.loss) < (other.violation > 0, other.loss)
+
 
 class Trials:
-    """Trial points of one search by a library: they are within bounds, counted and remembered.
+    """Evaluate the trial points of one search by a library: within bounds, counted, remembered.
 
     Args:
         evaluate: function of the parameters [n] to an `Evaluation` of loss and constraints, the
@@ -91,15 +97,15 @@ class Trials:
 
     Attributes:
         evaluations, failures: numbers of trial points, and of those that have failed.
-        failure: code of the last failure; 0 if there was none.
-        sound: last `Point` that has not failed; None before there is one.
-        best: the one of lowest loss that meets all constraints; if there is none, that of the
-            smallest violation.
+        last: the last trial point.
+        sound: the last one that has not failed; None before there is one.
+        best: the one of lowest loss that meets all constraints; if none does, that of the smallest
+            violation.
     """
 
     def __init__(self, evaluate: Callable[[Any], Evaluation], lower: np.ndarray, upper: np.ndarray):
         self.evaluate, self.lower, self.upper = evaluate, lower, upper
-        self.evaluations = self.failures = self.failure = 0
+        self.evaluations = self.failures = 0
         self.last: Point | None = None
         self.sound: Point | None = None
         self.best: Point | None = None
@@ -111,80 +117,80 @@ class Trials:
             return self.last
         values, jacobian, code = (np.asarray(one) for one in self.evaluate(x))
         values, jacobian = values.astype(float), jacobian.astype(float)
-        point = Point(x, float(values[0]), jacobian[0], values[1:], jacobian[1:], int(code))
+        self.last = Point(x, float(values[0]), jacobian[0], values[1:], jacobian[1:], int(code))
         self.evaluations += 1
-        self.last = point
-        if point.failed:
-            self.failures, self.failure = self.failures + 1, point.code
-            return point
-        self.sound = point
-        if self.best is None or _better(point, self.best):
-            self.best = point
-        return point
+        if self.last.failed:
+            self.failures += 1
+            return self.last
+        self.sound = self.last
+        if self.best is None or self.last.better(self.best):
+            self.best = self.last
+        return self.last
 
 
-def _better(one, other):
-    """Whether a point meets constraints at a lower loss than another one, or violates them less."""
-    if one.excess <= 0 or other.excess <= 0:
-        return (one.excess > 0, one.loss) < (other.excess > 0, other.loss)
-    return one.excess < other.excess
+class RunEnd(Exception):  # noqa: N818 - not an error
+    """A run of a library is to end, at the last point that it has accepted."""
 
 
 class Scaled:
-    """Trial points as a library sees them: with parameters and loss of size 1, and never NaN.
+    """Show trial points to a library: parameters and loss of size 1, and no failed analysis.
 
-    In place of a failed point it sees the last sound one behind a wall: a loss that is higher by
-    the change that a gradient of 1 makes. No search accepts that, so all of them shorten the step.
+    In place of a failed point the library gets the last sound one with a loss that no search
+    accepts, so that all of them shorten the step. A library that asks for the gradient there has
+    given up: its run ends.
 
     Args:
         trials: the `Trials`.
+        start: the `Point` where the run starts.
         size: the library gets the parameters divided by it, [n].
         unit: factor on the loss.
-        margin: constraints are tightened by it.
+        margin: the library gets the constraints plus this.
+        follow: function of every `Point` that the library has accepted; True ends the run.
+        most: largest number of evaluations of the run.
+
+    Attributes:
+        start, lower, upper: start and bounds as the library gets them, [n].
+        reached: the last `Point` that the library has accepted.
     """
 
-    def __init__(self, trials: Trials, size: np.ndarray, unit: float, margin: float):
+    def __init__(self, trials, start, size, unit, margin, follow, most):
         self.trials, self.size, self.unit, self.margin = trials, size, unit, margin
+        self.follow, self.most = follow, trials.evaluations + most
+        self.start, self.reached = start.x / size, start
         self.lower, self.upper = trials.lower / size, trials.upper / size
 
-    def point(self, y: np.ndarray) -> Point:
-        """The `Point` of scaled parameters, in units of the user."""
+    def point(self, y: Float[np.ndarray, " n"]) -> Point:
+        """Evaluate scaled parameters; those at a bound are at that of the user exactly."""
+        if self.trials.evaluations >= self.most:
+            raise RunEnd
         x = np.where(y <= self.lower, self.trials.lower, y * self.size)
         return self.trials.at(np.where(y >= self.upper, self.trials.upper, x))
 
-    def at(self, y: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Loss, gradient, constraints and Jacobian of scaled parameters."""
-        found, wall = self.point(y), 0.0
+    def sound(self, y: Float[np.ndarray, " n"]) -> Point:
+        """Evaluate scaled parameters; the last sound point if the analysis fails there."""
+        found = self.point(y)
+        return self.trials.sound if found.failed else found
+
+    def loss(self, y: Float[np.ndarray, " n"]) -> float:
+        """The scaled loss."""
+        found = self.point(y)
+        return _WALL if found.failed else self.unit * found.loss
+
+    def gradient(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
+        """The gradient of the scaled loss, [n]: libraries ask for it at points they accept."""
+        found = self.point(y)
         if found.failed:
-            found, wall = self.trials.sound, _WALL
-        return (
-            self.unit * found.loss + wall,
-            self.unit * found.gradient * self.size,
-            found.constraints + self.margin,
-            found.jacobian * self.size,
-        )
+            raise RunEnd
+        if not np.array_equal(found.x, self.reached.x):
+            self.reached = found
+            if self.follow(found):
+                raise RunEnd
+        return self.unit * found.gradient * self.size
 
+    def constraints(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
+        """The constraints, [m], which are to be at most zero."""
+        return self.sound(y).constraints + self.margin
 
-class Elastic:
-    """The problem of the least violation: ``t`` such that all constraints are at most ``t``.
-
-    Args:
-        scaled: the `Scaled` problem; one more parameter, the violation, comes last.
-    """
-
-    def __init__(self, scaled: Scaled):
-        self.scaled = scaled
-        self.lower = np.append(scaled.lower, 0.0)
-        self.upper = np.append(scaled.upper, np.inf)
-
-    def point(self, y: np.ndarray) -> Point:
-        """The `Point` of scaled parameters, in units of the user."""
-        return self.scaled.point(y[:-1])
-
-    def at(self, y: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Violation, its gradient, constraints and Jacobian."""
-        _, _, constraints, jacobian = self.scaled.at(y[:-1])
-        wall = _WALL if self.point(y).failed else 0.0
-        column = np.full((len(constraints), 1), -1.0)
-        gradient = np.append(np.zeros(len(y) - 1), 1.0)
-        return y[-1] + wall, gradient, constraints - y[-1], np.hstack([jacobian, column])
+    def jacobian(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
+        """The Jacobian of the constraints, [m, n]."""
+        return self.sound(y).jacobian * self.size
