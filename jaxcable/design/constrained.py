@@ -22,7 +22,7 @@ from .optimality import optimality
 from .outcome import split_loss
 from .programs import Programs
 from .solvers import solver_named
-from .trials import Point, RunEnd, Scaled, Trials, evaluated, trial_code
+from .trials import Point, RunEnd, Trials, evaluated, trial_code
 
 _FIRST = 0.1  # part of the loss at the start that changes are compared with
 _TRIALS = 20  # evaluations for each step that a run may take, at most
@@ -121,9 +121,9 @@ def minimize_subject_to(
 
     Every point that the library accepts is judged here, whatever the library says: the status is OK
     if all constraints are at most 0 and the KKT residual is at most `tol`. With the multipliers
-    ``m >= 0`` that miss them least, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s``
-    and ``m_j |c_j + tol|``, of bounds likewise, over the size of the loss. That and the size ``s``
-    of a parameter are those of `minimize`.
+    ``m >= 0`` that fit best, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s`` and
+    ``m_j |c_j + tol|``, of bounds likewise, over the size of the loss. That and the size ``s`` of a
+    parameter are those of `minimize`.
 
     At a trial point where the analysis fails the library meets a loss that it does not accept, so
     that it shortens the step.
@@ -151,14 +151,13 @@ def minimize_subject_to(
     def sizes(x):
         return _flat(jax.tree.map(lambda v, s: jnp.maximum(s, jnp.abs(v).max()), back(x), least))
 
-    trials = Trials(
-        lambda x: program(jnp.asarray(x, start.dtype), params, args),
-        _flat(box.lower),
-        _flat(box.upper),
-    )
+    def evaluate(x):
+        return program(jnp.asarray(x, start.dtype), params, args)
+
+    bounds = _flat(box.lower), _flat(box.upper)
+    search = _Search(evaluate, bounds, sizes, tol, int(steps), listen)
     with compiling(listen):  # most of the time before the first report
-        first = trials.at(_flat(params))
-    search = _Search(trials, first, sizes, tol, int(steps), listen)
+        search.trials.at(_flat(params))
     end, code, count = search.run(solve, _flat(step), int(rounds))
     multipliers, residual = search.judged(end)
     return ConstrainedDesign(
@@ -166,11 +165,11 @@ def minimize_subject_to(
         loss=jnp.asarray(end.loss, start.dtype),
         constraints=jnp.asarray(end.constraints, start.dtype),
         multipliers=multipliers,
-        kkt_residual=residual,
         status=jnp.int32(code),
         rounds=count,
-        evaluations=trials.evaluations,
-        failures=trials.failures,
+        evaluations=search.trials.evaluations,
+        failures=search.trials.failures,
+        kkt_residual=residual,
     )
 
 
@@ -178,43 +177,43 @@ class _Search:
     """Runs of a library, each from the best point before it, until a point is a minimum.
 
     Args:
-        trials: the trial points.
-        first: the start.
+        evaluate, bounds: as for `Trials`.
         sizes: function of the parameters to the largest entries of their arrays, [n].
         tol, steps, listen: as for `minimize_subject_to`.
     """
 
-    def __init__(self, trials, first, sizes, tol, steps, listen):
-        self.trials, self.first, self.sizes = trials, first, sizes
-        self.tol, self.steps, self.listen = tol, steps, listen
-        self.number = self.known = 0
+    def __init__(self, evaluate, bounds, sizes, tol, steps, listen):
+        self.trials = Trials(evaluate, bounds, tol, self.converged)
+        self.sizes, self.tol, self.steps, self.listen = sizes, tol, steps, listen
+        self.first = self.number = self.known = 0
 
     def run(
-        self, solve: Callable[[Scaled, int, float], None], step: np.ndarray, rounds: int
+        self, solve: Callable[[Trials, int, float], None], step: np.ndarray, rounds: int
     ) -> tuple[Point, int, int]:
-        """Return the end, the status, and the number of runs.
+        """Search from the last trial point: return the end, the status and the number of runs.
 
         Args:
             solve: a function of `solvers`.
             step: typical changes of the parameters, [n]; those of the first step.
             rounds: largest number of runs.
         """
-        best, missing = self.first, np.inf
+        trials, missing = self.trials, np.inf
+        best = trials.last
+        self.first = abs(best.loss)
         if best.failed:
             return best, status.BAD_START, 0
         self.converged(best)
         for number in range(1, rounds + 1):
             steep = np.linalg.norm(best.gradient * step)
             unit = 1 / (steep if steep > 0 else self.against(best))
-            most = _TRIALS * self.steps
-            problem = Scaled(self.trials, best, step, unit, self.tol, self.converged, most)
+            trials.begin(best, step, unit, _TRIALS * self.steps)
             with contextlib.suppress(RunEnd):
-                solve(problem, self.steps, self.tol)
-            for point in (problem.reached, self.trials.best):
+                solve(trials, self.steps, self.tol)
+            for point in (trials.reached, trials.best):
                 left = self.judged(point)[1]
                 if point.violation <= 0 and left <= self.tol:
                     return point, status.OK, number
-            before, best = best, self.trials.best
+            before, best = best, trials.best
             if best.violation > _WORTH * before.violation > 0:
                 return best, status.CONSTRAINTS_VIOLATED, number
             fallen = before.loss - best.loss > self.tol**2 * self.against(best)
@@ -226,13 +225,13 @@ class _Search:
 
     def judged(self, point: Point) -> tuple[np.ndarray, float]:
         """Return the multipliers at a point, and its KKT residual over the size of the loss."""
-        box = self.trials.lower, self.trials.upper
-        multipliers, residual = optimality(point, *box, self.sizes(point.x), self.tol)
+        size = self.sizes(point.x)
+        multipliers, residual = optimality(point, *self.trials.bounds, size, self.tol)
         return multipliers, residual / self.against(point)
 
     def against(self, point: Point) -> float:
         """Return the size of the loss: the present one, or a part of the first, or its change."""
-        size = max(abs(point.loss), _FIRST * abs(self.first.loss))
+        size = max(abs(point.loss), _FIRST * self.first)
         return size or float(np.abs(point.gradient * self.sizes(point.x)).max()) or 1.0
 
     def converged(self, point: Point) -> bool:

@@ -1,6 +1,6 @@
 """Libraries that minimise a loss subject to constraints: SciPy's SLSQP and trust-constr, IPOPT.
 
-Each is a function of a problem (`trials.Scaled`), the largest number of steps and a tolerance. None
+Each is a function of a problem (`trials.Trials`), the largest number of steps and a tolerance. None
 of them is asked whether it has converged: `optimality` judges the points that it accepts.
 """
 
@@ -11,16 +11,16 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy import optimize
+from scipy import optimize, sparse
 
-from .trials import RunEnd, Scaled
+from .trials import RunEnd, Trials
 
 _FINEST = 1e-12  # least tolerance of IPOPT
 _MEMORY = 50  # steps from which IPOPT takes the curvature; with its 6 it needs three times as many
 _NO_BOUND = 2e19  # what IPOPT takes for infinite, from 1e19 on
 
 
-def slsqp(problem: Scaled, steps: int, tol: float) -> None:
+def slsqp(problem: Trials, steps: int, tol: float) -> None:
     """Run SciPy's SLSQP (Kraft 1988): dense, for up to some hundred parameters."""
     limits = {
         "type": "ineq",
@@ -39,10 +39,15 @@ def slsqp(problem: Scaled, steps: int, tol: float) -> None:
     )
 
 
-def trust_constr(problem: Scaled, steps: int, tol: float) -> None:
-    """Run SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points, dense."""
+def trust_constr(problem: Trials, steps: int, tol: float) -> None:
+    """Run SciPy's trust-constr (Byrd, Hribar, Nocedal 1999): interior points."""
     limits = optimize.NonlinearConstraint(
-        problem.constraints, -np.inf, 0.0, jac=problem.jacobian, hess=optimize.BFGS()
+        problem.constraints,
+        -np.inf,
+        0.0,
+        # with the slacks of the limits a dense one is factorized for seconds a step
+        jac=lambda y: sparse.csr_matrix(problem.jacobian(y)),
+        hess=optimize.BFGS(),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of gradients that have not changed
@@ -58,7 +63,7 @@ def trust_constr(problem: Scaled, steps: int, tol: float) -> None:
         )
 
 
-def ipopt(problem: Scaled, steps: int, tol: float) -> None:
+def ipopt(problem: Trials, steps: int, tol: float) -> None:
     """Run IPOPT (Waechter, Biegler 2006): interior points, for many limits.
 
     A failed analysis is NaN here: IPOPT shortens the step then, also while it restores feasibility.
@@ -111,7 +116,7 @@ def ipopt(problem: Scaled, steps: int, tol: float) -> None:
     search.solve(problem.start.copy())
 
 
-def solver_named(name: Any) -> Callable[[Scaled, int, float], None]:
+def solver_named(name: Any) -> Callable[[Trials, int, float], None]:
     """Return the function of a solver by its name.
 
     Raises:

@@ -80,96 +80,83 @@ class Point(NamedTuple):
         """The largest constraint; minus infinity if there is none."""
         return float(self.constraints.max(initial=-np.inf))
 
-    def better(self, other: Point) -> bool:
+    def better(self, other: Point | None) -> bool:
         """Whether it meets the constraints at a lower loss than another, or violates them less."""
-        if min(self.violation, other.violation) > 0:
-            return self.violation < other.violation
+        if other is None or min(self.violation, other.violation) > 0:
+            return other is None or self.violation < other.violation
         return (self.violation > 0, self.loss) < (other.violation > 0, other.loss)
-
-
-class Trials:
-    """Evaluate the trial points of one search by a library: within bounds, counted, remembered.
-
-    Args:
-        evaluate: function of the parameters [n] to an `Evaluation` of loss and constraints, the
-            loss first.
-        lower, upper: bounds, [n].
-
-    Attributes:
-        evaluations, failures: numbers of trial points, and of those that have failed.
-        last: the last trial point.
-        sound: the last one that has not failed; None before there is one.
-        best: the one of lowest loss that meets all constraints; if none does, that of the smallest
-            violation.
-    """
-
-    def __init__(self, evaluate: Callable[[Any], Evaluation], lower: np.ndarray, upper: np.ndarray):
-        self.evaluate, self.lower, self.upper = evaluate, lower, upper
-        self.evaluations = self.failures = 0
-        self.last: Point | None = None
-        self.sound: Point | None = None
-        self.best: Point | None = None
-
-    def at(self, x: Float[np.ndarray, " n"]) -> Point:
-        """Evaluate a point, projected into the bounds; the last one is not evaluated again."""
-        x = np.clip(x, self.lower, self.upper)
-        if self.last is not None and np.array_equal(x, self.last.x):
-            return self.last
-        values, jacobian, code = (np.asarray(one) for one in self.evaluate(x))
-        values, jacobian = values.astype(float), jacobian.astype(float)
-        self.last = Point(x, float(values[0]), jacobian[0], values[1:], jacobian[1:], int(code))
-        self.evaluations += 1
-        if self.last.failed:
-            self.failures += 1
-            return self.last
-        self.sound = self.last
-        if self.best is None or self.last.better(self.best):
-            self.best = self.last
-        return self.last
 
 
 class RunEnd(Exception):  # noqa: N818 - not an error
     """A run of a library is to end, at the last point that it has accepted."""
 
 
-class Scaled:
-    """Show trial points to a library: parameters and loss of size 1, and no failed analysis.
+class Trials:
+    """Show a problem to a library, with parameters and loss of size 1, and no failed analysis.
 
-    In place of a failed point the library gets the last sound one with a loss that no search
-    accepts, so that all of them shorten the step. A library that asks for the gradient there has
-    given up: its run ends.
+    Every trial point is within the bounds, counted and remembered. In place of a failed one the
+    library gets the last sound one with a loss that no search accepts, so that all of them shorten
+    the step. A library that asks for the gradient there has given up: its run ends.
 
     Args:
-        trials: the `Trials`.
-        start: the `Point` where the run starts.
-        size: the library gets the parameters divided by it, [n].
-        unit: factor on the loss.
+        evaluate: function of the parameters [n] to an `Evaluation` of loss and constraints, the
+            loss first.
+        bounds: lower and upper ones, [n] each.
         margin: the library gets the constraints plus this.
         follow: function of every `Point` that the library has accepted; True ends the run.
-        most: largest number of evaluations of the run.
 
     Attributes:
+        evaluations, failures: numbers of trial points, and of those that have failed.
+        best: the point of lowest loss that meets all constraints; if none does, that of the
+            smallest violation.
+        reached: the last point that the library has accepted.
         start, lower, upper: start and bounds as the library gets them, [n].
-        reached: the last `Point` that the library has accepted.
     """
 
-    def __init__(self, trials, start, size, unit, margin, follow, most):
-        self.trials, self.size, self.unit, self.margin = trials, size, unit, margin
-        self.follow, self.most = follow, trials.evaluations + most
+    def __init__(
+        self,
+        evaluate: Callable[[Any], Evaluation],
+        bounds: tuple[np.ndarray, np.ndarray],
+        margin: float,
+        follow: Callable[[Point], bool],
+    ):
+        self.evaluate, self.bounds, self.margin, self.follow = evaluate, bounds, margin, follow
+        self.evaluations = self.failures = 0
+        self.last: Any = None
+        self.sound: Any = None
+        self.best: Any = None
+
+    def begin(self, start: Point, size: np.ndarray, unit: float, most: int) -> None:
+        """Begin a run at a point, by parameters over `size`, the loss times `unit`.
+
+        It ends after `most` evaluations.
+        """
+        self.size, self.unit, self.most = size, unit, self.evaluations + most
         self.start, self.reached = start.x / size, start
-        self.lower, self.upper = trials.lower / size, trials.upper / size
+        self.lower, self.upper = (bound / size for bound in self.bounds)
+
+    def at(self, x: Float[np.ndarray, " n"]) -> Point:
+        """Evaluate parameters, projected into the bounds; the last ones not again."""
+        x = np.clip(x, *self.bounds)
+        if self.last is not None and np.array_equal(x, self.last.x):
+            return self.last
+        values, jacobian, code = (np.asarray(one) for one in self.evaluate(x))
+        values, jacobian = values.astype(float), jacobian.astype(float)
+        self.last = Point(x, float(values[0]), jacobian[0], values[1:], jacobian[1:], int(code))
+        self.evaluations += 1
+        self.failures += self.last.failed
+        if not self.last.failed:
+            self.sound = self.last
+            self.best = self.last if self.last.better(self.best) else self.best
+        return self.last
 
     def point(self, y: Float[np.ndarray, " n"]) -> Point:
         """Evaluate scaled parameters; those at a bound are at that of the user exactly."""
-        if self.trials.evaluations >= self.most:
+        if self.evaluations >= self.most:
             raise RunEnd
-        x = np.where(y <= self.lower, self.trials.lower, y * self.size)
-        return self.trials.at(np.where(y >= self.upper, self.trials.upper, x))
-
-    def sound(self, y: Float[np.ndarray, " n"]) -> Point:
-        """Evaluate scaled parameters; the last sound point if the analysis fails there."""
-        found = self.point(y)
-        return self.trials.sound if found.failed else found
+        lower, upper = self.bounds
+        x = np.where(y <= self.lower, lower, y * self.size)
+        return self.at(np.where(y >= self.upper, upper, x))
 
     def loss(self, y: Float[np.ndarray, " n"]) -> float:
         """The scaled loss."""
@@ -189,8 +176,13 @@ class Scaled:
 
     def constraints(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
         """The constraints, [m], which are to be at most zero."""
-        return self.sound(y).constraints + self.margin
+        return self._sound(y).constraints + self.margin
 
     def jacobian(self, y: Float[np.ndarray, " n"]) -> np.ndarray:
         """The Jacobian of the constraints, [m, n]."""
-        return self.sound(y).jacobian * self.size
+        return self._sound(y).jacobian * self.size
+
+    def _sound(self, y):
+        """The trial point, or the last sound one if its analysis fails."""
+        found = self.point(y)
+        return self.sound if found.failed else found
