@@ -289,6 +289,7 @@ def test_optimize_keeps_its_limits(scene, capsys):
     told = capsys.readouterr().out
     limit = "limit on displacements of the last phase: 0.012 m, reached"
     assert f"{limit} {largest:.6g} m at node" in told and ": met\n" in told
+    assert 0 <= float(told.split("KKT residual ")[1].split(",")[0]) <= 1e-6
     words = ["--one", "--bounds", "0", "215", "--deflection", "0.0115", "--lowest", "250"]
     assert main(["optimize", "net.json", *words, "--save", "no.json"]) == 1
     told = capsys.readouterr()

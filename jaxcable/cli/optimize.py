@@ -174,7 +174,8 @@ def _least(analysed, start, bounds, options):
     found = design.minimize_subject_to(
         problem, start, bounds, steps=options.steps, progress=not options.quiet
     )
-    return found, f"sum of the pretensions {inputs.short(float(found.loss))} N"
+    words = f"sum of the pretensions {inputs.short(float(found.loss))} N"
+    return found, f"{words}, KKT residual {found.kkt_residual:.1e}"
 
 
 def _deflection(solution):

@@ -226,7 +226,7 @@ class _Search:
     def judged(self, point: Point) -> tuple[np.ndarray, float]:
         """Return the multipliers at a point, and its KKT residual over the size of the loss."""
         size = self.sizes(point.x)
-        multipliers, residual = optimality(point, *self.trials.bounds, size, self.tol)
+        multipliers, residual = optimality(point, self.trials.bounds, size, self.tol)
         return multipliers, residual / self.against(point)
 
     def against(self, point: Point) -> float:

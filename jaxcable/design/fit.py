@@ -240,7 +240,7 @@ def searched(
     given = {"steps": int(steps), "counts": tuple(leaf.size for leaf in jax.tree.leaves(params))}
     found = evaluate(start)
     search = LevenbergMarquardt(int(steps), flat, lambda _: _norms(params), tol)
-    state = search.begin(start, found.residual.size)
+    state = search.begin(start, found.values.size)
     while True:
         state = _advanced(state, found, flat, tol, **given, size=start.size)
         if listen is not None:

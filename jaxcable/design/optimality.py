@@ -17,8 +17,7 @@ _TURNS = 30  # of nonnegative least squares for each of these; three times as ma
 
 def optimality(
     point: Point,
-    lower: Float[np.ndarray, " n"],
-    upper: Float[np.ndarray, " n"],
+    bounds: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
     size: Float[np.ndarray, " n"],
     margin: float,
 ) -> tuple[Float[np.ndarray, " m"], float]:
@@ -26,7 +25,7 @@ def optimality(
 
     Args:
         point: the parameters, loss and constraints with their derivatives.
-        lower, upper: bounds on the parameters, which have multipliers, too.
+        bounds: lower and upper ones of the parameters; they have multipliers, too.
         size: sizes of the parameters.
         margin: constraints are active at minus this.
 
@@ -40,6 +39,7 @@ def optimality(
     if point.failed:
         return np.full(m, np.nan), np.inf
     rows = np.concatenate([point.jacobian * size, -np.eye(n), np.eye(n)])
+    lower, upper = bounds
     below = np.maximum(0.0, -(point.constraints + margin))
     slack = np.concatenate([below, (point.x - lower) / size, (upper - point.x) / size])
     near = np.flatnonzero(slack <= _NEAR)

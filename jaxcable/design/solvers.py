@@ -27,16 +27,8 @@ def slsqp(problem: Trials, steps: int, tol: float) -> None:
         "fun": lambda y: -problem.constraints(y),
         "jac": lambda y: -problem.jacobian(y),
     }
-    optimize.minimize(
-        problem.loss,
-        problem.start,
-        jac=problem.gradient,
-        bounds=optimize.Bounds(problem.lower, problem.upper),
-        constraints=[limits] if len(problem.reached.constraints) else [],
-        method="SLSQP",
-        # a change of the loss says nothing of the gradient: in a valley it is small long before
-        options={"ftol": tol**3, "maxiter": steps},
-    )
+    # a change of the loss says nothing of the gradient: in a valley it is small long before
+    _minimized(problem, "SLSQP", limits, {"ftol": tol**3, "maxiter": steps})
 
 
 def trust_constr(problem: Trials, steps: int, tol: float) -> None:
@@ -51,16 +43,22 @@ def trust_constr(problem: Trials, steps: int, tol: float) -> None:
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of gradients that have not changed
-        optimize.minimize(
-            problem.loss,
-            problem.start,
-            jac=problem.gradient,
-            hess=optimize.BFGS(),
-            bounds=optimize.Bounds(problem.lower, problem.upper),
-            constraints=[limits] if len(problem.reached.constraints) else [],
-            method="trust-constr",
-            options={"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol},
-        )
+        options = {"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol}
+        _minimized(problem, "trust-constr", limits, options, hess=optimize.BFGS())
+
+
+def _minimized(problem, method: Any, limits: Any, options: Any, **more: Any) -> None:
+    """Call SciPy's `minimize`."""
+    optimize.minimize(
+        problem.loss,
+        problem.start,
+        jac=problem.gradient,
+        bounds=optimize.Bounds(problem.lower, problem.upper),
+        constraints=[limits] if len(problem.reached.constraints) else [],
+        method=method,
+        options=options,
+        **more,
+    )
 
 
 def ipopt(problem: Trials, steps: int, tol: float) -> None:
