@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 
 from ..common import checks, status
 from ..common import rules as _rules
@@ -22,6 +23,10 @@ class Box:
 
     lower: PyTree[Float[Array, " ..."]]
     upper: PyTree[Float[Array, " ..."]]
+
+    def flat(self) -> Box:
+        """The bounds of the flattened parameters, [n] each."""
+        return Box(ravel_pytree(self.lower)[0], ravel_pytree(self.upper)[0])
 
     def project(self, params: PyTree[Float[Array, " ..."]]) -> PyTree[Float[Array, " ..."]]:
         """The nearest point in the box; entries beyond a bound become that bound exactly."""

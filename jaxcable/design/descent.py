@@ -17,7 +17,7 @@ from jax import lax
 
 from ..common import status
 from ..common.progress import Step, tell
-from ..common.tree import where
+from ..common.tree import pytree, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from .box import Box
 from .criteria import Criteria
@@ -32,6 +32,34 @@ _GROWTH = 4.0  # factor on the longest step allowed, from step to step
 _NOISE = 1e-9  # changes of the loss, relative to it, within the tolerance of an analysis
 
 
+@pytree
+class History:
+    """Record of the accepted points, the start first; NaN or -1 after the last one.
+
+    Attributes:
+        loss: loss at the point, [steps + 1].
+        gradient_norm: measure of the gradient, which `tol` bounds (see `minimize`), [steps + 1].
+        status: 0, or the code of the last analysis that failed on the way to the point and so
+            shortened the step, [steps + 1].
+        failures: number of such failures on the way to the point, [steps + 1].
+        shortened: how often the step was shortened, because an analysis failed or because the loss
+            did not fall, [steps + 1].
+
+    Example:
+        >>> loss = lambda x: (x[0] - 3.0) ** 2 + 10.0 * (x[1] - 1.0) ** 2 + 5.0
+        >>> found = jc.minimize(loss, jnp.array([0.0, 0.0]), bounds=(0.0, 2.0))
+        >>> losses = np.asarray(found.history.loss[: found.steps + 1])
+        >>> print(found.status, losses[0], losses[-1].round(4), (np.diff(losses) < 0).all())
+        0 24.0 6.0 True
+    """
+
+    loss: Float[Array, " steps+1"]
+    gradient_norm: Float[Array, " steps+1"]
+    status: Int[Array, " steps+1"]
+    failures: Int[Array, " steps+1"]
+    shortened: Int[Array, " steps+1"]
+
+
 class Point(NamedTuple):
     """Parameters, loss, gradient, the same without blocked entries, and its measure.
 
@@ -44,16 +72,6 @@ class Point(NamedTuple):
     inside: Float[Array, " n"]
     measure: Float[Array, ""]
     at_rest: Bool[Array, ""]
-
-
-class Log(NamedTuple):
-    """One entry for every accepted point, see `minimize.History`."""
-
-    loss: Float[Array, " steps+1"]
-    measure: Float[Array, " steps+1"]
-    failure: Int[Array, " steps+1"]
-    failures: Int[Array, " steps+1"]
-    tries: Int[Array, " steps+1"]
 
 
 class Search(NamedTuple):
@@ -75,7 +93,7 @@ class Search(NamedTuple):
         tries: number of trial points of this step that were not accepted.
         failures, failure: number of trial points of this step at which the analysis failed, and the
             status code of the last failure.
-        log: `Log`.
+        log: `History`.
         code: status.
         running: whether the loop goes on.
     """
@@ -97,7 +115,7 @@ class Search(NamedTuple):
     tries: Int[Array, ""]
     failures: Int[Array, ""]
     failure: Int[Array, ""]
-    log: Log
+    log: History
     code: Int[Array, ""]
     running: Bool[Array, ""]
 
@@ -158,7 +176,7 @@ class Descent:
             tries=none,
             failures=none,
             failure=none,
-            log=Log(reals, reals, integers, integers, integers),
+            log=History(reals, reals, integers, integers, integers),
             code=none,
             running=jnp.ones((), bool),
         )
@@ -194,7 +212,7 @@ class Descent:
         )
         logged = accepted | ~begun
         entry = jnp.where(logged, jnp.maximum(s.n, 0), self.steps + 1)  # beyond the end: dropped
-        entries = Log(value, measure, s.failure, s.failures, s.tries)
+        entries = History(value, measure, s.failure, s.failures, s.tries)
         log = jax.tree.map(lambda h, e: h.at[entry].set(e, mode="drop"), s.log, entries)
         listen = self.listen
         if listen is not None:

@@ -20,35 +20,10 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from .arguments import tolerance
 from .box import Box, checked_call, checked_code, default_tol, make_box, numbers
-from .levenberg import LevenbergMarquardt, State, without_influence
+from .levenberg import FitHistory, LevenbergMarquardt, State, without_influence
 from .outcome import split_residuals
 from .programs import Programs, underivable
 from .trials import Evaluation, evaluated
-
-
-@pytree
-class FitHistory:
-    """Record of the trial points, the start first; NaN or -1 after the last one.
-
-    Attributes:
-        misfit: Euclidean norm of the residuals at the point, NaN where the analysis failed,
-            [steps + 1].
-        accepted: 1 if the point was accepted, else 0, [steps + 1].
-        damping: damping of the step to the point, [steps + 1].
-        status: code of the inner analysis at the point, [steps + 1].
-
-    Example:
-        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
-        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
-        >>> history = found.history
-        >>> print(found.status, f"{history.misfit[0]:.1f} N", int(history.accepted[1]))
-        0 187.6 N 1
-    """
-
-    misfit: Float[Array, " steps+1"]
-    accepted: Int[Array, " steps+1"]
-    damping: Float[Array, " steps+1"]
-    status: Int[Array, " steps+1"]
 
 
 @pytree
@@ -190,7 +165,7 @@ def _make(reference, steps, listen):
     def run(params, args, box, tol):
         params, args = underivable((params, args))
         start, back = ravel_pytree(params)
-        flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+        flat = box.flat()
 
         def sizes(x):
             return _norms(back(x))
@@ -236,7 +211,7 @@ def searched(
     params = numbers(params)
     box, tol = make_box(bounds, params), tolerance(tol, default_tol(params))
     start, _ = ravel_pytree(params)
-    flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+    flat = box.flat()
     given = {"steps": int(steps), "counts": tuple(leaf.size for leaf in jax.tree.leaves(params))}
     found = evaluate(start)
     search = LevenbergMarquardt(int(steps), flat, lambda _: _norms(params), tol)
@@ -264,8 +239,9 @@ def _advanced(state, found, box, tol, steps, counts):
 
 def trial_of(s: State) -> dict[str, Array]:
     """The numbers of `progress.Trial`, of the trial point that was evaluated last."""
-    misfit, accepted, _, code = (entries[s.n] for entries in s.trials)
-    return {"number": s.n, "misfit": misfit, "accepted": accepted, "status": code}
+    return {"number": s.n} | {
+        name: getattr(s.history, name)[s.n] for name in ("misfit", "accepted", "status")
+    }
 
 
 def fit_of(
@@ -273,7 +249,7 @@ def fit_of(
 ) -> Fit:
     """The `Fit` of the last state of a search from `params` within a box of their shape."""
     start, back = ravel_pytree(params)
-    flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+    flat = box.flat()
     blocked = flat.blocked(end.x, end.residual @ end.jacobian)
     idle = without_influence(end.x, end.residual, end.jacobian, _norms(back(end.x)), flat)
 
@@ -287,7 +263,7 @@ def fit_of(
         misfit=jnp.linalg.norm(end.residual),
         free=flags(~blocked),
         without_influence=flags(idle),
-        history=FitHistory(*end.trials),
+        history=end.history,
         status=checked_code(end.code, box, params, tol),
         steps=jnp.maximum(end.n, 0),
     )

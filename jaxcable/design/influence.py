@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 
 from ..analysis.phases import ABSOLUTE, INCREMENTS, Phase, as_phases
 from ..analysis.presence import presence_of
@@ -286,18 +287,13 @@ def adjustment(
     rcond = or_nan(Rule("rcond", rcond, lambda v: ~((v >= 0) & (v < 1)), text))
     like = change if like is None else like
     matrix = flat_matrix(jacobian, like)
-    wanted = jnp.concatenate([jnp.ravel(leaf) for leaf in jax.tree.leaves(change)])
+    wanted = ravel_pytree(change)[0]
     if wanted.size != matrix.shape[0]:
         raise ValueError(
             f"change: has {wanted.size} numbers, the influence matrix is on {matrix.shape[0]}"
         )
     flat = unbatched.lstsq(matrix, wanted.astype(matrix.dtype), rcond)
-    leaves, shape = jax.tree.flatten(like)
-    ends = [sum(jnp.size(x) for x in leaves[:k]) for k in range(len(leaves) + 1)]
-    parts = [
-        flat[a:b].reshape(jnp.shape(x)) for a, b, x in zip(ends[:-1], ends[1:], leaves, strict=True)
-    ]
-    return jax.tree.unflatten(shape, parts)
+    return ravel_pytree(jax.tree.map(lambda x: jnp.zeros(jnp.shape(x), flat.dtype), like))[1](flat)
 
 
 def scatter(

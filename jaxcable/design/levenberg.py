@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..common import status
+from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int
 from ..linear import unbatched
 from .box import Box
@@ -30,8 +31,24 @@ _ROUNDING = 2.0**12  # rounding of a Jacobian over eps: an analysis solves ill-c
 _QUICKEST = 0.1  # least factor on the damping after an accepted step
 
 
-class Trials(NamedTuple):
-    """One entry for every trial point, see `fit.FitHistory`."""
+@pytree
+class FitHistory:
+    """Record of the trial points, the start first; NaN or -1 after the last one.
+
+    Attributes:
+        misfit: Euclidean norm of the residuals at the point, NaN where the analysis failed,
+            [steps + 1].
+        accepted: 1 if the point was accepted, else 0, [steps + 1].
+        damping: damping of the step to the point, [steps + 1].
+        status: code of the inner analysis at the point, [steps + 1].
+
+    Example:
+        >>> strain, force = jnp.array([1e-3, 2e-3, 3e-3]), jnp.array([101.0, 199.0, 301.0])  # -, N
+        >>> found = jc.fit(lambda EA: EA * strain - force, jnp.array(5e4))
+        >>> history = found.history
+        >>> print(found.status, f"{history.misfit[0]:.1f} N", int(history.accepted[1]))
+        0 187.6 N 1
+    """
 
     misfit: Float[Array, " steps+1"]
     accepted: Int[Array, " steps+1"]
@@ -52,7 +69,7 @@ class State(NamedTuple):
         first: misfit at the start.
         least: sizes of the parameters below which steps cannot be told from zero, [n].
         n: number of trial points after the start; -1 before the start is evaluated.
-        trials: `Trials`.
+        history: `FitHistory`.
         code, running: status, and whether the loop goes on.
     """
 
@@ -67,7 +84,7 @@ class State(NamedTuple):
     first: Float[Array, ""]
     least: Float[Array, " n"]
     n: Int[Array, ""]
-    trials: Trials
+    history: FitHistory
     code: Int[Array, ""]
     running: Bool[Array, ""]
 
@@ -107,7 +124,7 @@ class LevenbergMarquardt:
             first=one,
             least=jnp.finfo(x.dtype).eps * self.sizes(x),
             n=none - 1,
-            trials=Trials(real, whole, real, whole),
+            history=FitHistory(real, whole, real, whole),
             code=none,
             running=jnp.ones((), bool),
         )
@@ -122,7 +139,7 @@ class LevenbergMarquardt:
         accepted = sound & (~begun | ((gain > _WORTH) & (s.promised > 0)))
         promised = s.promised
         misfit = jnp.where(sound, jnp.sqrt(2 * after), jnp.nan)
-        entries = Trials(misfit, accepted.astype(jnp.int32), s.damping, code)
+        entries = FitHistory(misfit, accepted.astype(jnp.int32), s.damping, code)
         less = s.damping * jnp.maximum(_QUICKEST, 1 - (2 * gain - 1) ** 3)
         damping = jnp.where(accepted, jnp.where(begun, less, s.damping), s.damping * s.growth)
         x, residual, jacobian = (
@@ -148,7 +165,7 @@ class LevenbergMarquardt:
             promised=-(residual @ change) - 0.5 * jnp.sum(change**2),
             first=jnp.where(begun, s.first, misfit),
             n=s.n + 1,
-            trials=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.trials, entries),
+            history=jax.tree.map(lambda h, e: h.at[s.n + 1].set(e), s.history, entries),
         )
         # a change within the noise of the analysis cannot be judged
         noise = max(_NOISE, 64 * float(jnp.finfo(x.dtype).eps)) * before
@@ -156,7 +173,7 @@ class LevenbergMarquardt:
         unseen = refused & (jnp.abs(before - after) <= noise) & (promised <= noise)
         converged = (begun | sound) & self.converged(s, still, begun, refused, unseen)
         # nothing can be changed, and nothing has been: that no parameter matters is no minimum
-        moved = jnp.sum(jnp.maximum(s.trials.accepted, 0)) > 1
+        moved = jnp.sum(jnp.maximum(s.history.accepted, 0)) > 1
         useless = sound & ~moved & jnp.all(still) & jnp.any(idle & ~blocked)
         useless &= jnp.any(s.residual != 0)
         converged &= ~useless

@@ -16,41 +16,13 @@ from ..common.progress import Step, compiling, listener
 from ..common.tree import pytree, where
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import tolerance
-from .box import Box, checked_call, checked_code, default_tol, make_box, numbers, sizes_of, spread
+from .box import checked_call, checked_code, default_tol, make_box, numbers, sizes_of, spread
 from .criteria import Criteria
-from .descent import Descent
+from .descent import Descent, History
 from .outcome import split_loss
 from .programs import Programs, underivable
 
 _PART = 0.1  # typical change of a parameter over its size
-
-
-@pytree
-class History:
-    """Record of the accepted points, the start first; NaN or -1 after the last one.
-
-    Attributes:
-        loss: loss at the point, [steps + 1].
-        gradient_norm: measure of the gradient, which `tol` bounds (see `minimize`), [steps + 1].
-        status: 0, or the code of the last analysis that failed on the way to the point and so
-            shortened the step, [steps + 1].
-        failures: number of such failures on the way to the point, [steps + 1].
-        shortened: how often the step was shortened, because an analysis failed or because the loss
-            did not fall, [steps + 1].
-
-    Example:
-        >>> loss = lambda x: (x[0] - 3.0) ** 2 + 10.0 * (x[1] - 1.0) ** 2 + 5.0
-        >>> found = jc.minimize(loss, jnp.array([0.0, 0.0]), bounds=(0.0, 2.0))
-        >>> losses = np.asarray(found.history.loss[: found.steps + 1])
-        >>> print(found.status, losses[0], losses[-1].round(4), (np.diff(losses) < 0).all())
-        0 24.0 6.0 True
-    """
-
-    loss: Float[Array, " steps+1"]
-    gradient_norm: Float[Array, " steps+1"]
-    status: Int[Array, " steps+1"]
-    failures: Int[Array, " steps+1"]
-    shortened: Int[Array, " steps+1"]
 
 
 @pytree
@@ -213,7 +185,7 @@ def _make(reference, optimizer, steps, listen):
     def run(params, args, box, floor, scale, tol):
         params, args = underivable((params, args))
         start, back = ravel_pytree(params)
-        flat = Box(ravel_pytree(box.lower)[0], ravel_pytree(box.upper)[0])
+        flat = box.flat()
         floor, scale = ravel_pytree(floor)[0], ravel_pytree(scale)[0]
 
         def value(params):
@@ -228,19 +200,18 @@ def _make(reference, optimizer, steps, listen):
         end = descent.run(start)
         converged = end.code == status.OK
         point = where(converged, end.at, end.best)
-        log = end.log
         return underivable(
             Design(
                 params=back(point.x),
                 loss=point.loss,
                 gradient=back(point.gradient),
                 gradient_norm=point.measure,
-                history=History(*log),
+                history=end.log,
                 status=checked_code(end.code, box, params, tol),
                 steps=jnp.maximum(end.n, 0),
                 evaluations=end.evaluations,
                 # of accepted steps, and of a last step that was never accepted
-                failures=jnp.sum(jnp.maximum(log.failures, 0)) + end.failures,
+                failures=jnp.sum(jnp.maximum(end.log.failures, 0)) + end.failures,
             )
         )
 
