@@ -125,8 +125,9 @@ def minimize_subject_to(
     ``m_j |c_j + tol|``, of bounds likewise, over the size of the loss. That and the size ``s`` of a
     parameter are those of `minimize`.
 
-    At a trial point where the analysis fails the library meets a loss that it does not accept, so
-    that it shortens the step.
+    A minimum is a local one: where there may be several, try several starts. At a trial point where
+    the analysis fails the library meets a loss that it does not accept, so that it shortens the
+    step.
 
     Source: Kraft, A software package for sequential quadratic programming (1988); Byrd, Hribar and
     Nocedal, SIAM J. Optim. 9 (1999); Waechter and Biegler, Math. Program. 106 (2006).
