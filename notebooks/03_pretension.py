@@ -178,7 +178,7 @@ def problem(T, limits):
 limits = {"deflection": 0.016, "strain": 2e-4, "use": 0.45}
 least = jc.design.minimize_subject_to(problem, start, bounds=bounds, args=(limits,))
 jc.raise_if_failed(least)
-print(f"{jc.describe(least.status)} after {least.rounds} rounds, {least.evaluations} evaluations")
+print(f"{jc.describe(least.status)} after {least.evaluations} evaluations")
 print(f"mean force {30 * least.loss:.4f} kN")
 print("along x (kN):", np.round(least.params["x"] / 1e3, 2))
 print("along y (kN):", np.round(least.params["y"] / 1e3, 2))
