@@ -100,8 +100,9 @@ def minimize_subject_to(
         params, bounds: as for `minimize`.
 
     Options:
-        solver: "slsqp" or "trust-constr" of SciPy, for up to some hundred parameters; or "ipopt",
-            for many limits (``pip install 'jaxcable[ipopt]'``).
+        solver: "slsqp" of SciPy, the fastest with up to some hundred parameters and some thousand
+            limits; "ipopt" (``pip install 'jaxcable[ipopt]'``), which takes fewer evaluations
+            where limits are many, but longer for each; or "trust-constr" of SciPy.
         rounds: largest number of runs of the library, each from the best point of the one before
             with a shorter first step; one run is enough where no analysis fails.
         steps: largest number of steps in every run; it takes 20 times as many evaluations at most.

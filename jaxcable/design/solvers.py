@@ -62,7 +62,7 @@ def _minimized(problem, method: Any, limits: Any, options: Any, **more: Any) -> 
 
 
 def ipopt(problem: Trials, steps: int, tol: float) -> None:
-    """Run IPOPT (Waechter, Biegler 2006): interior points, for many limits.
+    """Run IPOPT (Waechter, Biegler 2006): interior points, few evaluations.
 
     A failed analysis is NaN here: IPOPT shortens the step then, also while it restores feasibility.
     """
