@@ -386,6 +386,16 @@ CLAIMS = [
     ),
     Claim(
         STUDIES,
+        r"to its plan with (\d+) evaluations, SciPy's `least_squares`\s+with (\d+);",
+        lambda: tuple(
+            str(way["evaluations"])
+            for way in json.loads((RESULTS / "constrained.json").read_text())["free"][
+                "dome's plan: fit, least_squares"
+            ]
+        ),
+    ),
+    Claim(
+        STUDIES,
         r"same gradients: (\d+) of (\d+)\)",
         lambda: read("least_pretension", r"same starts: (\d+) succeed.+?(\d+) of them within")()[
             ::-1
