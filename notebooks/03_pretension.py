@@ -234,12 +234,13 @@ jc.plots.net(loaded, structure=structure)
 # %% [markdown]
 # ## Check without our derivatives
 #
-# The search above is by SciPy's SLSQP with our derivatives, and its end is judged by the conditions
-# of a minimum, with our derivatives, too. Here SLSQP gets values alone, and takes gradients from
-# finite differences. Central ones are needed: the constraints are sharply curved (that of the deflection has a first derivative of 0.06
-# by a force along $x$ and a second one of 170, in the units here). Forward differences over
-# $10^{-6}$ miss the gradient by $10^{-4}$, central ones by $10^{-8}$; with the former it is luck
-# whether SLSQP comes to an end, and it ends 0.02 mN above the optimum.
+# The search above is by SciPy's SLSQP with our derivatives, and its end is judged by the
+# conditions of a minimum, with our derivatives, too. Here SLSQP gets values alone, and takes
+# gradients from finite differences. Central ones are needed: the constraints are sharply curved
+# (that of the deflection has a first derivative of 0.06 by a force along $x$ and a second one of
+# 170, in the units here). Forward differences over $10^{-6}$ miss the gradient by $10^{-4}$,
+# central ones by $10^{-8}$; with the former it is luck whether SLSQP comes to an end, and it ends
+# 0.02 mN above the optimum.
 
 
 # %%
