@@ -18,11 +18,11 @@ from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from .arguments import tolerance
 from .box import checked_call, default_tol, make_box, numbers, sizes_of, spread
-from .optimality import optimality
+from .optimality import kkt_conditions
 from .outcome import split_loss
 from .programs import Programs
 from .solvers import solver_named
-from .trials import Point, RunEnd, Trials, evaluated, trial_code
+from .trials import Point, RunEnd, Trials, trial_code, values_and_jacobian
 
 _FIRST = 0.1  # part of the loss at the start that changes are compared with
 _TRIALS = 20  # evaluations for each step that a run may take, at most
@@ -228,7 +228,7 @@ class _Search:
     def judged(self, point: Point) -> tuple[np.ndarray, float]:
         """Return the multipliers at a point, and its KKT residual over the size of the loss."""
         size = self.sizes(point.x)
-        multipliers, residual = optimality(point, self.trials.bounds, size, self.tol)
+        multipliers, residual = kkt_conditions(point, self.trials.bounds, size, self.tol)
         return multipliers, residual / self.against(point)
 
     def against(self, point: Point) -> float:
@@ -279,7 +279,7 @@ def _make(reference):
             return values, code
 
         count = jax.eval_shape(flattened, x)[0].size
-        found = evaluated(flattened, x, count)
+        found = values_and_jacobian(flattened, x, count)
         return found._replace(code=trial_code(found.code, found.values, found.jacobian))
 
     return evaluate

@@ -23,7 +23,7 @@ from .box import Box, checked_call, checked_code, default_tol, make_box, numbers
 from .levenberg import FitHistory, LevenbergMarquardt, State, without_influence
 from .outcome import split_residuals
 from .programs import Programs, underivable
-from .trials import Evaluation, evaluated
+from .trials import Evaluation, values_and_jacobian
 
 
 @pytree
@@ -181,7 +181,7 @@ def _make(reference, steps, listen):
         count = jax.eval_shape(flattened, start)[0].size
 
         def iterate(state):
-            state = search.advance(state, evaluated(flattened, state.trial, count))
+            state = search.advance(state, values_and_jacobian(flattened, state.trial, count))
             if listen is not None:
                 tell(listen, Trial, {"count": steps}, trial_of(state))
             return state

@@ -15,7 +15,7 @@ _NEAR = 1e-3  # constraints further below zero, and bounds further away over siz
 _TURNS = 30  # of nonnegative least squares for each of these; three times as many are usual
 
 
-def optimality(
+def kkt_conditions(
     point: Point,
     bounds: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]],
     size: Float[np.ndarray, " n"],

@@ -42,7 +42,8 @@ def trust_constr(problem: Trials, steps: int, tol: float) -> None:
         hess=optimize.BFGS(),
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of gradients that have not changed
+        # of gradients that have not changed: its update leaves them out
+        warnings.filterwarnings("ignore", "delta_grad == 0.0")
         options = {"maxiter": steps, "gtol": tol**2, "xtol": tol**2, "barrier_tol": tol}
         _minimized(problem, "trust-constr", limits, options, hess=optimize.BFGS())
 

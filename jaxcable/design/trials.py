@@ -36,7 +36,7 @@ def trial_code(code: Int[Array, ""], *numbers: Float[Array, " ..."]) -> Int[Arra
     return jnp.where((code == status.OK) & ~finite, status.NONFINITE, code)
 
 
-def evaluated(
+def values_and_jacobian(
     function: Callable[[Float[Array, " n"]], tuple[Float[Array, " m"], Int[Array, ""]]],
     x: Float[Array, " n"],
     count: int,
@@ -137,6 +137,7 @@ class Trials:
 
     def at(self, x: Float[np.ndarray, " n"]) -> Point:
         """Evaluate parameters, projected into the bounds; the last ones not again."""
+        # libraries leave bounds by rounding; numbers belong to the point within, which is kept
         x = np.clip(x, *self.bounds)
         if self.last is not None and np.array_equal(x, self.last.x):
             return self.last
