@@ -109,7 +109,7 @@ def batch_ratios():
     """OpenSees' time of a case over that of a batch, analysis alone."""
     text = (RESULTS / "scaling.txt").read_text().split("=== batches")[1].split("===")[0]
     ratios = re.findall(r"fused loops\s+[\d.]+\s+[\d.]+\s+([\d.]+)", text)
-    return span([float(ratio) for ratio in ratios])
+    return span([float(ratio) for ratio in ratios], "{:.1f}")
 
 
 def gradient_share():
@@ -344,7 +344,7 @@ CLAIMS = [
         lambda: span([row[1] for row in kept_programs().values()], "{:.1f}"),
     ),
     Claim("README.md", r"takes ([\d.]+) to ([\d.]+) of OpenSees' time", behind_opensees),
-    Claim("README.md", r"jaxcable is (\d+) to (\d+) times faster in batches", batch_ratios),
+    Claim("README.md", r"jaxcable is ([\d.]+) to ([\d.]+) times faster in batches", batch_ratios),
     Claim("README.md", r"and (\d+) to (\d+) times on single nets", ahead_of_opensees),
     Claim("README.md", r"costs\s(\d+) to\s(\d+) % of an analysis more", gradient_share),
     Claim(
