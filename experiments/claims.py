@@ -290,6 +290,15 @@ def bank():
     return tuple(str(number) for number in (count, missed, median, most, sum(counts[1][1:3])))
 
 
+def bars():
+    """The bank of bars: scenes, failed, steps in the median and in 99 % of increments."""
+    text = (RESULTS / "bar_bank.txt").read_text()
+    row = re.search(r"^all +(\d+) +(\d+) +(\d+) +(\d+) +(\d+) ", text, re.M)
+    count, failed, wrong, median, most = row.groups()
+    assert wrong == "0"
+    return count, failed, median, most
+
+
 def seconds(*commands):
     """Whole seconds that commands take together, as `first_screen.py` has noted them."""
     lines = (RESULTS / "first_screen.txt").read_text().splitlines()
@@ -352,6 +361,12 @@ CLAIMS = [
         r"of\s(\d+) random ones.+,\s(\d+) end\s.+in\s(\d+) steps in the median and\s(\d+) at\s"
         r"most; in float32, EA/N to 1e5, their count is (\d+)",
         bank,
+    ),
+    Claim(
+        "README.md",
+        r"of (\d+) random ones \(strings of\ninsulators.+\) (\d+) end without equilibrium, in\n"
+        r"(\d+) steps in the median and (\d+) in 99 %",
+        bars,
     ),
     Claim("README.md", r"Of (\d+) random scenes.+,\s(\d+) % end", valid_scenes),
     Claim(STUDIES, r"First calls take ([\d.]+) to ([\d.]+) s", first_calls),

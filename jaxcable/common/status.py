@@ -35,6 +35,7 @@ OUT_OF_TIME_STEPS = 21
 PUSHING_CABLE = 22
 PATH_LOST = 23
 SECTION_UNBALANCED = 24
+BEYOND_PEAK = 25
 
 _TEXTS = {
     OK: "converged",
@@ -45,9 +46,10 @@ _TEXTS = {
         "mechanism that turns without limit: look at its hinges"
     ),
     AT_ROUNDING: (
-        "the residual falls no more: it is as small as the rounding of the displacements leaves "
-        "it. EA is too large for these forces: use float64, begin nearer to the equilibrium "
-        "(nodes, start), make the stiffest members softer, or allow more by tol"
+        "the residual falls no more: it is as small as rounding leaves it. EA is too large for "
+        "these forces: use float64, begin nearer to the equilibrium (nodes, start), make the "
+        "stiffest members softer, or allow more by tol; or the load is so small beside the forces "
+        "that its effect cannot be told from their rounding: apply a larger one"
     ),
     COLLAPSED: (
         "two nodes of an element have met: a rope or a jack draws them together and nothing keeps "
@@ -133,6 +135,11 @@ _TEXTS = {
     SECTION_UNBALANCED: (
         "no strains that balance the forces of the section were found within the allowed "
         "iterations: allow more (max_steps), or reduce the forces"
+    ),
+    BEYOND_PEAK: (
+        "there is no equilibrium in which all elements are below the peaks of their stress-strain "
+        "curves, and beyond them none was found: the load is more than the structure carries; "
+        "reduce it, strengthen the elements with the largest strains, or look with trace_path"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

@@ -61,9 +61,15 @@ class Prestressable(Element):
         """
 
         def one(a, b):
-            return b - (1 - factor) * (b - a) if jnp.issubdtype(b.dtype, jnp.floating) else b
+            return mixed(a, b, factor) if jnp.issubdtype(b.dtype, jnp.floating) else b
 
         return jax.tree.map(one, start, end)
+
+
+@jax.jit  # traced once, although a program calls it for every number of a state
+def mixed(start: Array, end: Array, factor: Float[ArrayLike, ""]) -> Array:
+    """Value at a load factor; what does not change keeps every digit, and factor 1 gives `end`."""
+    return end - (1 - factor) * (end - start)
 
 
 class Uniaxial(Element):

@@ -23,6 +23,7 @@ import numpy as np
 from ..common.rules import Rule
 from ..common.tree import Each, copy
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
+from ..numerics.vectors import chord_lengths
 from ..sections import Section
 
 Scalar: TypeAlias = 'Float[Array, ""]'
@@ -221,7 +222,7 @@ class Element(abc.ABC):
         """
         if ends.shape[1] < 2:
             return jnp.zeros(0, ends.dtype)
-        return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
+        return chord_lengths(ends)
 
     def at_ends(
         self, amount: Float[Array, " n_elem"], ends: Float[Array, "n_elem n_end 3"]
@@ -252,6 +253,10 @@ class Element(abc.ABC):
 
     def extended(self) -> Self:
         """The group for an iteration, with laws that go on beyond their ends."""
+        return self
+
+    def risen(self) -> Self:
+        """The group for the beginning of an iteration, whose force does not fall with strain."""
         return self
 
     def partly(self, state: OwnState, present: Bool[Array, " n_elem"]) -> ElementState:

@@ -210,6 +210,7 @@ class Prestressed(Prestressable):
         return stated.values
 
 
+@jax.jit  # traced once, although a program calls it many times
 def stretch(ends: Ends, motion: Motion) -> tuple[Float[Array, " 3"], Scalar, Scalar, Scalar]:
     """Current vector, current length, change of length (without subtraction), initial length."""
     chord, w = ends[1] - ends[0], motion[1] - motion[0]

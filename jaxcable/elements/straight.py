@@ -180,6 +180,12 @@ class Straight(Axial, Prestressed, Uniaxial):
             return self
         return copy(self, law=changed(lambda part: part.extended(), self.law))
 
+    def risen(self) -> Self:
+        """The group with laws that never fall, see `Law.risen`; itself where they are not known."""
+        if self.rising or self.law is None:
+            return self
+        return copy(self, law=changed(lambda part: part.risen(), self.law))
+
     def stiffness_along(self) -> Float[ArrayLike, " n_elem"] | None:
         """Axial stiffness EA if the law is linear, [n_elem], N; None otherwise."""
         stiffness = self.axial_stiffness

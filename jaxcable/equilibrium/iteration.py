@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.typing import DTypeLike
 
 from .. import linear
 from ..common import status
@@ -16,10 +13,13 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
+from ..mechanics.chords import Chords, has_chord, relative
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
+from .balance import Balance, Method, given_up, limit
 from .globalisation import ASTRAY, Shift, Sprint
 from .newton_step import direction, largest
+from .predicted import Predicted, in_turn, part_of_turn
 from .tensions import Tensions
 
 _RELEASED = 2.0  # residual allowed without load, in roundings (eps) of the forces at the start
@@ -30,29 +30,6 @@ _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure r
 _ADRIFT = 1e4  # the same for nets, whose mixed steps end at a part of it
 
 
-class Method(Protocol):
-    """What an iteration needs of its method, such as `newton.Newton`."""
-
-    @property
-    def tol(self) -> Float[ArrayLike, ""] | None:
-        """Relative residual that counts as converged; None for the default."""
-
-    @property
-    def max_steps(self) -> Int[ArrayLike, ""]:
-        """Steps allowed per increment."""
-
-
-def default_tolerance(dtype: DTypeLike) -> float:
-    """Relative tolerance that a dtype can be expected to reach: 1e-10, or 1e-5 in float32."""
-    return 1e-10 if jnp.finfo(dtype).eps < 1e-12 else 1e-5
-
-
-def limit(method: Method, dtype: DTypeLike) -> Float[Array, ""]:
-    """The relative residual that counts as converged."""
-    tol = default_tolerance(dtype) if method.tol is None else method.tol
-    return jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
-
-
 @pytree
 class Iterate:
     """Where the iteration stands.
@@ -61,13 +38,16 @@ class Iterate:
         x, residual, scale: last accepted point, R(x), and the force that R is judged by, N.
         rounding: error that rounding leaves in the residual, N; None if no element states any.
         elements: what elements give together with their forces at x: `Pulls` of a net, else
-            tangents (`System.evaluated`).
+            tangents (`System.linearized`) and `Chords`.
         step, search: the step from x, and which part of it is tried next (`search.Search`).
         arrival: whether the next evaluation is at x itself: at the start, when the iteration
             begins again, and when no usable step was found.
         stepless: whether the reason for `arrival` is that no usable step was found.
         shift, sprint: policies of `globalisation`; None where one does not apply.
         tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
+        predicted: policy of others, `predicted.Predicted`; None where no element has two ends.
+        begun: largest residual at the start of the increment, N.
+        waits: steps so far with a residual small beside the forces, see `balance`.
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
@@ -90,6 +70,9 @@ class Iterate:
     shift: Shift
     sprint: Sprint | None
     tensions: Tensions | None
+    predicted: Predicted | None
+    begun: Float[Array, ""]
+    waits: Int[Array, ""]
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
@@ -107,6 +90,8 @@ class Task:
         x: motion to start from.
         method: `Method`.
         judge: whether to find out if the equilibrium is stable.
+        balance: `Balance` of the increment; None: only forces judge the residual, as in float32.
+        only: whether to evaluate the start only.
     """
 
     def __init__(
@@ -115,14 +100,18 @@ class Task:
         x: Float[Array, "n_row n_motion"],
         method: Method,
         judge: Bool[ArrayLike, ""],
+        balance: Balance | None = None,
+        only: Bool[ArrayLike, ""] = False,
     ):
-        self.system, self.method, self.judge = system, method, judge
+        self.system, self.method, self.judge, self.only = system, method, judge, only
+        self.balance = balance if jnp.finfo(x.dtype).eps < 1e-12 else None
         self.begin = system.place(system.refined(x))
         self.tol = limit(method, x.dtype)
         self.length, self.extent = system.length_scale(), system.extent()
         self.net = system.is_net
         self.judges = not system.always_convex
         self.loaded = loaded(system) if self.net else None
+        self.predicts = not self.net and any(has_chord(group) for group in system.groups)
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.net
         self.sprints = tension_only or system.may_be_unsymmetric
@@ -134,7 +123,7 @@ class Task:
         no = jnp.zeros((), bool)
         *_, rounding, elements = jax.tree.map(
             lambda a: jnp.zeros(a.shape, a.dtype),
-            jax.eval_shape(lambda x: self._evaluated(x), self.begin),
+            jax.eval_shape(lambda x: self._evaluated(x, jnp.int32(0)), self.begin),
         )
         return Iterate(
             x=self.begin,
@@ -149,6 +138,9 @@ class Task:
             shift=Shift.init(zero.dtype),
             sprint=Sprint.init() if self.sprints else None,
             tensions=Tensions.init(self.system, self.begin) if self.net else None,
+            predicted=Predicted.init(self.system, zero.dtype) if self.predicts else None,
+            begun=zero,
+            waits=jnp.int32(0),
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
@@ -162,7 +154,7 @@ class Task:
         """Evaluate the point that is tried, decide whether to accept it, and make the next step."""
         exact = self._to_be_exact(it)
         it, taken, found, over = self._tried(it, exact)
-        it, converged = self._known(it)
+        it, converged = self._known(it, over)
         if self.net:  # a long step may lead to where the fine part matters after all
             converged = converged & (exact | ~self._to_be_exact(it))
         it, reevaluate = self._steered(it, taken, found, over, converged)
@@ -179,9 +171,10 @@ class Task:
         """
         x = self.system.move(it.x, it.search.length * it.step)
         x = where(it.arrival, it.x, x)
-        residual, scale, rounding, elements = self._evaluated(x, exact)
+        residual, scale, rounding, elements = self._evaluated(x, it.steps, exact)
         finite = jnp.isfinite(scale)
-        search, fine, again = it.search.update(jnp.where(finite, residual @ it.step, jnp.inf))
+        slope = self._slope(it, x, residual, elements)
+        search, fine, again = it.search.update(jnp.where(finite, slope, jnp.inf))
         if self.sprints:  # plain steps are accepted whole if the forces there are finite
             fine, again = jnp.where(it.sprint.on, finite, fine), again & ~it.sprint.on
         if self.net:
@@ -200,43 +193,71 @@ class Task:
         )
         return new, it.search.length, fine & ~it.stepless, ~again
 
-    def _evaluated(self, x, exact=True):
-        """Residual, scale, rounding, and what elements give with them (`System.evaluated`)."""
-        if not self.net:
-            return self.system.evaluated(x)
-        pulls = Pulls.of(self.system, x, exact)
-        return *pulls.judged(self.system, x), pulls
+    def _evaluated(self, x, steps, exact=True):
+        """Residual less what stays unbalanced, scale, rounding, and `Iterate.elements`."""
+        if self.net:
+            elements = Pulls.of(self.system, x, exact)
+            residual, scale, rounding = elements.judged(self.system, x)
+        else:
+            end_forces, tangents = self.system.linearized(x)
+            rounding = self.system.rounding(x) if self.system.rounds else None
+            chords = Chords.of(self.system, x, end_forces) if self.predicts else None
+            residual, scale = self.system.residual_and_scale(x, end_forces)
+            elements = tangents, chords
+        return residual - self.kept(scale, steps), scale, rounding, elements
+
+    def kept(self, scale: Float[Array, ""], steps: Int[Array, ""]) -> Float[ArrayLike, " n_free"]:
+        """What stays unbalanced after so many steps, see `balance.Balance`, [n_free], N."""
+        return 0.0 if self.balance is None else self.balance.kept(scale, self.tol, steps)
+
+    def _slope(self, it, x, residual, elements):
+        """Derivative of the energy along the step at x, under forces as the search sees them."""
+        slope = residual @ it.step
+        if it.predicted is None:
+            return slope
+        chords, spread = elements[1], self.system.space.spread(x, it.step)
+        longer = chords.elongation(relative(self.system, spread))
+        return slope - it.predicted.beyond_limit(chords.force) @ longer
 
     def _to_be_exact(self, it):
         """Whether the fine part of the next point will matter, judged by the present one."""
         if not self.net:
             return False
         # rounding is that of a fine part, of eps times the displacement and not eps^2
+        wanted = self.tol * it.scale
+        if self.balance is not None:
+            wanted = jnp.minimum(wanted, self.tol * self.balance.load)
         eps = jnp.finfo(it.scale.dtype).eps
-        return (it.code < 0) | (largest(it.rounding) > _FINE * eps * self.tol * it.scale)
+        return (it.code < 0) | (largest(it.rounding) > _FINE * eps * wanted)
 
-    def _known(self, it):
-        """Note what the first evaluation says, and find out whether x is an equilibrium."""
+    def _known(self, it, over):
+        """Note what the evaluation says, and find out whether x is an equilibrium."""
         first = it.code < 0
         finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
         code = jnp.where(finite, status.OK, status.NONFINITE)
         it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
-        allowed = self.tol * it.scale
-        if it.released is not None:  # a net that is under load has others to be judged by
-            begun = _RELEASED * jnp.finfo(it.scale.dtype).eps * it.scale
-            released = jnp.where(first & ~self.loaded, begun, it.released)
-            it, allowed = copy(it, released=released), jnp.maximum(allowed, released)
+        it = copy(it, begun=jnp.where(first, largest(it.residual), it.begun))
+        granted = jnp.zeros_like(it.residual)
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
-            allowed = jnp.maximum(allowed, jnp.minimum(it.rounding, known))
+            granted = jnp.minimum(it.rounding, known)
+            # a net that is under load has others to be judged by
+            released = _RELEASED * jnp.finfo(it.scale.dtype).eps * it.scale
+            it = copy(it, released=jnp.where(first & ~self.loaded, released, it.released))
+            granted = jnp.maximum(granted, it.released)
         elif it.rounding is not None:
-            allowed = jnp.maximum(allowed, it.rounding)
-        if it.came_from is not None:
             it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
-            allowed = jnp.maximum(allowed, it.came_from)
-        converged = jnp.all(jnp.abs(it.residual) <= allowed)
-        return it, converged
+            granted = jnp.maximum(it.rounding, it.came_from)
+        balanced = it.residual + self.kept(it.scale, it.steps)
+        converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * it.scale, granted))
+        if self.balance is None:
+            return it, converged
+        waits = it.waits + (converged & over)
+        met, hides = self.balance.judged(it.residual, granted, it.scale, it.begun, self.tol)
+        ends = converged & (met | given_up(waits) | (it.steps >= self.method.max_steps))
+        code = jnp.where(ends & hides, status.AT_ROUNDING, it.code)
+        return copy(it, waits=waits, code=code.astype(jnp.int32)), ends
 
     def _steered(self, it, taken, found, over, converged):
         """Update the policies and the status after an evaluation.
@@ -281,7 +302,7 @@ class Task:
             sprint=sprint,
             tensions=tensions,
             code=jnp.where(stuck, status.NOT_CONVERGED, code).astype(jnp.int32),
-            done=stop | (over & converged & ~judging & ~reevaluate),
+            done=stop | self.only | (over & converged & ~judging & ~reevaluate),
         )
         return after, reevaluate
 
@@ -289,34 +310,33 @@ class Task:
         """The next step, if `wanted`; at an equilibrium only judge the tangent there."""
 
         def aim(it):
-            rhs, tensions, part = -it.residual, it.tensions, 1.0
-            shift = it.shift.on(largest(it.residual), self.length)
+            tensions, predicted, part = it.tensions, it.predicted, 1.0
             if self.net:
                 equations = tensions.equations(self.system, it.x, it.elements, it.residual)
-                rhs = equations.rhs
+                rhs, sprinting = equations.rhs, ~tensions.searching
                 matrix = equations.matrix(self.system, it.x, largest(it.residual), self.length)
-                shift = jnp.where(tensions.searching, shift, 0.0)
-            else:
-                matrix = self.system.tangent(it.x, it.elements)
-            sprinting = jnp.zeros((), bool)
-            if self.sprints:
-                sprinting = it.sprint.on & ~converged
-            if self.system.space.rotates:
+                shift = it.shift.on(largest(it.residual), self.length)
                 shift = jnp.where(sprinting, 0.0, shift)
-            if self.judges:
-                shift = jnp.where(converged, no_stiffness(matrix), shift)
+            else:
+                rhs, sprinting = -it.residual, jnp.zeros((), bool)
+                if self.sprints:
+                    sprinting = it.sprint.on & ~converged
+                matrix, shift, on, slopes = self._equations(it, sprinting, converged)
             matrix = linear.plus_diagonal(matrix, shift)
             step, definite, factored = direction(
-                self.system, matrix, it, rhs, sprinting, self.tol, wanted
+                self.system, matrix, it, rhs, sprinting & (not self.net), self.tol, wanted
             )
             again = jnp.zeros((), bool)
             if self.net:
                 tensions, part = equations.taken(self.system, it.x, step, self.length)
-                step, sprinting = part * step, ~tensions.searching
                 # once more with a shift above what rounding may have made of no stiffness
                 again = ~definite & ~tensions.doubtful & sprinting
                 tensions = where(again, copy(it.tensions, doubtful=jnp.ones((), bool)), tensions)
             slope = it.residual @ step
+            if self.predicts:
+                predicted, part, cut = self._predict(it, step, slopes, on)
+                slope = slope - cut
+            step, slope = part * step, part * slope
             usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
             return copy(
                 it,
@@ -325,6 +345,7 @@ class Task:
                 arrival=~usable,
                 stepless=~usable & ~again,
                 tensions=tensions,
+                predicted=where(usable, predicted, it.predicted),
                 steps=it.steps + ~converged,
                 factored=factored,
                 stable=it.stable | (converged & definite),
@@ -332,6 +353,40 @@ class Task:
             )
 
         return lax.cond(wanted, aim, lambda it: it, it)
+
+    def _equations(self, it, sprinting, converged):
+        """The linear equations of a step of a structure that is no net of cables.
+
+        Returns:
+            Matrix, shift on its diagonal, whether it has predicted forces, and the derivatives of
+            axial forces by lengths; the last two None where no element has two ends.
+        """
+        tangents, chords = it.elements
+        size, on, slopes = largest(it.residual), None, None
+        if self.predicts:
+            on = in_turn(it.steps) & ~sprinting & ~converged
+            forces = it.predicted.forces_at(chords, on)
+            tangents = self.system.tangents(it.x, tangents)
+            slopes = chords.slopes(self.system, tangents)
+            tangents = chords.stiffened(self.system, tangents, forces)
+            # after a step sideways R is that of EA, and so would be the shift
+            size = jnp.minimum(size, jnp.max(jnp.abs(forces)) + it.begun)
+        shift = it.shift.on(size, self.length)
+        matrix = self.system.tangent(it.x, tangents)
+        if self.system.space.rotates:
+            shift = jnp.where(sprinting, 0.0, shift)
+        if self.judges:
+            shift = jnp.where(converged, no_stiffness(matrix), shift)
+        return matrix, shift, on, slopes
+
+    def _predict(self, it, step, slopes, on):
+        """`Predicted` for a step, the part that is taken, and the work of cut forces on it, J."""
+        chords, system = it.elements[1], self.system
+        apart = relative(system, system.space.spread(it.x, step))
+        longer = chords.elongation(apart)
+        predicted = it.predicted.stepped(system, chords.force + slopes * longer, on)
+        part = jnp.where(on, part_of_turn(chords.turn(apart)), 1.0)
+        return predicted, part, predicted.beyond_limit(chords.force) @ longer
 
 
 def no_stiffness(matrix: Matrix) -> Float[Array, ""]:

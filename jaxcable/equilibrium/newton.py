@@ -4,7 +4,9 @@ Each iteration factorises at most once (see 4). Nets of cables under dead loads 
 sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside the displacements,
 because stiff cables that swing let plain Newton steps creep: see `tensions`. For all others:
 
-1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. The shift
+1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Elements
+   with two ends have the axial force that the last step predicts, in ``K`` and in the line search,
+   because stiff bars that turn let plain steps creep, too: see `predicted`. The shift
    vanishes with the residual, so that convergence stays quadratic even where loose nodes leave
    ``K`` singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not
    positive definite, the iteration only enlarges ``kappa``.
@@ -44,7 +46,9 @@ from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
-from .iteration import Method, Task, limit, no_stiffness
+from ..spaces.translations import coarse
+from .balance import Balance, Method, limit
+from .iteration import Task, no_stiffness
 from .newton_step import WORTH, largest
 
 _MET = 1e-6  # length over initial length at which two nodes have met
@@ -57,9 +61,12 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. The
-            residual that the rounding of the displacements leaves, ``8 eps u/L (EA along, 12 EI/L^2
-            across)``, is allowed, too (`path.rounding`). Nets of cables are iterated with nearly
+            absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. Where an
+            increment adds a load below 1 % of this force, the residual is at most 50 tol of that
+            load, too, and what earlier increments have left stays as it is; if rounding leaves less
+            than half of the digits of the load, the status is AT_ROUNDING (`balance`; not in
+            float32). The residual that the rounding of the displacements leaves,
+            ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`). Nets of cables are iterated with nearly
             twice the digits: there it is ``8 eps^2 u/L EA``. Where it is more than 1 % of the
             forces of a net under load, the status is AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
@@ -185,10 +192,39 @@ def equilibrate(
     return _outcome(system, end, x, active, broken, factored), end.factored
 
 
-def _iterated(system, x, method, active, factored, judge):
-    """The `iteration.Iterate` in which Newton's method ends."""
-    task = Task(system, x, method, judge)
-    return lax.while_loop(lambda it: active & ~it.done, task.iterate, task.start(factored))
+def _iterated(system, x, method, active, factored, judge, balance=None, only=False):
+    """The `iteration.Iterate` in which Newton's method ends; options as of `iteration.Task`.
+
+    Nets whose laws fall begin with laws that do not (`Law.risen`), which make their energy convex.
+    Below all peaks their equilibrium is the one that is wanted. If it is beyond one, there is no
+    equilibrium below all peaks: then the iteration goes on from it with the laws as they are.
+    """
+
+    def ended(system, x, active, factored, steps):
+        task = Task(system, x, method, judge, balance, only)
+        start = copy(task.start(factored), steps=steps)
+        end = lax.while_loop(lambda it: active & ~it.done, task.iterate, start)
+        return copy(end, residual=end.residual + task.kept(end.scale, end.steps))
+
+    convex, none = system.risen(), jnp.int32(0)
+    if system.is_net or not convex.is_net:
+        return ended(system, x, active, factored, none)
+    first = ended(convex, x, active & ~jnp.asarray(only), factored, none)
+    found = active & (first.code == status.OK)
+    at = where(found, coarse(first.x), coarse(x))
+    pairs = zip(system.tensions(at), convex.tensions(at), strict=True)
+    apart = jnp.max(jnp.concatenate([jnp.abs(force - risen) for force, risen in pairs]))
+    below = found & (apart <= limit(method, x.dtype) * first.scale)
+    end = ended(system, at, active & ~below, first.factored, first.steps)
+    lost = (end.code == status.NOT_CONVERGED) | (end.code == status.MECHANISM)
+    near = _is_at_rounding(convex, largest(first.residual), largest(first.rounding))
+    near = ~found & near & (end.code == status.NOT_CONVERGED)
+    code = jnp.where(near, status.AT_ROUNDING, end.code)
+    code = jnp.where(found & lost, status.BEYOND_PEAK, code)
+    # whether a curve has ended is judged where the load leads, not where the iteration got lost
+    end = copy(end, code=code, x=where(found & lost, at, end.x))
+    known = ("residual", "scale", "code", "steps", "stable")
+    return copy(end, **{k: where(below, getattr(first, k), getattr(end, k)) for k in known})
 
 
 def _cause(system, end, residual, rounding):
@@ -205,11 +241,16 @@ def _cause(system, end, residual, rounding):
     stuck = end.code == status.NOT_CONVERGED
     code = jnp.where(stuck & met, status.COLLAPSED, end.code)
     if end.rounding is not None:
-        # in a net the matrix, which has no fine part, is what cannot tell less than this apart
-        plain = jnp.finfo(rounding.dtype).eps if system.is_net else 1.0
-        near = residual <= _NEARLY * rounding / plain
+        near = _is_at_rounding(system, residual, rounding)
         code = jnp.where(stuck & near & ~met, status.AT_ROUNDING, code)
     return code
+
+
+def _is_at_rounding(system, residual, rounding):
+    """Whether a residual is as small as its rounding leaves it; both the largest, N."""
+    # in a net the matrix, which has no fine part, is what cannot tell less than this apart
+    plain = jnp.finfo(rounding.dtype).eps if system.is_net else 1.0
+    return residual <= _NEARLY * rounding / plain
 
 
 def _outcome(system, end, x, active, broken, factored):
@@ -294,11 +335,12 @@ def march(
     x = first = begun.refined(x)
 
     def step(carry, increment):
-        x, code, memory, factored, seen = carry
+        x, code, memory, factored, seen, left, load = carry
         factor, live = increment
         system, judge = ramp.at(factor, memory), method.watch | (factor == 1)
-        active = live & (code == status.OK)
-        end = _iterated(system, x, method, active, factored, judge)
+        active, starts = live & (code == status.OK), (factor == 0) & (code == status.OK)
+        balance = Balance.of(system, left, load)
+        end = _iterated(system, x, method, active | starts, factored, judge, balance, starts)
         begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
         motion, broken = where(begins, first, end.x), False
         new = lax.cond(
@@ -317,11 +359,12 @@ def march(
         outcome = copy(outcome, code=code)
         if tell is not None:
             lax.cond(live, lambda: tell(factor, outcome), lambda: None)
-        carry = outcome.x, code, memory, end.factored, new
+        carry = outcome.x, code, memory, end.factored, new, end.residual, system.load
         return carry, (outcome.x, outcome.log, new.of_path)
 
-    start = x, code, ramp.memory, factored, seen
-    (_, _, memory, factored, seen), (xs, log, readings) = lax.scan(step, start, increments)
+    left = jnp.zeros(ramp.freedoms.free.shape[0], x.dtype)
+    start = x, code, ramp.memory, factored, seen, left, begun.load
+    (_, _, memory, factored, seen, *_), (xs, log, readings) = lax.scan(step, start, increments)
     return xs, log, readings, seen, memory, factored
 
 

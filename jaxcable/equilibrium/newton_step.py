@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 
@@ -67,6 +68,7 @@ def direction(
     return step, definite, factored
 
 
+@jax.jit  # one function in a program
 def largest(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
     """Largest entry by size; 0 without unknowns."""
     return jnp.max(jnp.abs(residual), initial=0.0)

@@ -37,9 +37,9 @@ def inverse(
     # The corner at which the stress first reaches the target, going away from zero. Reached within
     # rounding, so that the stress at the peak has a strain; and with a stress strictly beyond zero,
     # so that zero stress is inverted on the branch that loads and not on the slack branch.
-    rounding = (
-        8 * jnp.finfo(curve.dtype).eps * law.modulus * jnp.max(jnp.abs(strains), -1, keepdims=True)
-    )
+    # Rounding of the strains of corners: the samples beyond them, where a law has no end, are far.
+    size = jnp.max(jnp.abs(jnp.clip(corners, low, high)), -1, keepdims=True, initial=0.0)
+    rounding = 8 * jnp.finfo(curve.dtype).eps * law.modulus * size
     reached = jnp.where(
         tension,
         curve >= jnp.maximum(target - rounding, rounding),

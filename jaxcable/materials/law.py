@@ -107,6 +107,14 @@ class Law(abc.ABC):
         """
         return self
 
+    def risen(self) -> Law:
+        """A law that never falls, and is this one up to the first peak of its stress.
+
+        An iteration begins with it: equilibria below the peaks of all elements are those of both.
+        The law itself, where it is not known to fall.
+        """
+        return self
+
     def tension_only(self) -> Law:
         """The law without its compression branch.
 

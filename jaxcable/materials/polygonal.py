@@ -187,8 +187,16 @@ class Polygonal(Law):
     def strain_at(
         self, stress: Float[ArrayLike, "*shape"], memory: Float[Array, "... n_memory"] | None = None
     ) -> Float[Array, "*shape"]:
-        """Strain at `stress`, Pa."""
-        return inverse(self, stress, memory)
+        """Strain at `stress`, Pa; beyond its ends, too, if the law rises and is endless."""
+        strain = inverse(self, stress, memory)
+        if not (self.endless and self.rising):
+            return strain
+        low, high = (jnp.broadcast_to(end, jnp.shape(stress)) for end in self.limits)
+        more = stress - self._curve(high, memory)
+        strain = jnp.where(more > 0, high + more / self.modulus, strain)
+        less = stress - self._curve(low, memory)
+        pushed = self._two_sided & (less < 0)
+        return jnp.where(pushed, low + less / self.modulus, strain)
 
     def settle(
         self,
@@ -241,6 +249,20 @@ class Polygonal(Law):
     def extended(self) -> Polygonal:
         """The law for an iteration: goes on with its initial slope beyond its ends."""
         return copy(self, endless=True)
+
+    def risen(self) -> Polygonal:
+        """The law that goes on with its initial slope from where it first falls, to either side."""
+        if self.rising:
+            return self
+        slopes, outward = self._slopes, self.strain[1:] > 0
+        falls = slopes < 0
+        pulled = jnp.cumsum(falls & outward) > 0
+        pushed = jnp.cumsum((falls & ~outward)[::-1])[::-1] > 0
+        slopes = jnp.where(jnp.where(outward, pulled, pushed), self.modulus, slopes)
+        rise = jnp.cumsum(slopes * jnp.diff(self.strain))
+        stress = jnp.concatenate([jnp.zeros_like(rise[:1]), rise])
+        stress = stress - stress[jnp.sum(self.strain < 0)]  # the origin is a point of every curve
+        return copy(self, stress=stress, rising=True)
 
     def tension_only(self) -> Polygonal:
         """The law without compression: slack where its stress would be negative."""

@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import jax.numpy as jnp
 
 from .. import linear
-from ..common.tree import pytree
+from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.abilities import Pulling, Rounding
 from ..elements.element import Element, ElementState
@@ -48,6 +48,10 @@ class System(Elementwise):
     load: Float[Array, "n_row n_freedom"]
     space: Space
     followers: list[Following] | None = None
+
+    def risen(self) -> System:
+        """The system with laws that do not fall beyond their first peak, see `Law.risen`."""
+        return copy(self, groups=[group.risen() for group in self.groups])
 
     # --- points and steps
 
@@ -163,15 +167,6 @@ class System(Elementwise):
             load = load + self.space.padded(self.following(moved))
         internal, _ = self.internal_force(x, self._end_forces_about(x, spread))
         return self.space.collected(internal - load, x, spread)
-
-    def evaluated(self, x: Motion) -> tuple[Step, Float[Array, ""], Step | None, PerGroup]:
-        """Residual, the force it is judged by, its rounding, and tangents that come with it.
-
-        See `residual_and_scale`, `rounding`, which is None if no group has any, and `tangent`.
-        """
-        end_forces, tangents = self.linearized(x)
-        rounding = self.rounding(x) if self.rounds else None
-        return *self.residual_and_scale(x, end_forces), rounding, tangents
 
     def residual_and_scale(
         self, x: Motion, end_forces: EndForces | None = None

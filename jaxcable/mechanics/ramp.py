@@ -13,6 +13,7 @@ import jax.numpy as jnp
 
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..elements.abilities import mixed
 from ..elements.element import Element, ElementState, with_fields
 from ..elements.stated import Stated
 from ..spaces import space_of
@@ -132,7 +133,7 @@ class Ramp:
             state = start if end is None else group.between(start, end, factor)
             if jack is not None:
                 force, stated = jack
-                force = _mix(force, stated.values, factor)
+                force = mixed(force, stated.values, factor)
                 state = with_fields(state, jack_force=force, jacked=stated.chosen)
             now.append(state)
         if memory is not None:
@@ -249,8 +250,3 @@ def _change_supports(nodes, groups, carry, data):
     # without a change the load itself, which `along` and `combined` would round
     left = jnp.where(jnp.any(was != now), jnp.concatenate(left, axis=1), load)
     return copy(carry, nodal_load=left), jnp.concatenate(released, axis=1)
-
-
-def _mix(start, end, factor):
-    """Value at a load factor; what does not change keeps every digit, and factor 1 gives `end`."""
-    return end - (1 - factor) * (end - start)

@@ -25,6 +25,7 @@ Pair: TypeAlias = 'tuple[Float[Array, " ..."], Float[Array, " ..."]]'
 """A number as the sum of two floats."""
 
 
+@jax.jit  # one function in a program, as below
 def two_sum(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
     """The sum of two floats, and its rounding error, which is exact."""
     total = a + b
@@ -39,6 +40,7 @@ def halves(a: Float[Array, " ..."]) -> Pair:
     return high, a - high
 
 
+@jax.jit
 def less_product(
     whole: Float[Array, " ..."], a: Float[Array, " ..."], b: Float[Array, " ..."]
 ) -> Float[Array, " ..."]:
@@ -57,7 +59,7 @@ def two_product(a: Float[Array, " ..."], b: Float[Array, " ..."]) -> Pair:
     return whole, (((p * r - whole) + p * s) + q * r) + q * s
 
 
-@jax.jit  # one function in a program
+@jax.jit
 def dot(a: Pair, b: Pair) -> Pair:
     """Scalar product of vectors of pairs, [..., 3], as a pair of [..., 1]."""
     whole, lost = two_product(a[0], b[0])

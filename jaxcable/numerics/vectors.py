@@ -16,3 +16,9 @@ def inner(a: Float[Array, " n"], b: Float[Array, " n"]) -> Float[Array, ""]:
     of a library, which takes longer than an element and ends the fusion of what is around it.
     """
     return jnp.sum(a * b)
+
+
+@jax.jit
+def chord_lengths(ends: Float[Array, "n n_end 3"]) -> Float[Array, " n"]:
+    """Distances from the first to the second of several points."""
+    return jnp.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..analysis.solution import Solution
-from ..equilibrium.iteration import default_tolerance
+from ..equilibrium.balance import default_tolerance
 from .stages import refuse_batch
 from .style import GRID, SERIES, below, finish, start
 

@@ -1,0 +1,98 @@
+"""Does every structure with bars converge, however stiff its bars are, and in how many steps?
+
+Question   Bars that turn, strings of insulators, crooked chains, strings on nets and on beams,
+           tensegrities, masts, trusses and stayed decks, EA over the load from 1e2 to 1e10: how
+           many end without equilibrium, in how many Newton steps and factorisations?
+Reference  Statics in extended precision, apart from the package: of every node (`independent.py`),
+           with beams of the whole structure in its deflected shape.
+Error      failed: no equilibrium, whatever the status says; wrong: status OK and not in balance.
+Command    python experiments/bar_bank.py [scenes of a kind] [first seed]   (default 200 0; writes
+           experiments/results/bar_bank.txt; two minutes)
+"""
+
+import os
+import sys
+import time
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+
+import jax
+import numpy as np
+from bar_bank import KINDS, drawn, judged
+from record import Record
+
+import jaxcable as jc
+
+jax.config.update("jax_enable_x64", True)
+
+COLUMNS = "{:<9}{:>7}{:>7}{:>6}  {:>6}{:>6}{:>6}  {:>8}{:>9}"
+
+
+def ended(kind, seeds):
+    """`Judged` of every scene of a kind, and the seconds of its analyses without compilation."""
+    results, seconds = [], 0.0
+    for seed in seeds:
+        one = drawn(kind, seed)
+        if not results:  # the first call compiles
+            jc.solve(one.structure, one.phases).displacement.block_until_ready()
+        begun = time.perf_counter()
+        solution = jc.solve(one.structure, one.phases)
+        solution.displacement.block_until_ready()
+        seconds += time.perf_counter() - begun
+        results.append(judged(one, solution))
+    return results, seconds
+
+
+def row(kind, results, seconds):
+    """The table's line of a kind."""
+    steps = np.concatenate([one.steps for one in results if one.code == jc.status.OK])
+    return COLUMNS.format(
+        kind,
+        len(results),
+        sum(one.code != jc.status.OK for one in results),
+        sum(one.wrong for one in results),
+        f"{np.median(steps):.0f}",
+        f"{np.percentile(steps, 99):.0f}",
+        steps.max(),
+        f"{np.mean([one.factorizations for one in results]):.1f}",
+        f"{1e3 * seconds / len(results):.2f}",
+    )
+
+
+def turning():
+    """Steps of one bar that turns, by EA over the load."""
+    found = []
+    for ratio in range(2, 13, 2):
+        bar = jc.Bars([[0, 1]], axial_stiffness=10.0**ratio)
+        nodes = [[0.0, 0, 0], [1.0, 0, 0]]
+        structure = jc.Structure(nodes, bar, jc.pinned([0]) + jc.restrained([1], "y"))
+        load = jc.NodalLoads([1], (0.1, 0.0, -1.0))
+        solution = jc.solve(structure, jc.Phase(loads=load))
+        steps = int(solution.phases[0].path.iterations[0])
+        found.append(f"1e{ratio}: {steps if int(solution.status) == 0 else 'none'}")
+    return ", ".join(found)
+
+
+def main():
+    count, first = (int(word) for word in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
+    say = Record("bar_bank")
+    say(f"{count} scenes of a kind, seeds from {first}\n")
+    say(COLUMNS.format("kind", *"scenes failed wrong median 99% max factors ms".split()))
+    everything, time_of_all = [], 0.0
+    for kind in KINDS:
+        results, seconds = ended(kind, range(first, first + count))
+        say(row(kind, results, seconds))
+        everything, time_of_all = everything + results, time_of_all + seconds
+    say(row("all", everything, time_of_all))
+    say(
+        "\nSteps are of an increment; factorisations (factors) and ms (time without compilation) of"
+    )
+    say("an analysis, means of the kind.")
+    say(f"\nA bar that turns by a right angle, steps by EA over the load: {turning()}")
+    say.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Axial forces of elements with two ends, along the chords between these.
+
+They are read from end forces and tangents, so that bars, cables, beams and elements of users have
+them without a formula of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.tree import pytree
+from ..common.types import Array, Bool, Float
+from ..elements.element import Element
+from ..spaces.space import Motion
+from .assembly import EndForces, System
+
+_BETWEEN_ENDS = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((3, 3)))
+"""Signs with which a block of relative displacements enters the matrix of both ends, [6, 6]."""
+
+
+@pytree
+class Chords:
+    """The chords of all elements with two ends at a point; [n] for those of all groups.
+
+    Attributes:
+        force: axial force, the part of the force on the second end along the chord, [n], N;
+            tension positive.
+        along: unit vectors from the first end to the second, [n, 3].
+        length: distance of the ends, [n], m.
+    """
+
+    force: Float[Array, " n"]
+    along: Float[Array, "n 3"]
+    length: Float[Array, " n"]
+
+    @classmethod
+    def of(cls, system: System, x: Motion, end_forces: EndForces) -> Chords:
+        """The chords of a system at `x`, with the end forces of every group there."""
+        vector = relative(system, system.nodes + x[:, :3])
+        length = jnp.sqrt(jnp.sum(vector**2, axis=1))
+        along = vector / length[:, None]
+        pairs = zip(system.groups, end_forces, strict=True)
+        pull = jnp.concatenate([forces[:, 1, :3] for group, forces in pairs if has_chord(group)])
+        return cls(jnp.sum(pull * along, axis=1), along, length)
+
+    def elongation(self, apart: Float[Array, "n 3"]) -> Float[Array, " n"]:
+        """Changes of the lengths to first order, [n], m, by motions of the ends `relative`."""
+        return jnp.sum(self.along * apart, axis=1)
+
+    def turn(self, apart: Float[Array, "n 3"]) -> Float[Array, ""]:
+        """Largest motion of the ends `relative` to each other, over the length; its square."""
+        return jnp.max(jnp.sum(apart**2, axis=1) / self.length**2)
+
+    def slopes(
+        self, system: System, tangents: Sequence[Float[Array, "n_elem d d"]]
+    ) -> Float[Array, " n"]:
+        """Derivative of the force by the length, from the tangents of all groups, [n], N/m."""
+        blocks = []
+        for group, matrix in zip(system.groups, tangents, strict=True):
+            if has_chord(group):
+                at = group.n_freedom
+                blocks.append(matrix[:, at : at + 3, at : at + 3])
+        return jnp.einsum("ni,nij,nj->n", self.along, jnp.concatenate(blocks), self.along)
+
+    def stiffened(
+        self,
+        system: System,
+        tangents: Sequence[Float[Array, "n_elem d d"]],
+        force: Float[Array, " n"],
+    ) -> list[Float[Array, "n_elem d d"]]:
+        """Tangents with the geometric stiffness of another axial `force` [n], N."""
+        density = (force - self.force) / self.length
+        square = self.along[:, :, None] * self.along[:, None, :]
+        block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
+        of_ends = jnp.tile(block, (1, 2, 2)) * _BETWEEN_ENDS.astype(density.dtype)[None]
+        found, start = [], 0
+        for group, matrix in zip(system.groups, tangents, strict=True):
+            if has_chord(group):
+                own = of_ends[start : start + len(matrix)]
+                start += len(matrix)
+                if matrix.shape[-1] == len(_BETWEEN_ENDS):
+                    matrix = matrix + own
+                else:
+                    at = np.r_[:3, group.n_freedom : group.n_freedom + 3]
+                    matrix = matrix.at[:, at[:, None], at].add(own)
+            found.append(matrix)
+        return found
+
+
+def has_chord(group: Element) -> bool:
+    """Whether the elements of a group have two ends."""
+    return group.links.shape[1] - group.n_inner_row == 2
+
+
+def tension_only(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
+    """Which of the elements with chords can only pull, known on the host."""
+    return np.concatenate(
+        [np.full(len(group.links), group.tension_only) for group in groups if has_chord(group)]
+    )
+
+
+def relative(system: System, values: Float[Array, "n_row n"]) -> Float[Array, "n 3"]:
+    """Positions or translations of second ends relative to first ones, by those of all rows, m."""
+    links = jnp.concatenate([group.links[:, :2] for group in system.groups if has_chord(group)])
+    ends = values[:, :3][links]
+    return ends[:, 1] - ends[:, 0]
