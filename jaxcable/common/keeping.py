@@ -158,6 +158,22 @@ def _jax_keeps(folder):
         internals.missing("cache")
 
 
+@contextlib.contextmanager
+def restored() -> Iterator[None]:
+    """At the end of a block keep programs where they were kept before it, and so does jax."""
+    place, before = list(_place), list(_before)
+    jaxs = {name: getattr(jax.config, name) for name in ("jax_compilation_cache_dir", _LEAST)}
+    try:
+        yield
+    finally:
+        _place[:], _before[:] = place, before
+        changed = [name for name, value in jaxs.items() if getattr(jax.config, name) != value]
+        for name in changed:
+            jax.config.update(name, jaxs[name])
+        if changed:
+            internals.reset_cache()
+
+
 def _usual():
     """The folder of programs in the user's folder for caches."""
     home = Path.home()
