@@ -27,7 +27,7 @@ def of_command(quiet: bool, whole_process: bool) -> Iterator[None]:
     if whole_process:
         fusion.ask()
         matplotlib.use("Agg")  # pictures go to files; no display is needed
-    double = jax.config.jax_enable_x64
+    double = getattr(jax.config, _PRECISION)
     with warnings.catch_warnings(), keeping.restored():
         with warnings.catch_warnings(record=True) as refused:
             warnings.simplefilter("always", RuntimeWarning)
