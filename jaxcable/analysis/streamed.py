@@ -158,16 +158,18 @@ def streamed(
     process a chunk is solved by `batched`.
 
     The folder of a study knows what is computed: the traced function with the values of all that it
-    uses (the model, random keys), the backend of jax, whether loops are fused, and the cases; of
-    cases by a function it compares 16. A call with something else is refused, also one with another
-    version of jaxcable or jax. Functions of this package that run on the host count by name and
-    version.
+    uses (the model, random keys), the backend of jax, whether loops are fused, and the cases. Of
+    cases by a function it compares 16, and if there are more the function: its code, and all
+    globals, functions and objects that the code uses. So do functions that the model calls on the
+    host. A call with something else is refused, also one with another version of jaxcable or jax.
+    Functions of libraries that run on the host count by name and version, and arrays in files
+    (`np.memmap`) by name, size and time of writing.
 
     Args:
         function: of one case, to a dict of arrays, whose names may be any printable texts.
         cases: pytree of arrays [n_case, ...]; or a function from numbers of cases, [n], NumPy, to
             those of these cases, [n, ...], where all of them would not fit into memory. It has to
-            return the same whenever it is called.
+            return the same whenever it is called, and to change nothing that it uses.
         folder: where the results go; made if it is not there.
         chunk: number of cases in a file, and in memory.
 
@@ -201,7 +203,8 @@ def streamed(
         lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _dtype(leaf)), known_cases
     )
     expected = _expected(compute, shapes)
-    own = chunk_files.digest_of(_begin(study, compute, shapes, known_cases))
+    made_by = cases if callable(cases) and count > _PROBED else None
+    own = chunk_files.digest_of(_begin(study, compute, shapes, known_cases, made_by))
     mine = range(rank, study.n_chunk, processes)
     done = {k for k in mine if study.file(k).exists()}
     for k in sorted(done):
@@ -283,12 +286,17 @@ def _expected(compute, shapes):
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
 
 
-def _begin(study, compute, shapes, cases):
-    """Make the folder of a study, or see that it holds this one; returns its description."""
+def _begin(study, compute, shapes, cases, made_by):
+    """Make the folder of a study, or see that it holds this one; returns its description.
+
+    Args:
+        made_by: the function of `cases`, if not all of them are compared; None otherwise.
+    """
     told = {
         "n_case": study.n_case,
         "chunk": study.chunk,
         "cases": digest.of_arrays(cases),
+        "cases_function": None if made_by is None else digest.of_host_function(made_by),
         "jaxcable": _version("jaxcable"),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
@@ -318,6 +326,11 @@ def _begin(study, compute, shapes, cases):
         hint = ""
         if any(text.startswith("function") for text in other):
             hint = " (function: digest of what is computed, with the model and all arrays in it)"
+        if any(text.startswith("cases_function") for text in other):
+            hint += (
+                " (cases_function: digest of the code of `cases`, with the globals, functions and "
+                "objects that it uses, also those that it changes itself)"
+            )
         raise ValueError(
             f"folder: {study.folder} holds a study with {'; '.join(other)}{hint}; take another "
             "folder, or delete this one"
