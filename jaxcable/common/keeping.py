@@ -76,8 +76,9 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         The folder.
 
     Raises:
-        ValueError: `limit` is negative or no integer; `folder` belongs to another user, or other
-            users can write to it, or its ``programs`` or ``xla`` hold other files.
+        ValueError: `limit` is negative or no integer; `folder` is a file, or belongs to another
+            user; other users can write to it, or to a folder on the way to it (other than such as
+            ``/tmp``), also by symbolic links; its ``programs`` or ``xla`` hold other files.
 
     Warns:
         RuntimeWarning: the default folder, or that of the environment, is such a one, or jax cannot
