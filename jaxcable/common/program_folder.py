@@ -220,11 +220,11 @@ def _others_can_write(about):
 def _is_own_group(number):
     """Whether a group is the private one of the user: called as the user, and without members."""
     try:
-        group, user = grp.getgrgid(number), pwd.getpwuid(os.geteuid())
+        known, user = grp.getgrgid(number), pwd.getpwuid(os.geteuid())
     except KeyError:
         return False
-    own = number == user.pw_gid and group.gr_name == user.pw_name
-    return own and set(group.gr_mem) <= {user.pw_name}
+    own = number == user.pw_gid and known.gr_name == user.pw_name
+    return own and set(known.gr_mem) <= {user.pw_name}
 
 
 def _make(path):
