@@ -94,7 +94,7 @@ def root(self, state, ends, motion):
         ),
         (
             {"tangent": lambda self, *_: (1.0, 2.0)},
-            "tangent: expected an array of shape (2, 3, 2, 3) of floats for an element, got a tuple",
+            "tangent: expected an array of shape (2, 3, 2, 3) of floats for an element, got a",
         ),
         (
             {"end_forces": lambda self, *_: jnp.zeros((3, 2))},
@@ -137,7 +137,7 @@ def root(self, state, ends, motion):
         ),
         (
             {"end_forces_about": lambda self, *_: jnp.zeros((1, 3))},
-            "end_forces_about: expected an array of shape (2, 3) of floats for an element, got shape",
+            "end_forces_about: expected an array of shape (2, 3) of floats for an element, got",
         ),
         (
             {"per_element": ("stiffness", "softness"), "softness": None},
