@@ -35,6 +35,7 @@ OUT_OF_TIME_STEPS = 21
 PUSHING_CABLE = 22
 PATH_LOST = 23
 SECTION_UNBALANCED = 24
+STATIONARY = 25
 
 _TEXTS = {
     OK: "converged",
@@ -133,6 +134,11 @@ _TEXTS = {
     SECTION_UNBALANCED: (
         "no strains that balance the forces of the section were found within the allowed "
         "iterations: allow more (max_steps), or reduce the forces"
+    ),
+    STATIONARY: (
+        "the start is stationary: the gradient is zero there, so that nothing tells where the loss "
+        "falls. That is so at a minimum, but also at a maximum, at a saddle (a symmetric start), "
+        "and where no parameter has an influence; compare the loss nearby, or start elsewhere"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "
