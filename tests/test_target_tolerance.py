@@ -51,11 +51,10 @@ def test_the_unit_of_a_function_is_not_known():
 
 
 def test_targets_that_contradict_each_other_are_weighed_by_it():
-    """A bar of 2 m with EA of 1 MN: its end cannot rise by 10 mm under 1 kN more.
+    """Two bars of 2 m and EA = 1 MN in a line, held at both ends; one is shortened by s.
 
-    Shortened by s, EA s / 2 m is the force where the end does not move, since it is held there by
-    a spring of the same stiffness: the end rises by s / 2, and the bar pulls with EA s / 4 m. The
-    least squares of (s / 2 - a) / 1e-3 and (EA s / 4 - b) / 1 are found by hand.
+    The node between them moves by s / 2, and both pull with EA s / 4 m. The least squares of
+    (s / 2 - a) / 1e-3 and (EA s / 4 - b) / 1 are found by hand.
     """
     nodes = [[0.0, 0, 0], [0, 0, -2.0], [0, 0, -4.0]]
     bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
@@ -64,15 +63,13 @@ def test_targets_that_contradict_each_other_are_weighed_by_it():
     a, b = 1e-6, 1.0  # m, N: near zero all is linear
     rise = Target("positions", -2.0 + a, at=(1, 2))
     force = Target("tension", b, at=0)
-    # both have to go down together: one unknown, since the other bar is held as it is
+    # the other bar keeps its length
     bounds = ([np.array([-1.0, 0.0])], [np.array([1.0, 0.0])])
     tuned = jc.design.tune(structure, phases, [(0, "shortening")], [rise, force], bounds)
     columns, wanted = np.array([0.5 / LENGTH, 1e6 / 4 / FORCE]), np.array([a / LENGTH, b / FORCE])
     expected = columns @ wanted / (columns @ columns)
     np.testing.assert_allclose(tuned.values[0][0], expected, rtol=1e-5)
     assert [bool(met) for met in tuned.met] == [True, True]
-    off = Target(
-        "positions", -2.0 + 0.1, at=(1, 2)
-    )  # 0.1 m are not met to 1 mm, as they were to 1 m
+    off = Target("positions", -2.0 + 0.1, at=(1, 2))  # met to the 1 m of before, not to 1 mm
     tuned = jc.design.tune(structure, phases, [(0, "shortening")], [off, force], bounds)
     assert not tuned.met[0] and abs(float(tuned.deviation[0][0])) > 0.05

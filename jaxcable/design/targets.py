@@ -64,8 +64,8 @@ class Target:
         >>> level = jc.design.Target("positions", 0.0, at=np.s_[1:9, 2], within=1e-4)
         >>> level.phase
         -1
-        >>> jc.design.Target("positions").within, jc.design.Target("tension").within  # m, N
-        (0.001, 1.0)
+        >>> print(jc.design.Target("positions").within, jc.design.Target("tension").within)  # m, N
+        0.001 1.0
     """
 
     of: str | Callable[[PhaseResult], Array]
