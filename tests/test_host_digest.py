@@ -111,6 +111,7 @@ MODULE = """
         found = found + PROXY["x"] + PAIR.b
         found = found + Kind.A.value + SLOTTED(1.0) + SLOTTED.twice + DATA.mean() + cached(1)
         found = found + np.asarray(compiled(2.0)) + decorated(1.0) + config.OFFSET + late.OFFSET
+        found = found + config.deep.DEEP
         return found + helper.attribute + 0 * RNG.bit_generator.state["state"]["state"] + math.pi
 """
 
@@ -118,7 +119,7 @@ VALUES = (
     *("SCALE", "ENTRY", "NESTED", "FACTORY", "DECIMAL", "PROXY", "SEED", "PAIR", "MEMBER", "CLASS"),
     *("METHOD", "PROPERTY", "SLOT", "DATACLASS", "FIELD", "DEFAULT", "KEYWORD", "DEEPER"),
     *("RECURSIVE", "PARTIAL", "CACHED", "COMPILED", "WRAPPER", "DECORATED", "ATTRIBUTE"),
-    *("UNUSED", "OFFSET", "LATE"),
+    *("UNUSED", "OFFSET", "LATE", "DEEP"),
 )
 
 
@@ -129,14 +130,17 @@ def cases_of(folder, monkeypatch, **changed):
     numbers = {value: 3 for value in VALUES} | changed
     files = {
         name: textwrap.dedent(MODULE).format(name=name, **numbers),
-        f"{name}_config": "OFFSET = {OFFSET}\nOTHER = {UNUSED}\n".format(**numbers),
+        f"{name}_config": "import {n}_deep as deep\nOFFSET = {OFFSET}\nOTHER = {UNUSED}\n".format(
+            n=name, **numbers
+        ),
         f"{name}_late": "OFFSET = {LATE}\n".format(**numbers),
+        f"{name}_deep": "import {n}_late\nDEEP = {DEEP}\n".format(n=name, **numbers),
     }
     for module, text in files.items():
         monkeypatch.delitem(sys.modules, module, raising=False)
         (folder / f"{module}.py").write_text(text)
     namespaces = {}
-    for module in (f"{name}_config", f"{name}_late", name):
+    for module in (f"{name}_late", f"{name}_deep", f"{name}_config", name):
         namespaces[module] = type(sys)(module)
         monkeypatch.setitem(sys.modules, module, namespaces[module])
         exec(compile(files[module], f"{module}.py", "exec"), vars(namespaces[module]))
@@ -160,7 +164,13 @@ def test_what_a_function_does_not_use_does_not_count(tmp_path, monkeypatch):
         exec(f"def cases(numbers):\n    # {text}\n    return SCALE * numbers.astype(float)", space)
         return space["cases"]
 
+    def attribute(value):
+        space = {"real": value}  # the name of an attribute below, and of no global there
+        exec("def cases(numbers):\n    return numbers.real", space)
+        return space["cases"]
+
     of = digest.of_host_function
+    assert of(attribute(1.0)) == of(attribute(2.0))
     assert of(cases(1.0, "a")) == of(cases(2.0, "another comment"))
 
 

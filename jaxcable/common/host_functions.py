@@ -15,12 +15,13 @@ import sys
 import sysconfig
 import types
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .code_digest import PACKAGE, RELIED_ON
 
+_READS = "LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"
 _METHODS = types.FunctionType, staticmethod, classmethod, property, functools.cached_property
 
 
@@ -81,34 +82,49 @@ def _version(module):
 
 def _of_function(function):
     """A function of the user: code, defaults, values from around it, and globals that it names."""
-    names: set[str] = set()
-    imports: set[str] = set()
-    yield from _of_code(function.__code__, names, imports)
+    names = _Names(set(), set(), set())
+    yield from _of_code(function.__code__, names)
     yield from (function.__defaults__, function.__kwdefaults__, vars(function))
     for cell in function.__closure__ or ():
         with contextlib.suppress(ValueError):  # a variable that has no value yet
             yield cell.cell_contents
-    found = {name: function.__globals__[name] for name in names & function.__globals__.keys()}
-    imported = {name: sys.modules[name] for name in imports & sys.modules.keys() - found.keys()}
-    for name, value in sorted({**found, **imported}.items()):
+    space = function.__globals__
+    found = {name: space[name] for name in names.read & space.keys()}
+    found |= {name: sys.modules[name] for name in names.imported & sys.modules.keys()}
+    yield from _with_modules(found, names.any, set())
+
+
+def _with_modules(found, names, seen):
+    """Names and values in their order, and what code with these `names` can read in modules."""
+    for name, value in sorted(found.items()):
         yield from (name, value)
-        if isinstance(value, types.ModuleType) and not _is_of_library(value.__name__):
-            own = vars(value)
-            for attribute in sorted(names & own.keys()):
-                yield from (attribute, own[attribute])
+        if not isinstance(value, types.ModuleType) or value.__name__ in seen:
+            continue
+        if not _is_of_library(value.__name__):
+            own, inside = vars(value), {*seen, value.__name__}
+            yield from _with_modules({n: own[n] for n in names & own.keys()}, names, inside)
 
 
-def _of_code(code, names, imports):
-    """Bytes and constants of code, and of the code of functions in it.
+class _Names(NamedTuple):
+    """Names in code: those that it reads as globals, modules that it imports, and all of them."""
 
-    Adds to `names` those that the code uses, and to `imports` the modules that it imports.
-    """
-    names.update(code.co_names)
-    imports.update(op.argval for op in dis.get_instructions(code) if op.opname == "IMPORT_NAME")
+    read: set[str]
+    imported: set[str]
+    any: set[str]
+
+
+def _of_code(code, names):
+    """Bytes and constants of code, and of the code of functions in it; adds to `names` theirs."""
+    names.any.update(code.co_names)
+    for operation in dis.get_instructions(code):
+        if operation.opname in _READS:
+            names.read.add(operation.argval)
+        elif operation.opname == "IMPORT_NAME":
+            names.imported.add(operation.argval)
     yield from (code.co_code, code.co_names, code.co_exceptiontable)
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
-            yield from _of_code(constant, names, imports)
+            yield from _of_code(constant, names)
         else:
             yield constant
 
