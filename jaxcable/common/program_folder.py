@@ -166,7 +166,8 @@ def require_own_way(folder: str | os.PathLike[str]) -> None:
     Others can put another folder in the place of one if they can write to the folder in which it
     is, unless that is one such as ``/tmp``, in which everybody changes only what he owns.
     """
-    *above, last = _way(Path(os.path.join(os.getcwd(), folder)))
+    path = Path(folder)
+    *above, last = _way(path if path.is_absolute() else Path(os.path.join(os.getcwd(), path)))
     for path, about in (*above, last):
         if not stat.S_ISDIR(about.st_mode):
             raise UnsafeError(f"{path}: is a file, and no folder; name another folder")
