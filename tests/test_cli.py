@@ -305,6 +305,21 @@ def test_optimize_keeps_its_limits(scene, capsys):
     assert "constraints are violated" in told.err
 
 
+@pytest.mark.slow
+def test_the_net_to_begin_with_can_be_optimized(tmp_path, monkeypatch, capsys):
+    """It ended STALLED after 20 779 analyses, with the limit met."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "net", "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["optimize", "net.json", "--deflection", "0.02", "--save", "t.json"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("status 0: converged\n") and ": met\n" in told
+    assert int(told.split(" analyses")[0].split()[-1]) <= 200
+    solution = jc.solve(*jc.load_scene("t.json"))
+    largest = float(np.linalg.norm(solution.phases[-1].displacement, axis=1).max())
+    assert 0.0195 < largest <= 0.02 * (1 + 1e-9)
+
+
 def test_info_tells_what_is_in_a_file(scene, capsys):
     assert main(["info", "net.json"]) == 0
     out = capsys.readouterr().out

@@ -363,7 +363,7 @@ def test_starting_from_a_failed_solution_stays_failed():
 
 def test_describe_knows_every_code_and_no_other():
     codes = [getattr(status, n) for n in dir(status) if n.isupper() and not n.startswith("_")]
-    assert len({jc.describe(c) for c in codes}) == len(codes) == 26
+    assert len({jc.describe(c) for c in codes}) == len(codes) == 27
     with pytest.raises(ValueError, match="code = 99"):
         jc.describe(99)
 

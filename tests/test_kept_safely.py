@@ -151,6 +151,98 @@ def test_a_file_that_others_can_write_is_not_loaded(tmp_path):
         assert keeping._load(place, KEYS[0], []) is None
 
 
+def refused_twice(folder, said, monkeypatch):
+    """An error where a call names the folder, a warning where the environment does."""
+    with pytest.raises(ValueError, match=rf"folder: {said}"):
+        jc.keep_programs(folder)
+    monkeypatch.setenv("JAXCABLE_PROGRAMS", str(folder))
+    with pytest.warns(RuntimeWarning, match=rf"{said}.*; no programs are kept"):
+        jc.keep_programs()
+    assert not keeping._place and jax.config.jax_compilation_cache_dir != str(folder / "xla")
+
+
+@posix
+def test_a_folder_that_others_can_replace_is_refused(tmp_path, monkeypatch):
+    """Because they can write to one on the way to it, perhaps behind a link."""
+    shared = tmp_path / "shared"
+    (shared / "below" / "kept").mkdir(parents=True)
+    shared.chmod(0o777)
+    said = rf"{re.escape(str(shared))}: other users can write there, .*`chmod go-w"
+    (tmp_path / "link").symlink_to(shared / "below" / "kept")  # into it
+    (tmp_path / "relative").symlink_to(os.path.join("shared", "below"))
+    (shared / "out").symlink_to(tmp_path / "own")  # a link in it, which others can turn
+    (tmp_path / "own").mkdir(mode=0o700)
+    for folder in (
+        shared / "below" / "kept",
+        shared / "new" / "newer",
+        tmp_path / "link",
+        tmp_path / "relative" / "kept",
+        tmp_path / "own" / ".." / "shared" / "below" / "kept",
+        shared / "out",
+        shared / "out" / "new",
+    ):
+        refused_twice(folder, said, monkeypatch)
+    assert sorted(path.name for path in shared.iterdir()) == ["below", "out"]  # nothing is made
+    assert not any((shared / "below" / "kept").iterdir()) and not any((tmp_path / "own").iterdir())
+    shared.chmod(0o1777)  # as /tmp: nobody moves what others own
+    assert jc.keep_programs(shared / "below" / "kept") and keeping._place
+    keeping._place.clear()
+    shared.chmod(0o770)
+    monkeypatch.setattr(program_folder, "_is_own_group", lambda number: False)
+    refused_twice(shared / "below" / "kept", said, monkeypatch)
+    monkeypatch.setattr(program_folder, "_is_own_group", lambda number: True)
+    assert jc.keep_programs(shared / "below" / "kept") and keeping._place
+
+
+@posix
+def test_a_folder_on_the_way_of_another_user_is_refused(tmp_path, monkeypatch):
+    (tmp_path / "theirs" / "kept").mkdir(parents=True)
+    real, theirs = os.lstat, str(tmp_path / "theirs")
+
+    def lstat(path):
+        found = list(real(path))
+        found[4] += 4321 * (str(path) == theirs)  # its owner
+        return os.stat_result(found)
+
+    monkeypatch.setattr(os, "lstat", lstat)
+    said = rf"{re.escape(theirs)}: belongs to another user, who could put other programs"
+    refused_twice(tmp_path / "theirs" / "kept", said, monkeypatch)
+
+
+def test_private_groups_are_those_of_one_user(monkeypatch):
+    grp, pwd = pytest.importorskip("grp"), pytest.importorskip("pwd")
+    user = pwd.struct_passwd(("anna", "x", os.geteuid(), 700, "", "/", "/bin/sh"))
+    monkeypatch.setattr(pwd, "getpwuid", lambda number: user)
+    for name, number, members, own in (
+        ("anna", 700, [], True),
+        ("anna", 700, ["anna"], True),
+        ("anna", 700, ["anna", "bert"], False),
+        ("users", 700, [], False),
+        ("anna", 701, [], False),
+    ):
+        group = grp.struct_group((name, "x", number, members))
+        monkeypatch.setattr(grp, "getgrgid", lambda _, group=group: group)
+        assert program_folder._is_own_group(number) is own
+
+
+@posix
+def test_a_file_is_no_folder(tmp_path, monkeypatch):
+    file = tmp_path / "letter.txt"
+    file.write_text("mine")
+    (tmp_path / "link").symlink_to(file)
+    os.mkfifo(tmp_path / "pipe")
+    said = rf"{re.escape(str(file))}: is a file, and no folder"
+    for folder in (file, tmp_path / "link", file / "kept", tmp_path / "link" / "kept"):
+        refused_twice(folder, said, monkeypatch)
+    refused_twice(tmp_path / "pipe", ".*pipe: is a file, and no folder", monkeypatch)
+    for k in range(2):
+        (tmp_path / f"ring{k}").symlink_to(tmp_path / f"ring{1 - k}")
+    refused_twice(tmp_path / "ring0", ".*leads through more than 40 symbolic links", monkeypatch)
+    assert file.read_text() == "mine"
+    (tmp_path / "dangling").symlink_to(tmp_path / "made")  # is made
+    assert jc.keep_programs(tmp_path / "dangling") and (tmp_path / "made" / "xla").is_dir()
+
+
 def test_folders_that_are_none():
     for folder in ("", 3):
         with pytest.raises(ValueError, match=r"folder = .*: expected the path of a folder"):

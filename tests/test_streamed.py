@@ -103,12 +103,12 @@ def test_a_killed_process_loses_nothing_that_it_has_finished(tmp_path):
 
 
 def test_a_file_is_there_as_a_whole_or_not_at_all(tmp_path, monkeypatch):
-    def cut(file, _):
+    def cut(file, *_, **__):
         file.write(b"half")
         raise OSError("no space left")
 
     with monkeypatch.context() as patch:
-        patch.setattr("jaxcable.analysis.streamed.put_arrays", cut)
+        patch.setattr("jaxcable.analysis.chunk_files.put_arrays", cut)
         with pytest.raises(OSError, match="no space left"):
             jc.streamed(analyse, FORCES, tmp_path, 5)
     assert files(tmp_path) == ["study.json"]
@@ -252,6 +252,67 @@ def test_damaged_chunks_are_named(tmp_path, kind):
         with pytest.raises(ValueError, match=said):
             jc.streamed(square, np.arange(3.0), tmp_path, 2)
     assert untouched(tmp_path) == before
+
+
+def cubed(x):
+    return {"square": x**3}  # other values under the same name, of the same shape
+
+
+@pytest.mark.parametrize(
+    ("other", "k", "said"),
+    [
+        ((cubed, np.arange(6.0), 2), 1, "holds results of another study"),
+        ((square, np.arange(6.0) + 1.0, 2), 1, "holds results of another study"),
+        ((square, np.arange(8.0), 2), 1, "holds results of another study"),
+        ((square, np.arange(6.0), 2), 0, "holds the results of chunk 0, not of chunk 1"),
+        ((square, np.arange(6.0), 2), 2, "holds the results of chunk 2, not of chunk 1"),
+    ],
+)
+def test_files_of_other_studies_and_chunks_are_named(tmp_path, other, k, said):
+    """They have results of the same names, shapes and numbers of cases."""
+    study = jc.streamed(square, np.arange(6.0), tmp_path / "own", 2)
+    function, cases, chunk = other
+    stranger = jc.streamed(function, cases, tmp_path / "other", chunk)
+    study.file(1).write_bytes(stranger.file(k).read_bytes())
+    before = untouched(study.folder)
+    for read in (
+        study.load,
+        lambda: list(study.chunks()),
+        lambda: jc.streamed(square, np.arange(6.0), study.folder, 2),
+        jc.results.Study(study.folder, 6, 2).load,
+    ):
+        with pytest.raises(ValueError, match=rf"{re.escape(str(study.file(1)))}: {said}.*; delete"):
+            read()
+    assert untouched(study.folder) == before
+    (study.folder / "study.json").unlink()  # nothing describes the study: its files disagree
+    with pytest.raises(ValueError, match=r"chunk-000001\.npz: holds"):
+        study.load()
+
+
+def test_equal_studies_can_exchange_files(tmp_path):
+    """Computed by several machines without a common folder, and gathered."""
+    first = jc.streamed(square, np.arange(5.0), tmp_path / "a", 2, share=(0, 2))
+    second = jc.streamed(square, np.arange(5.0), tmp_path / "b", 2, share=(1, 2))
+    first.file(1).write_bytes(second.file(1).read_bytes())
+    assert jc.streamed(square, np.arange(5.0), first.folder, 2).missing == []
+    np.testing.assert_array_equal(first.load()["square"], np.arange(5.0) ** 2)
+
+
+def test_files_that_do_not_say_what_they_are(tmp_path):
+    """They are read where the study is of an earlier version, as nothing else can be."""
+    study = jc.streamed(square, np.arange(4.0), tmp_path, 2)
+    np.savez(study.file(1), square=np.array([7.0, 8.0]))
+    for read in (study.load, lambda: jc.streamed(square, np.arange(4.0), tmp_path, 2)):
+        with pytest.raises(ValueError, match=r"000001\.npz: does not say of which study"):
+            read()
+    np.savez(study.file(0), square=np.array([5.0, 6.0]))
+    (tmp_path / "study.json").write_text('{"n_case": 4, "chunk": 2, "cases": "ab"}')
+    assert study.load()["square"].tolist() == [5.0, 6.0, 7.0, 8.0]
+    for n_case, chunk in ((4, 1), (3, 2), (4, 4)):
+        with pytest.raises(ValueError, match=f"of 4 cases in chunks of 2, not of {n_case} in"):
+            jc.results.Study(tmp_path, n_case, chunk).load()
+    (tmp_path / "study.json").unlink()
+    assert study.load()["square"].tolist() == [5.0, 6.0, 7.0, 8.0]
 
 
 def test_folders_of_strangers_are_left_alone(tmp_path):

@@ -4,7 +4,8 @@ Cases do not need each other. So processes that share a study share a folder and
 process waits for another, any of them can be killed, and any launcher can start them.
 
 A folder belongs to one study, which ``study.json`` describes: the cases, and what is computed of
-them, by their digests. No file is deleted, and none is replaced.
+them, by their digests. Every file says of which study and which chunk it is (`chunk_files`). No
+file is deleted, and none is replaced.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from importlib import metadata
 from pathlib import Path
@@ -24,15 +24,16 @@ import numpy as np
 from ..common import checks, digest
 from ..common.fusion import fuses
 from ..common.types import Array, Float, Int, PyTree
-from ..common.writing import create, put_arrays, written
+from ..common.writing import create
+from . import chunk_files
 from .batches import batched
+from .chunk_files import ANEW, Identity
 
 Cases: TypeAlias = "PyTree[Float[Array, 'n_case ...']]"
 
 _STUDY = "study.json"
 _AT_ONCE = 256  # cases: their data stay in cache
 _PROBED = 16  # cases that are compared where a function makes them
-_ANEW = "delete this file and run the study again, which computes these cases anew"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,19 +83,46 @@ class Study:
         """Numbers of cases, [n], and their results by name, [n, ...], chunk by chunk.
 
         Raises:
-            ValueError: the file of a chunk is damaged, or of something else.
+            ValueError: the folder holds another study; the file of a chunk is damaged, or it is of
+                another study, or of another chunk.
         """
-        for k in range(self.n_chunk):
-            if self.file(k).exists():
-                numbers = self.numbers(k)
-                yield numbers, _read(self.file(k), len(numbers))
+        there = [k for k in range(self.n_chunk) if self.file(k).exists()]
+        study = self._digest(there)
+        for k in there:
+            numbers = self.numbers(k)
+            yield numbers, chunk_files.read(self.file(k), Identity(study, k), len(numbers))
+
+    def _digest(self, there):
+        """The digest by which files name this study; None if they do not, as of earlier versions.
+
+        Where nothing describes the study, it is the one that the first file of `there` names.
+        """
+        known = self._described()
+        if known is None:
+            return chunk_files.study_of(self.file(there[0])) if there else None
+        return chunk_files.digest_of(known) if "function" in known else None
+
+    def _described(self):
+        """What ``study.json`` says, a dict, which must be of this study; None without one."""
+        path = self.folder / _STUDY
+        if not path.exists():
+            return None
+        known = _description(path)
+        if (known["n_case"], known["chunk"]) != (self.n_case, self.chunk):
+            raise ValueError(
+                f"{self.folder}: holds a study of {known['n_case']} cases in chunks of "
+                f"{known['chunk']}, not of {self.n_case} in chunks of {self.chunk}"
+            )
+        return known
 
     def load(self, *names: str) -> dict[str, np.ndarray]:
         """Results of all cases by name, [n_case, ...]: those of `names`, or all.
 
         Raises:
-            ValueError: cases are missing, there is no such result, the file of a chunk is damaged.
+            ValueError: cases are missing, there is no such result, the file of a chunk is damaged
+                or of another study or chunk.
         """
+        self._described()
         missing = self.missing
         if missing:
             raise ValueError(
@@ -103,9 +131,9 @@ class Study:
             )
         parts = []
         for k, (_, results) in enumerate(self.chunks()):
-            if parts and _told(results) != _told(parts[0]):
-                held, others = _told(results), _told(parts[0])
-                raise ValueError(f"{self.file(k)}: holds {held}, other chunks {others}; {_ANEW}")
+            if parts and chunk_files.told(results) != chunk_files.told(parts[0]):
+                held, others = chunk_files.told(results), chunk_files.told(parts[0])
+                raise ValueError(f"{self.file(k)}: holds {held}, other chunks {others}; {ANEW}")
             parts.append(results)
         for name in names:
             if name not in parts[0]:
@@ -130,16 +158,18 @@ def streamed(
     process a chunk is solved by `batched`.
 
     The folder of a study knows what is computed: the traced function with the values of all that it
-    uses (the model, random keys), the backend of jax, whether loops are fused, and the cases; of
-    cases by a function it compares 16. A call with something else is refused, also one with another
-    version of jaxcable or jax. Functions of this package that run on the host count by name and
-    version.
+    uses (the model, random keys), the backend of jax, whether loops are fused, and the cases. Of
+    cases by a function it compares 16, and if there are more the function: its code, and all
+    globals, functions and objects that the code uses. So do functions that the model calls on the
+    host. A call with something else is refused, also one with another version of jaxcable or jax.
+    Functions of libraries that run on the host count by name and version, and arrays in files
+    (`np.memmap`) by name, size and time of writing.
 
     Args:
         function: of one case, to a dict of arrays, whose names may be any printable texts.
         cases: pytree of arrays [n_case, ...]; or a function from numbers of cases, [n], NumPy, to
             those of these cases, [n, ...], where all of them would not fit into memory. It has to
-            return the same whenever it is called.
+            return the same whenever it is called, and to change nothing that it uses.
         folder: where the results go; made if it is not there.
         chunk: number of cases in a file, and in memory.
 
@@ -152,8 +182,8 @@ def streamed(
 
     Raises:
         ValueError: the folder holds another study (of another function or model, of other cases, in
-            chunks of another size, of another version), or files that are no study's, or a damaged
-            one; no positive number of cases; no such share.
+            chunks of another size, of another version), or files that are no study's, of another
+            study or chunk, or damaged; no positive number of cases; no such share.
 
     Example:
         >>> import tempfile
@@ -173,11 +203,12 @@ def streamed(
         lambda leaf: jax.ShapeDtypeStruct((size, *leaf.shape[1:]), _dtype(leaf)), known_cases
     )
     expected = _expected(compute, shapes)
-    _begin(study, compute, shapes, known_cases)
+    made_by = cases if callable(cases) and count > _PROBED else None
+    own = chunk_files.digest_of(_begin(study, compute, shapes, known_cases, made_by))
     mine = range(rank, study.n_chunk, processes)
     done = {k for k in mine if study.file(k).exists()}
     for k in sorted(done):
-        _require(study.file(k), len(study.numbers(k)), expected)
+        chunk_files.require(study.file(k), Identity(own, k), len(study.numbers(k)), expected)
     for k in mine:
         if k in done or study.file(k).exists():  # another process may have written it
             continue
@@ -186,8 +217,7 @@ def streamed(
         filled = np.minimum(np.arange(k * chunk, k * chunk + size), count - 1)
         results = compute(some(filled))
         arrays = {name: np.asarray(value)[: len(numbers)] for name, value in results.items()}
-        with written(study.file(k), "wb") as stream:
-            put_arrays(stream, arrays)
+        chunk_files.write(study.file(k), arrays, Identity(own, k))
     return study
 
 
@@ -256,12 +286,17 @@ def _expected(compute, shapes):
     return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
 
 
-def _begin(study, compute, shapes, cases):
-    """Make the folder of a study, or see that it holds this one."""
+def _begin(study, compute, shapes, cases, made_by):
+    """Make the folder of a study, or see that it holds this one; returns its description.
+
+    Args:
+        made_by: the function of `cases`, if not all of them are compared; None otherwise.
+    """
     told = {
         "n_case": study.n_case,
         "chunk": study.chunk,
         "cases": digest.of_arrays(cases),
+        "cases_function": None if made_by is None else digest.of_host_function(made_by),
         "jaxcable": _version("jaxcable"),
         "jax": jax.__version__,
         "backend": jax.default_backend(),
@@ -291,10 +326,16 @@ def _begin(study, compute, shapes, cases):
         hint = ""
         if any(text.startswith("function") for text in other):
             hint = " (function: digest of what is computed, with the model and all arrays in it)"
+        if any(text.startswith("cases_function") for text in other):
+            hint += (
+                " (cases_function: digest of the code of `cases`, with the globals, functions and "
+                "objects that it uses, also those that it changes itself)"
+            )
         raise ValueError(
             f"folder: {study.folder} holds a study with {'; '.join(other)}{hint}; take another "
             "folder, or delete this one"
         )
+    return known
 
 
 def _version(name):
@@ -317,60 +358,3 @@ def _description(path):
     if not isinstance(found, dict) or not {"n_case", "chunk"} <= found.keys():
         raise ValueError(f"{path}: describes no study of jaxcable; take another folder")
     return found
-
-
-def _told(results):
-    """Names, shapes of a case and dtypes of results, a dict."""
-    return {name: (value.shape[1:], value.dtype.name) for name, value in results.items()}
-
-
-def _require(path, count, expected):
-    """Raise ValueError if a chunk cannot hold the `expected` results of `count` cases."""
-    found = _read(path, count, headers=True)
-    if found != expected:
-        raise ValueError(f"{path}: holds {found}, expected {expected}; {_ANEW}")
-
-
-def _read(path, count, headers=False):
-    """The arrays of a chunk of `count` cases by name, or what their headers say, as `_told` does.
-
-    Raises:
-        ValueError: the file is damaged, or has another number of cases.
-    """
-    found = {}
-    try:
-        with zipfile.ZipFile(path) as archive:
-            for name in archive.namelist():
-                if not name.endswith(".npy"):
-                    raise ValueError(f"holds {name!r}, which is no array")
-                with archive.open(name) as stream:
-                    found[name[:-4]] = _header(stream) if headers else _array(stream)
-    except (PermissionError, FileNotFoundError):
-        raise
-    except Exception as error:  # of zipfile, zlib and NumPy there are many kinds
-        raise ValueError(f"{path}: damaged, or no file of a study ({error}); {_ANEW}") from None
-    shapes = {name: one[0] if headers else one.shape for name, one in found.items()}
-    for name, shape in shapes.items():
-        if shape[:1] != (count,):
-            raise ValueError(f"{path}: {name} has shape {shape}, not of {count} cases; {_ANEW}")
-    if not found:
-        raise ValueError(f"{path}: holds no results; {_ANEW}")
-    if headers:
-        return {name: (shape[1:], dtype) for name, (shape, dtype) in found.items()}
-    return found
-
-
-def _array(stream):
-    """The array in a stream, which is that of a ``.npy`` file."""
-    return np.lib.format.read_array(stream, allow_pickle=False)
-
-
-def _header(stream):
-    """Shape, and name of the dtype, of the array in a stream."""
-    version = np.lib.format.read_magic(stream)
-    read = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
-    shape, _, dtype = read[version](stream)
-    return shape, dtype.name

@@ -24,7 +24,7 @@ def run(options: Namespace) -> None:
     outputs.check_suffix(picture, outputs.PICTURES, "--plot")
     require_writable(picture)
     if options.plot is None:
-        require_ours(picture)
+        require_ours(picture, "--plot")
     structure, phases = scenes.hypar_net()
     free = hypar.plan()[2]
     offsets = np.linalg.norm(np.asarray(structure.nodes)[free] - hypar.plan()[0][free], axis=1)

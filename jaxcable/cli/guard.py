@@ -16,9 +16,11 @@ from ..common.checks import InputWarning, UnstableWarning
 from ..common.interrupt import leave
 from ..common.status import AnalysisError
 from ..files import FileError
+from ..plots.style import MADE_BY
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 _HEAD = 4096  # bytes in which files say what has made them
+_MARKS = MADE_BY.encode(), b'<meta name="generator" content="jaxcable">'  # of pictures, and pages
 
 
 class Refused(Exception):  # noqa: N818 - the input is at fault, not the program
@@ -105,6 +107,8 @@ def say(line: str) -> None:
 def require_writable(*paths: str | Path | None, inputs: Sequence[str] = ()) -> None:
     """Raise an error if a file cannot be written, before long work begins; None is no file.
 
+    Each path is that of a file, not one from which names of files are made (`derived.tables`).
+
     Args:
         paths: files that a command writes.
         inputs: files that it reads.
@@ -118,21 +122,27 @@ def require_writable(*paths: str | Path | None, inputs: Sequence[str] = ()) -> N
         if path is None:
             continue
         target = os.path.realpath(path)
-        for name in inputs:
-            if os.path.exists(target) and os.path.exists(name) and os.path.samefile(target, name):
-                raise Refused(f"{path}: is read by this command; give another name to write to")
-        if target in named and not target.endswith(".csv"):  # of tables, which have more names
+        if any(_is_same(target, name) for name in inputs):
+            raise Refused(f"{path}: is read by this command; give another name to write to")
+        if target in named or any(_is_same(target, other) for other in named):
             raise Refused(f"{path}: named for two files that this command writes")
         named.add(target)
         writing.require_writable(path)
 
 
-def require_ours(path: str | Path) -> None:
+def _is_same(path, other):
+    """Whether two paths are those of one file that is there, perhaps by links."""
+    return os.path.exists(path) and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def require_ours(path: str | Path, option: str = "--save") -> None:
     """Raise `Refused` if a file, which the user has not named, is one that others have made."""
     path = Path(path)
     if not path.is_file():
         return
     with path.open("rb") as stream:
         begin = stream.read(_HEAD)
-    if b"jaxcable" not in begin:
-        raise Refused(f"{path}: there already, and not of this program; --save names another file")
+    if not any(mark in begin for mark in _MARKS):
+        raise Refused(
+            f"{path}: there already, and not of this program; {option} names another file"
+        )

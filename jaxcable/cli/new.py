@@ -55,7 +55,7 @@ def run(options: Namespace) -> None:
 def _is_scene_schema(schema):
     """Whether a file is a schema of scenes, of any version of jaxcable."""
     try:
-        return "jaxcable" in schema.read_text("utf-8")[:1000]
+        return '"urn:jaxcable:scene:' in schema.read_text("utf-8")[:1000]
     except (OSError, UnicodeDecodeError):
         return False
 

@@ -42,9 +42,10 @@ def result(path: str | Path, structure: Structure, solution: Solution) -> list[P
             return save_network(path, structure, solution)
     except ValueError as error:
         raise Refused(f"{path}: {error}") from None
-    if path.suffix == ".vtk":
+    suffix = path.suffix.lower()
+    if suffix == ".vtk":
         return save_vtk(path, structure, solution)
-    if path.suffix == ".py":
+    if suffix == ".py":
         if int(solution.status) != OK:
             say(f"{path}: not written: a failed analysis has no state to compute again")
             return []

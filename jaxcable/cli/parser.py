@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import argparse
 import re
-import warnings
 from collections.abc import Sequence
 from importlib import metadata
 
-import jax
-
 from .. import linear
-from ..common import fusion
-from ..common.keeping import keep_programs
 from ..files.reading import number, whole
-from . import convert, demo, form, info, new, optimize, plot, schema, solve, view
-from .guard import guarded, say
+from . import convert, demo, form, info, new, optimize, plot, schema, settings, solve, view
+from .guard import guarded
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$")
 """Negative numbers, which are no options; Python's own pattern has no exponents (-4e3)."""
@@ -24,21 +19,16 @@ _STATUS = "exit status: 0 done, 1 the analysis failed, 2 bad input, 130 interrup
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    options = parser().parse_args(arguments)
-    fusion.ask()
-    with warnings.catch_warnings(record=True) as refused:
-        warnings.simplefilter("always", RuntimeWarning)
-        keep_programs()
-    # of files that another process is just writing; `keep_programs` says so in the block only
-    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation cache entry")
-    for warning in () if options.quiet else refused:
-        say(f"warning: {warning.message}")
-    jax.config.update("jax_enable_x64", True)
-    import matplotlib
+    """Run a command; returns the exit status.
 
-    matplotlib.use("Agg")  # pictures go to files; no display is needed
-    return guarded(options.run, options)
+    Args:
+        arguments: words after the name of the program; None for those that this process was started
+            with. It is the command's own then, and keeps the flag of XLA that fuses loops. Where
+            another program gives arguments, all of its settings are as before at the end.
+    """
+    options = parser().parse_args(arguments)
+    with settings.of_command(options.quiet, whole_process=arguments is None):
+        return guarded(options.run, options)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from pathlib import Path
 
 from matplotlib.figure import Figure
 
@@ -12,7 +11,7 @@ from ..analysis.solution import Solution
 from ..common import status
 from ..elements.element import SECTION_FORCES
 from ..model.structure import Structure
-from . import outputs
+from . import derived, outputs
 from .analysed import shown
 from .guard import Refused, require_ours, require_writable, say
 
@@ -21,7 +20,7 @@ def run(options: Namespace) -> int | None:
     """Draw the scene that `options` name; returns the exit status, 1 if the analysis fails."""
     path = options.save
     if path is None:
-        path = str(Path(options.scene).with_suffix(".png"))
+        path = str(derived.beside(options.scene, ".png"))
     outputs.check_suffix(path, outputs.PICTURES, "--save")
     diagram = options.of in SECTION_FORCES.components
     for name in ("sequence", "magnify", "reactions"):

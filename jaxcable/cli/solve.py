@@ -16,7 +16,7 @@ from ..equilibrium.incremental import Incremental
 from ..equilibrium.newton import Newton
 from ..files.opensees import require_exportable
 from ..reporting import report
-from . import inputs, outputs
+from . import derived, inputs, outputs
 from .guard import Refused, require_writable, say
 
 _STAGED = "no balance of work and energy: elements come or go"
@@ -30,11 +30,13 @@ def run(options: Namespace) -> int | None:
     if options.report not in (None, "-"):
         outputs.check_suffix(options.report, outputs.REPORTS, "--report")
     report_path = None if options.report == "-" else options.report
-    require_writable(options.plot, *options.save, report_path, inputs=[options.scene])
+    results = [file for path in options.save for file in derived.files(path, derived.RESULT)]
+    reports = derived.files(report_path, derived.REPORT)
+    require_writable(options.plot, *results, *reports, inputs=[options.scene])
     structure, phases = inputs.scene(options)
     try:
         for path in options.save:
-            if path.endswith(".py"):
+            if path.lower().endswith(".py"):
                 require_exportable(structure)
         solution = solver.solve(structure, phases, _method(options), progress=not options.quiet)
         # energies take time: they are computed for a report only

@@ -7,14 +7,15 @@ from argparse import Namespace
 from pathlib import Path
 
 from .. import plots
-from . import outputs
+from . import derived, outputs
 from .analysed import shown
 from .guard import require_ours, require_writable
 
 
 def run(options: Namespace) -> int | None:
     """Write and open the page; returns the exit status, 1 if the analysis fails."""
-    out = Path(options.scene).with_suffix(".html").name if options.save is None else options.save
+    usual = derived.beside(options.scene, ".html").name
+    out = usual if options.save is None else options.save
     outputs.check_suffix(out, outputs.PAGES, "--save")
     require_writable(out, inputs=[options.scene])
     if options.save is None:

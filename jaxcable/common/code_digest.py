@@ -22,8 +22,8 @@ import numpy as np
 PACKAGE = "jaxcable"
 # rooms above all programs: none of these is ever called by one
 _APART = {"__main__", "cli", "files", "plots", "reporting", "scenes"}
-_RELIED_ON = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "scipy"}
-_RELIED_ON |= (sys.stdlib_module_names | {"builtins"}) - {"unittest", "__main__"}
+RELIED_ON = {"jax", "jaxlib", "jaxtyping", "numpy", "optax", "scipy"}
+RELIED_ON |= (sys.stdlib_module_names | {"builtins"}) - {"unittest", "__main__"}
 _GENERATED = "_cython", "namedtuple_"  # modules that are none
 _PLAIN = {bool, int, float, complex, str, bytes, type(None)}
 _SCALARS = np.generic, np.dtype
@@ -119,7 +119,7 @@ def _defined(value, above):
     module = value.__module__ or "builtins"
     package, name = module.partition(".")[0], value.__qualname__
     if package != PACKAGE:
-        if package not in _RELIED_ON and not package.startswith(_GENERATED):
+        if package not in RELIED_ON and not package.startswith(_GENERATED):
             raise ForeignError(f"{module}.{name}")
         return module, name
     if isinstance(value, type):
@@ -159,7 +159,9 @@ def _held(value, above):
         return [*words, _described(value.__func__, above)]
     if isinstance(value, property | functools.partial):
         inner = (
-            (value.fget, value.fset) if isinstance(value, property) else (value.func, value.args)
+            (value.fget, value.fset)
+            if isinstance(value, property)
+            else (value.func, value.args, tuple(sorted(value.keywords.items())))
         )
         return [*words, _described(inner, above)]
     held = dict(getattr(value, "__dict__", {}))

@@ -6,28 +6,29 @@ model, another array or another random key has another digest. Processes agree o
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import hashlib
 import re
-import types
 from collections.abc import Callable
 from typing import Any
 
 import jax
 import numpy as np
 
+from . import host_functions
 from .jax_internals import is_literal, is_program
 
 _ADDRESS = re.compile(r" at 0x[0-9a-fA-F]+")
 _SIZE = 16  # bytes of a digest
+_PLAIN = {bool, int, float, complex, str, bytes, type(None), type(...)}
+_PLAIN |= {tuple, list, dict, set, frozenset, range, slice}
 
 
 def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     """Digest of what a function computes for arguments of these shapes: a text of 32 characters.
 
     It is that of the function's jaxpr with all of its constants. Functions that a program calls on
-    the host count by their code and by what they close over; those of this package by their names.
+    the host count as in `of_host_function`.
 
     Args:
         function: of pytrees of arrays, to a pytree of arrays.
@@ -36,6 +37,24 @@ def of_function(function: Callable[..., Any], *arguments: Any) -> str:
     traced, shapes = jax.make_jaxpr(function, return_shape=True)(*arguments)
     names = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(shapes)]
     return _Digests().of([traced, names]).hex()
+
+
+def of_host_function(function: Callable[..., Any]) -> str:
+    """Digest of a function of NumPy arrays, which cannot be traced: a text of 32 characters.
+
+    It is that of the function's code and of all values that the code can reach: globals, functions
+    and classes that it uses, defaults, what it closes over (`host_functions`). Those of libraries
+    and of this package count by their names and versions.
+    """
+    digests = _Digests()
+    digests.host = True
+    try:
+        return digests.of(function).hex()
+    except RecursionError:
+        raise ValueError(
+            "the function uses objects that are nested too deeply for a digest of all that decides "
+            "what it returns; keep them out of its globals"
+        ) from None
 
 
 def of_arrays(tree: Any) -> str:
@@ -64,16 +83,17 @@ class _Digests:
         if is_program(value):
             return self._once(value, self._jaxpr)
         if isinstance(value, jax.Array | np.ndarray):
+            if self.host and isinstance(value, np.memmap):
+                return self._once(value, self._parts)
             return self.of(value.tolist()) if value.dtype == object else self._once(value, _array)
         if isinstance(value, np.generic):
             return _array(value)
-        if isinstance(value, tuple | list):
+        if self.host and type(value) not in _PLAIN:
+            return self._once(value, self._parts)
+        if isinstance(value, tuple):
             return _hash(type(value).__name__.encode(), *map(self.of, value))
-        if isinstance(value, dict):
-            pairs = sorted((self.of(key), self.of(item)) for key, item in value.items())
-            return _hash(b"dict", *(part for pair in pairs for part in pair))
-        if isinstance(value, set | frozenset):
-            return _hash(b"set", *sorted(map(self.of, value)))
+        if isinstance(value, list | dict | set | frozenset):
+            return self._once(value, self._collection)
         if callable(value) and not isinstance(value, type):
             return self._function(value)
         if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -105,55 +125,36 @@ class _Digests:
         for equation in jaxpr.eqns:
             parts.append(equation.primitive.name.encode())
             parts += map(atom, equation.invars)
-            self.host = "callback" in equation.primitive.name
+            host, self.host = self.host, "callback" in equation.primitive.name
             for name, value in sorted(equation.params.items()):
                 if name != "name":  # of a function
                     parts += [name.encode(), self.of(value)]
-            self.host = False
+            self.host = host
             parts += map(new, equation.outvars)
         return _hash(*map(self.of, constants), *parts, b"|", *map(atom, jaxpr.outvars))
 
+    def _collection(self, value):
+        """The digest of a list, a dictionary or a set."""
+        if isinstance(value, list):
+            return _hash(type(value).__name__.encode(), *map(self.of, value))
+        if isinstance(value, dict):
+            pairs = sorted((self.of(key), self.of(item)) for key, item in value.items())
+            return _hash(b"dict", *(part for pair in pairs for part in pair))
+        return _hash(b"set", *sorted(map(self.of, value)))
+
+    def _parts(self, value):
+        """The digest of anything on the host."""
+        return _hash(*map(self.of, host_functions.parts(value)))
+
     def _function(self, function):
-        """The digest of a function by its name; on the host by its code and what belongs to it."""
+        """The digest of a function that the program does not call on the host: by its name."""
         name = f"{getattr(function, '__module__', '')}.{getattr(function, '__qualname__', '')}"
-        told = f"{type(function).__name__} {name}".encode()
-        if not self.host:
-            return _hash(told)
-        return self._once(function, lambda f: _hash(told, *map(self.of, _inside(f))))
+        return _hash(f"{type(function).__name__} {name}".encode())
 
     def _fields(self, value):
         """The digest of a dataclass."""
         fields = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
         return _hash(type(value).__qualname__.encode(), self.of(fields))
-
-
-def _inside(function):
-    """What a function on the host computes with: code, constants, values that it closes over."""
-    if isinstance(function, types.MethodType):
-        yield from (function.__func__, vars(function.__self__) if _has_own(function) else None)
-    elif isinstance(function, types.FunctionType):
-        yield from _code(function.__code__)
-        yield from (function.__defaults__, function.__kwdefaults__)
-        for cell in function.__closure__ or ():
-            with contextlib.suppress(ValueError):  # a variable that has no value yet
-                yield cell.cell_contents
-    elif dataclasses.is_dataclass(function):
-        yield from (getattr(function, f.name) for f in dataclasses.fields(function))
-    elif hasattr(function, "func"):  # `functools.partial`
-        yield from (function.func, function.args, function.keywords)
-    elif hasattr(function, "__dict__"):  # an object that can be called
-        yield vars(function)
-
-
-def _has_own(method):
-    return hasattr(method.__self__, "__dict__")
-
-
-def _code(code):
-    """Bytes, names and constants of code, and of the code of functions in it."""
-    yield from (code.co_code, code.co_names)
-    for constant in code.co_consts:
-        yield from _code(constant) if isinstance(constant, types.CodeType) else [constant]
 
 
 def _array(value):

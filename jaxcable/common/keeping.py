@@ -76,8 +76,9 @@ def keep_programs(folder: str | os.PathLike[str] | None = None, limit: int = LIM
         The folder.
 
     Raises:
-        ValueError: `limit` is negative or no integer; `folder` belongs to another user, or other
-            users can write to it, or its ``programs`` or ``xla`` hold other files.
+        ValueError: `limit` is negative or no integer; `folder` is a file, or belongs to another
+            user; other users can write to it, or to a folder on the way to it (other than such as
+            ``/tmp``), also by symbolic links; its ``programs`` or ``xla`` hold other files.
 
     Warns:
         RuntimeWarning: the default folder, or that of the environment, is such a one, or jax cannot
@@ -156,6 +157,22 @@ def _jax_keeps(folder):
     jax.config.update("jax_compilation_cache_dir", folder)
     if not internals.reset_cache() and folder is not None:
         internals.missing("cache")
+
+
+@contextlib.contextmanager
+def restored() -> Iterator[None]:
+    """At the end of a block keep programs where they were kept before it, and so does jax."""
+    place, before = list(_place), list(_before)
+    jaxs = {name: getattr(jax.config, name) for name in ("jax_compilation_cache_dir", _LEAST)}
+    try:
+        yield
+    finally:
+        _place[:], _before[:] = place, before
+        changed = [name for name, value in jaxs.items() if getattr(jax.config, name) != value]
+        for name in changed:
+            jax.config.update(name, jaxs[name])
+        if changed:
+            internals.reset_cache()
 
 
 def _usual():

@@ -3,7 +3,8 @@
 A folder may be one of the user's, with other things in it. Everything of ours lies in two folders
 of its own there, which are made and marked by `CACHEDIR.TAG`: nothing outside of them is looked at,
 and in them nothing but regular files with our names. Whoever can write a program can have it run,
-so that neither folders nor files of other users, or that others may write, are used (POSIX).
+and so can whoever can put another folder in its place: neither folders nor files of other users, or
+that others may write, are used, nor folders on the way to which there is one of these (POSIX).
 """
 
 from __future__ import annotations
@@ -18,6 +19,10 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+with contextlib.suppress(ImportError):  # of POSIX
+    import grp
+    import pwd
+
 PROGRAMS, COMPILED = "programs", "xla"
 """Folders of our own: of whole programs, and for what jax keeps of others."""
 
@@ -31,6 +36,7 @@ _OURS = {
     PROGRAMS: re.compile(rf"[0-9a-f]{{{_KEY}}}\.(program|\w+\.new)"),
     COMPILED: re.compile(r"[\w<>.-]+-[0-9a-f]{64}-(cache|atime)"),  # as jax 0.10 to 0.12 names them
 }
+_LINKS = 40  # symbolic links in a path, as Linux allows
 _FULL = 0.8  # of the limit: what is left when old programs are removed
 _OTHERS = stat.S_IWGRP | stat.S_IWOTH
 _CAREFULLY = sum(getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
@@ -133,16 +139,18 @@ class Place:
 def opened(folder: Path, limit: int) -> Place:
     """Make the folders in which programs are kept, or find them, and mark them.
 
-    A folder that cannot be made (a read-only disk, a file in its place) is no error: nothing is
-    found there, and nothing kept.
+    A folder that cannot be made (a read-only disk) is no error: nothing is found there, and nothing
+    kept.
 
     Raises:
-        UnsafeError: others can write to a folder, or it belongs to another user, or a folder with
-            one of our names has other things in it.
+        UnsafeError: others can write to a folder or to one on the way there, or it belongs to
+            another user, or it is a file, or a folder with one of our names has other things in it.
     """
     place = Place(Path(os.path.realpath(folder)), limit)
+    require_own_way(folder)
     with contextlib.suppress(OSError):
         place.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        require_own_way(folder)  # what has been made
     for path in (place.folder, place.programs, place.compiled):
         with contextlib.suppress(OSError):
             if path != place.folder:
@@ -150,6 +158,74 @@ def opened(folder: Path, limit: int) -> Place:
             if path.is_dir():
                 _refuse_others(path, os.lstat(path))
     return place
+
+
+def require_own_way(folder: str | os.PathLike[str]) -> None:
+    """Raise UnsafeError if a path leads through a file, or a folder where others can change it.
+
+    Others can put another folder in the place of one if they can write to the folder in which it
+    is, unless that is one such as ``/tmp``, in which everybody changes only what he owns.
+    """
+    path = Path(folder)
+    *above, last = _way(path if path.is_absolute() else Path(os.path.join(os.getcwd(), path)))
+    for path, about in (*above, last):
+        if not stat.S_ISDIR(about.st_mode):
+            raise UnsafeError(f"{path}: is a file, and no folder; name another folder")
+    if not hasattr(os, "geteuid"):
+        return
+    for path, about in above if last[0] == Path(os.path.realpath(folder)) else (*above, last):
+        if about.st_uid not in (0, os.geteuid()):
+            raise UnsafeError(
+                f"{path}: belongs to another user, who could put other programs in the place of "
+                f"those in {folder}; name a folder of your own"
+            )
+        if _others_can_write(about) and not about.st_mode & stat.S_ISVTX:
+            raise UnsafeError(
+                f"{path}: other users can write there, and so could put other programs in the "
+                f"place of those in {folder}; `chmod go-w {path}`, or name another folder"
+            )
+
+
+def _way(path) -> Iterator[tuple[Path, os.stat_result]]:
+    """Folders through which an absolute path leads, and what is at its end, as far as it is there.
+
+    Symbolic links are followed, so that the folders in which they are come, too.
+    """
+    here, names, links = Path(path.anchor), list(reversed(path.parts[1:])), 0
+    yield here, os.lstat(here)
+    while names:
+        name = names.pop()
+        try:
+            about = os.lstat(here / name)
+        except OSError:  # not there yet, or not to be seen
+            return
+        if not stat.S_ISLNK(about.st_mode):
+            here = here.parent if name == ".." else here / name
+            yield here, os.lstat(here)
+            continue
+        links += 1
+        if links > _LINKS:
+            raise UnsafeError(f"{path}: leads through more than {_LINKS} symbolic links")
+        target = Path(os.readlink(here / name))
+        here = Path(target.anchor) if target.is_absolute() else here
+        names += reversed(target.parts[1:] if target.is_absolute() else target.parts)
+
+
+def _others_can_write(about):
+    """Whether a folder is open to others: not to a group in which there is nobody but the user."""
+    if about.st_mode & stat.S_IWOTH:
+        return True
+    return bool(about.st_mode & stat.S_IWGRP) and not _is_own_group(about.st_gid)
+
+
+def _is_own_group(number):
+    """Whether a group is the private one of the user: called as the user, and without members."""
+    try:
+        known, user = grp.getgrgid(number), pwd.getpwuid(os.geteuid())
+    except KeyError:
+        return False
+    own = number == user.pw_gid and known.gr_name == user.pw_name
+    return own and set(known.gr_mem) <= {user.pw_name}
 
 
 def _make(path):

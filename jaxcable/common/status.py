@@ -36,6 +36,7 @@ PUSHING_CABLE = 22
 PATH_LOST = 23
 SECTION_UNBALANCED = 24
 BEYOND_PEAK = 25
+STATIONARY = 26
 
 _TEXTS = {
     OK: "converged",
@@ -140,6 +141,11 @@ _TEXTS = {
         "there is no equilibrium in which all elements are below the peaks of their stress-strain "
         "curves, and beyond them none was found: the load is more than the structure carries; "
         "reduce it, strengthen the elements with the largest strains, or look with trace_path"
+    ),
+    STATIONARY: (
+        "the start is stationary: the gradient is zero there, so that nothing tells where the loss "
+        "falls. That is so at a minimum, but also at a maximum, at a saddle (a symmetric start), "
+        "and where no parameter has an influence; compare the loss nearby, or start elsewhere"
     ),
     INVALID_INPUT: (
         "a number is not allowed, such as a negative stiffness, the compression of a cable or a "

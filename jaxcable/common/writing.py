@@ -138,11 +138,18 @@ def create(path: str | PathLike[str], content: bytes) -> bool:
 
 
 def put_arrays(
-    stream: IO[bytes], arrays: Mapping[str, np.ndarray], compressed: bool = False
+    stream: IO[bytes],
+    arrays: Mapping[str, np.ndarray],
+    compressed: bool = False,
+    comment: bytes = b"",
 ) -> None:
-    """Write arrays to a stream as ``.npz``; other than for `np.savez` every name will do."""
+    """Write arrays to a stream as ``.npz``; other than for `np.savez` every name will do.
+
+    The archive has a comment, which `np.load` does not look at.
+    """
     kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
     with zipfile.ZipFile(stream, "w", kind) as archive:
+        archive.comment = comment
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)

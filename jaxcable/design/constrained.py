@@ -121,12 +121,14 @@ def minimize_subject_to(
         ValueError: as `minimize`; a solver that there is not, or that is not installed.
 
     Every point that the library accepts is judged here, whatever the library says: the status is OK
-    if all constraints are at most 0 and the KKT residual is at most `tol`. With the multipliers
+    if all constraints are at most 0 and the KKT residual is at most `tol`, and STATIONARY if that
+    is the start, and the gradient is zero there. With the multipliers
     ``m >= 0`` that fit best, the residual is the largest of ``|g_i + sum_j m_j dc_j/dp_i| s`` and
     ``m_j |c_j + tol|``, of bounds likewise, over the size of the loss. That and the size ``s`` of a
     parameter are those of `minimize`.
 
-    A minimum is a local one: where there may be several, try several starts. At a trial point where
+    These are conditions of first order: a saddle meets them, too. A minimum is a local one: where
+    there may be several, try several starts. At a trial point where
     the analysis fails the library meets a loss that it does not accept, so that it shortens the
     step.
 
@@ -176,7 +178,7 @@ def minimize_subject_to(
 
 
 class _Search:
-    """Runs of a library, each from the best point before it, until a point is a minimum.
+    """Runs of a library, each from the best point before it, until one meets the KKT conditions.
 
     Args:
         evaluate, bounds: as for `Trials`.
@@ -200,7 +202,7 @@ class _Search:
             rounds: largest number of runs.
         """
         trials, missing = self.trials, np.inf
-        best = trials.last
+        best = first = trials.last
         self.first = abs(best.loss)
         if best.failed:
             return best, status.BAD_START, 0
@@ -214,7 +216,7 @@ class _Search:
             for point in (trials.reached, trials.best):
                 left = self.judged(point)[1]
                 if point.violation <= 0 and left <= self.tol:
-                    return point, status.OK, number
+                    return point, self._outcome(point, first), number
             before, best = best, trials.best
             if best.violation > _WORTH * before.violation > 0:
                 return best, status.CONSTRAINTS_VIOLATED, number
@@ -224,6 +226,12 @@ class _Search:
             missing, step = min(left, missing), _SHORTER * step
         code = status.CONSTRAINTS_VIOLATED if best.violation > 0 else status.OUT_OF_STEPS
         return best, code, rounds
+
+    def _outcome(self, point, first):
+        """The status of a point that meets the conditions; nothing is known where nothing moved."""
+        free = (point.x > self.trials.bounds[0]) & (point.x < self.trials.bounds[1])
+        blind = not point.gradient[free].any() and free.any() and np.array_equal(point.x, first.x)
+        return status.STATIONARY if blind else status.OK
 
     def judged(self, point: Point) -> tuple[np.ndarray, float]:
         """Return the multipliers at a point, and its KKT residual over the size of the loss."""
@@ -237,7 +245,7 @@ class _Search:
         return size or float(np.abs(point.gradient * self.sizes(point.x)).max()) or 1.0
 
     def converged(self, point: Point) -> bool:
-        """Report a point that the library has accepted; return whether it is a minimum."""
+        """Report a point that the library has accepted; return whether it meets the conditions."""
         residual = self.judged(point)[1]
         if self.listen is not None:
             failures, self.known = self.trials.failures - self.known, self.trials.failures

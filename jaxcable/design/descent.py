@@ -63,7 +63,7 @@ class History:
 class Point(NamedTuple):
     """Parameters, loss, gradient, the same without blocked entries, and its measure.
 
-    `at_rest` is True if the point is a minimum, provided that no step lowers the loss.
+    `at_rest` is True if the gradient is small enough for a minimum, if no step lowers the loss.
     """
 
     x: Float[Array, " n"]
@@ -241,13 +241,17 @@ class Descent:
         converged = small & (measure == 0 if self.searched else near)
         used_up = s.n >= self.steps
         at_rest = at.at_rest & last  # if no step lowers the loss then, this is the minimum
+        # where no entry was ever anything but zero, nothing has been learned of the loss
+        blind = converged & (s.n == 0) & jnp.any(~blocked & (gradient == 0))
         spent = (tries > jnp.where(at_rest, _PATIENCE, _SHORTEST)) & ~restart
         code = jnp.where(used_up, status.OUT_OF_STEPS, status.STALLED)
         code = jnp.where(~begun & ~sound, status.BAD_START, code)
         s = s._replace(
             blocked=jnp.where(accepted, blocked, s.blocked),
             log=log,
-            code=jnp.where(converged | (spent & at_rest), status.OK, code).astype(jnp.int32),
+            code=jnp.select(
+                [blind, converged | (spent & at_rest)], [status.STATIONARY, status.OK], code
+            ).astype(jnp.int32),
             running=~converged & (begun | sound) & (~used_up | small) & ~spent,
             fresh=jnp.where(accepted, changed, s.fresh) | restart,
         )
@@ -273,7 +277,7 @@ class Descent:
             small &= ~fresh & self.criteria.little(promised, s.at.loss, s.first)
             small &= self.criteria.short(self.box.project(s.at.x + step) - s.at.x, s.at.x)
             s = s._replace(
-                code=jnp.where(small, status.OK, s.code),
+                code=jnp.where(s.running & small, status.OK, s.code),
                 running=s.running & ~small & (s.n < self.steps),
             )
         # an analysis will fail again where it has failed: bound steps by the last accepted length

@@ -131,7 +131,7 @@ def fit(
     and `Fit.without_influence` names it. Rounding is what a change of the parameter by its whole
     size (of its array, or between its bounds) does, if it is less than 4096 eps of the residuals
     and of the largest ``|J_k| |x_k|``. If no parameter has influence at the start the status is
-    STALLED.
+    STALLED; if the misfit has no slope there, and is not zero, STATIONARY: it may be a maximum.
 
     Source: Moré, The Levenberg-Marquardt algorithm: implementation and theory (1978), and MINPACK
     for the criteria; Bates and Watts, Technometrics 23 (1981), for the cosine.

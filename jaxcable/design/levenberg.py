@@ -177,11 +177,16 @@ class LevenbergMarquardt:
         useless = sound & ~moved & jnp.all(still) & jnp.any(idle & ~blocked)
         useless &= jnp.any(s.residual != 0)
         converged &= ~useless
+        # a start without slope may as well be a maximum, but for one without a misfit
+        level = jnp.all(blocked | (s.residual @ s.jacobian == 0)) & jnp.any(~blocked)
+        blind = converged & ~begun & level & jnp.any(s.residual != 0)
         hopeless = useless | (~accepted & ((damping > _LARGEST) | jnp.all(trial == x)))
         code = jnp.where(hopeless, status.STALLED, status.OUT_OF_STEPS)
         code = jnp.where(begun | sound, code, status.BAD_START)
         return s._replace(
-            code=jnp.where(converged, status.OK, code).astype(jnp.int32),
+            code=jnp.select([blind, converged], [status.STATIONARY, status.OK], code).astype(
+                jnp.int32
+            ),
             running=~converged & (begun | sound) & (s.n < self.steps) & ~hopeless,
         )
 
@@ -193,7 +198,9 @@ class LevenbergMarquardt:
         refused: Bool[Array, ""],
         unseen: Bool[Array, ""],
     ) -> Bool[Array, ""]:
-        """Whether the point is a minimum, by the undamped step: a damped one is always short.
+        """Whether the point is that of least squares of the linear residuals, by the undamped step.
+
+        A damped step is always short.
 
         Args:
             s: the state, with the last accepted point.

@@ -131,8 +131,10 @@ def minimize(
 
     The next step is that of L-BFGS, which must have learned the curvature; of other optimizers it
     is the one to the minimum along the last step, by the slopes at its ends. A gradient of exactly
-    zero is converged. So is a point at which the gradient is small (with `tol` in place of tol^2)
-    and no step, down to that length, lowers the loss: it is a minimum to rounding.
+    zero is converged after a step, and STATIONARY at the start, which may as well be a maximum.
+    Converged is also a point at which the gradient is small (with `tol` in place of tol^2) and no
+    step, down to that length, lowers the loss. That the loss is least in directions in which it has
+    no slope from the start on, as across a plane of symmetry, is not shown.
 
     Source: Gill, Murray and Wright, Practical Optimization (1981), section 8.2.3; Dennis and
     Schnabel, Numerical Methods for Unconstrained Optimization (1983), section 7.2.
@@ -198,7 +200,7 @@ def _make(reference, optimizer, steps, listen):
         criteria = Criteria(largest, floor, tol)
         descent = Descent(value, back, optimizer, steps, flat, criteria, scale, listen)
         end = descent.run(start)
-        converged = end.code == status.OK
+        converged = (end.code == status.OK) | (end.code == status.STATIONARY)
         point = where(converged, end.at, end.best)
         return underivable(
             Design(

@@ -1,6 +1,7 @@
 """Conditions of Karush, Kuhn and Tucker at a point: multipliers, and by how much they are missed.
 
-This judges the end of a search from its numbers alone, whatever a library says of it.
+This judges the end of a search from its numbers alone, whatever a library says of it. They are of
+first order: minima meet them, and so do saddles and maxima.
 """
 
 from __future__ import annotations

@@ -22,6 +22,14 @@ Part: TypeAlias = "int | slice | EllipsisType | Int[ArrayLike, ' n'] | Bool[Arra
 Index: TypeAlias = "Part | tuple[Part, ...]"
 """Index of an array: a number, a slice, numbers or booleans, or a tuple of these."""
 
+WITHIN = {
+    **dict.fromkeys(("positions", "displacement", "rest_length"), 1e-3),
+    **dict.fromkeys(("tension", "peak_tension", "reactions", "load"), 1.0),
+    **dict.fromkeys(("section_forces", "reaction_moments"), 1.0),
+    "rotation": 0.5e-3,
+}
+"""Tolerances of results by name, if nothing else is said: m, N, N m; half of 1e-3 rad."""
+
 _USUAL = "displacement", "positions", "tension", "peak_tension"
 
 
@@ -40,7 +48,12 @@ class Target:
         on: key of the group in the structure's elements, for results of elements.
         phase: number of the phase, from 0, or from the end as -1, the default.
         within: tolerance of the deviation, in the unit of the result; targets that cannot be met
-            all at once are weighed by it.
+            all at once are weighed by it. Default by the kind of the result: 1e-3 m for lengths
+            ("positions", "displacement", "rest_length"), 1 N for forces ("tension",
+            "peak_tension", "reactions", "load"), 1 N and 1 N m for "section_forces", 1 N m for
+            "reaction_moments", 5e-4 for the unit quaternions of "rotation", which is 1e-3 rad. Of
+            a function, and of results of your own elements, the unit is not known: the default is 1
+            in it, which is a metre if that is its unit.
 
     Raises:
         ValueError: `within` is not positive, `phase` is no integer, the value is no finite number,
@@ -51,6 +64,8 @@ class Target:
         >>> level = jc.design.Target("positions", 0.0, at=np.s_[1:9, 2], within=1e-4)
         >>> level.phase
         -1
+        >>> print(jc.design.Target("positions").within, jc.design.Target("tension").within)  # m, N
+        0.001 1.0
     """
 
     of: str | Callable[[PhaseResult], Array]
@@ -58,7 +73,7 @@ class Target:
     at: Index = ...
     on: str | int | None = None
     phase: int = -1
-    within: float = 1.0
+    within: float = None  # type: ignore[assignment]  # its default is put in
 
     def __post_init__(self):
         if not callable(self.of) and not isinstance(self.of, str):
@@ -70,7 +85,8 @@ class Target:
         finite = Rule("value", value, lambda v: ~(abs(v) < np.inf), "must be finite")
         object.__setattr__(self, "value", owned(or_nan(finite)))
         object.__setattr__(self, "at", owned(_index(self.at)))
-        within = checks.scalar(self.within, "within")
+        usual = 1.0 if callable(self.of) else WITHIN.get(self.of, 1.0)
+        within = checks.scalar(usual if self.within is None else self.within, "within")
         text = "must be positive and finite"
         rule = Rule("within", within, lambda v: ~((v > 0) & (v < np.inf)), text)
         object.__setattr__(self, "within", owned(or_nan(rule)))

@@ -31,7 +31,8 @@ WHY = {
     "thickness": "the weight of surfaces is not read: give it as loads",
     "t": "the weight of surfaces is not read: give it as loads",
     **dict.fromkeys(("E", "radius"), "give axial_stiffness=..., N (--axial-stiffness)"),
-    **dict.fromkeys(("f", "force", "l", "length"), "differs from q and the positions; q is read"),
+    **dict.fromkeys(("f", "force"), "is not q, which is read, by the length of the edge"),
+    **dict.fromkeys(("l", "length"), "is not the distance of the nodes, which is read"),
 }
 _EMPTY: tuple[Any, ...] = (None, False, 0, "", [], {})
 
@@ -52,6 +53,16 @@ def count_unread(
         known = key in read or key in LOOKS or key in RESULTS or key.startswith("_")
         if not (known or empty(value)):
             table.add(f"attribute {key!r} of {kind}", where, WHY.get(key, ""))
+
+
+def force_density(attributes: Mapping[str, Any], length: float, where: str) -> float:
+    """The force density of an edge, N/m: its own, or its force over its length; 0 is none."""
+    stated = number(attributes, "q", where)
+    if stated == 0 and length > 0:
+        for key in ("f", "force"):
+            if not empty(attributes.get(key)):
+                return number(attributes, key, where) / float(length)
+    return stated
 
 
 def count_results(

@@ -16,6 +16,8 @@ from .omissions import Omissions
 from .reading import FileError, read_text
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_SEPARATOR = re.compile(r'("?)sep=([^\w\s"]|\t)\1[;,\t ]*', re.IGNORECASE)
+_EMPTY = ' ;,\t\r\n"'  # of which lines consist that have no contents
 _DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d*([eE][+-]?\d+)?")
 
 
@@ -71,15 +73,9 @@ def read_table(
         table: what is left out.
         largest: largest size that is read, bytes.
     """
-    text = read_text(path, largest)
-    lines = [
-        (k, line)
-        for k, line in enumerate(io.StringIO(text, newline=None), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    lines, mark = _lines(read_text(path, largest))
     if not lines:
         raise FileError(f"{path}: is empty")
-    mark = next((mark for mark in ";\t" if mark in lines[0][1]), ",")
     try:
         header, *records = csv.reader([line for _, line in lines], delimiter=mark, strict=True)
     except csv.Error as error:
@@ -100,6 +96,24 @@ def read_table(
         fields = {name: word for name, word in pairs if name is not None}
         found.append(Line(place, fields, mark != "," and not points))
     return found
+
+
+def _lines(text):
+    """The lines of a table that say something, with their numbers, and what separates fields.
+
+    Spreadsheets write rows of empty fields, ``;;;``, and name the separator in a line of its own
+    before the header, ``sep=;``.
+    """
+    lines = list(enumerate(io.StringIO(text, newline=None), 1))
+    stated = _SEPARATOR.fullmatch(lines[0][1].rstrip("\r\n")) if lines else None
+    empty = _EMPTY + (stated[2] if stated else "")
+    lines = [
+        (k, line)
+        for k, line in (lines[1:] if stated else lines)
+        if line.strip(empty) and not line.lstrip().startswith("#")
+    ]
+    usual = next((mark for mark in ";\t" if lines and mark in lines[0][1]), ",")
+    return lines, stated[2] if stated else usual
 
 
 def _columns(place, header, known, needed, own, table):

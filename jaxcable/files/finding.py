@@ -15,6 +15,10 @@ _WRAPPING = frozenset(
 """Fields around a net that say nothing of it: types, identifiers, settings of a display."""
 
 
+_PACKAGES = "compas", "jax_fdm"
+"""Packages, with those that begin so, whose files are read."""
+
+
 class Found(NamedTuple):
     """A net in the data of a file.
 
@@ -37,6 +41,7 @@ def find_net(data: dict[str, Any], table: Omissions) -> Found:
     for key in ("data", "value"):  # compas 2 and 1 wrap the data of their objects
         if isinstance(usual.get(key), dict):
             usual = usual[key]
+    _count_foreign(data, table)
     if "vertex" in usual or "node" in usual:
         _count_beside(data, usual, table)
         return Found(usual, "")
@@ -51,6 +56,17 @@ def find_net(data: dict[str, Any], table: Omissions) -> Found:
             table.add("net", other.inside[:-1], "the first net of a file is read")
     _count_beside(data, chosen.data, table)
     return Found(chosen.data, chosen.inside)
+
+
+def _count_foreign(data, table):
+    """Count the type of the whole, ``package/Class``, if that is of another program."""
+    kind = data.get("dtype") or data.get("datatype")
+    if not isinstance(kind, str) or "/" not in kind:
+        return
+    package = kind.split("/")[0].split(".")[0]
+    if package.partition("_")[0] not in _PACKAGES and package not in _PACKAGES:
+        why = "is of another program; what has the names of compas is read as it is there"
+        table.add(f"type {kind:.80}", "dtype", why)
 
 
 def _is_net(data: Any) -> bool:

@@ -29,8 +29,9 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
     net has
 
     - positions of nodes, and supports: ``is_support``, ``is_anchor`` or ``is_fixed`` (true or 1);
-    - edges (of a mesh those of its faces) with force densities ``q``, N/m; zero is none. Edges with
-      a negative force density become bars. If none has ``q``, unstressed lengths ``l0``, m, are
+    - edges (of a mesh those of its faces) with force densities ``q``, N/m; zero is none. Of an edge
+      without one a force ``f`` or ``force``, N, over its length in the file is it. Edges with a
+      negative force density become bars. If none has one, unstressed lengths ``l0``, m, are
       read. ``group`` names the group of an edge;
     - loads ``px, py, pz``: of nodes in newtons, of edges in N/m, of faces in N/m2, along x, y, z.
       Loads of edges and faces become loads of nodes as in jax_fdm, in the positions of the file:
@@ -134,7 +135,7 @@ def _numbers_of_edges(edges, lengths, names, table):
     densities, loads = [], []
     for (pair, edge), length in zip(edges.items(), lengths, strict=True):
         where = _place(names, pair)
-        densities.append(about.number(edge, "q", where))
+        densities.append(about.force_density(edge, length, where))
         loads.append([about.number(edge, "p" + axis, where) for axis in "xyz"])
         about.count_unread(edge, about.EDGE, "an edge", where, table)
         about.count_results(edge, densities[-1], float(length), where, table)

@@ -58,7 +58,7 @@ def save_opensees(
         True
     """
     path = Path(path)
-    if path.suffix != ".py":
+    if path.suffix.lower() != ".py":
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with .py")
     one_case(solution)
     if int(solution.status) != 0:

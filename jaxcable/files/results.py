@@ -61,18 +61,19 @@ def save_result(path: str | PathLike[str], structure: Structure, solution: Solut
         (12,)
     """
     path = Path(path)
-    if path.suffix == ".npz":
+    suffix = path.suffix.lower()
+    if suffix == ".npz":
         with written(path, "wb") as stream:
             put_arrays(stream, flat(structure, solution), compressed=True)
         return [path]
-    if path.suffix == ".json":
+    if suffix == ".json":
         numbers = {name: _plain(value) for name, value in flat(structure, solution).items()}
         data = {"format": FORMAT, "version": 1, **_described(solution), **numbers}
         with written(path) as stream:
             json.dump(data, stream, allow_nan=False)
             stream.write("\n")
         return [path]
-    if path.suffix == ".csv":
+    if suffix == ".csv":
         texts = {name: as_csv(rows) for name, rows in tables(structure, solution).items()}
         done = [path.with_name(f"{path.stem}-{name}.csv") for name in texts]
         with written_together() as begin:
@@ -107,7 +108,7 @@ def load_result(path: str | PathLike[str], largest: int = 8 * LARGEST) -> dict[s
         ['displacement', 'links', 'load', 'peak_tension']
     """
     path = Path(path)
-    if path.suffix == ".json":
+    if path.suffix.lower() == ".json":
         data = read_json(path, largest)
         if data.get("format") != FORMAT:
             raise FileError(f'{path}: format: expected "{FORMAT}"')

@@ -22,7 +22,8 @@ a scene that has been read and is written again has lost its comments.
 
 `scene_schema` describes the format to editors: with ``"$schema": "scene.schema.json"`` in a scene,
 and the file that ``jaxcable schema --save scene.schema.json`` writes beside it, they explain and
-check every field while it is typed. Reading ignores the field.
+check every field while it is typed. Reading ignores the field, but for a word on the schema of
+something else.
 """
 
 from __future__ import annotations
@@ -38,8 +39,10 @@ from ..model.structure import Structure
 from ..scenes import Scene
 from .codec import COMMENT, decode, encode
 from .layout import laid_out
+from .omissions import Omissions
 from .reading import LARGEST, FileError, read_json
 
+_SCHEMA = "scene.schema.json"  # as it is usually called
 FORMAT = "jaxcable scene"
 VERSION = 1
 MOST_INCREMENTS = 1_000_000
@@ -115,10 +118,17 @@ def load_scene(path: str | PathLike[str], largest: int = LARGEST) -> Scene:
         'converged'
     """
     data = read_json(path, largest)
+    table = Omissions()
     try:
-        return _scene(data)
+        scene = _scene(data)
     except FileError as error:
         raise FileError(f"{path}: {error}") from None
+    schema = data.get("$schema", "")
+    if ":" in schema and "jaxcable" not in schema and not schema.endswith(_SCHEMA):
+        why = "is not that of scenes, and was not looked at; `jaxcable schema` writes it"
+        table.add(f"schema {schema:.80}", "$schema", why)
+    table.warn(path)
+    return scene
 
 
 def _scene(data):

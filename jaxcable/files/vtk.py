@@ -50,7 +50,7 @@ def save_vtk(
         'POINTS 12 double'
     """
     path = Path(path)
-    if path.suffix != ".vtk":
+    if path.suffix.lower() != ".vtk":
         raise ValueError(f"path = {str(path)!r}: expected a name that ends with .vtk")
     one_case(solution)
     require_same(structure, solution.last.topology, "solution")

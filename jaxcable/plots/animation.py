@@ -83,7 +83,7 @@ def animation(
     'net.gif'
     """
     path = Path(path)
-    if path.suffix not in (".gif", ".html"):
+    if path.suffix.lower() not in (".gif", ".html"):
         raise ValueError(f'path = {str(path)!r}: expected the suffix ".gif" or ".html"')
     if not (isinstance(frames, int) and frames > 0):
         raise ValueError(f"frames = {frames}: must be a positive integer")
@@ -98,7 +98,7 @@ def animation(
     if view is None and not seen.plane:
         seen = View("space")
     images = _draw(shots, begin, seen, everything, solution, structure, dpi)
-    (_gif if path.suffix == ".gif" else _html)(images, path, rate)
+    (_gif if path.suffix.lower() == ".gif" else _html)(images, path, rate)
     return path
 
 

@@ -101,11 +101,12 @@ class Report:
             ValueError: another suffix. OSError: a file cannot be written.
         """
         path = Path(path)
-        if path.suffix == ".csv":
+        suffix = path.suffix.lower()
+        if suffix == ".csv":
             texts = {path.with_name(f"{path.stem}-{k}.csv"): v for k, v in self.csv().items()}
-        elif path.suffix == ".json":
+        elif suffix == ".json":
             texts = {path: json.dumps(self.dict(), indent=1, allow_nan=False) + "\n"}
-        elif path.suffix == ".txt":
+        elif suffix == ".txt":
             texts = {path: self.text(rows=10**9)}  # all lines
         else:
             raise ValueError(f"path = {str(path)!r}: expected a name with .txt, .csv or .json")

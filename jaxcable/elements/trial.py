@@ -1,0 +1,324 @@
+"""A trial of an element class: its declaration, shapes of its methods, forces against energy.
+
+Everything that is found is a sentence that names the method or field, what is expected of it, and
+what it gave.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..common.tree import Indices
+from ..numerics.rotations import IDENTITY, turned
+from .abilities import Jacked, Sagging
+from .element import Element, ElementState
+from .prestress import element
+
+_MOVED = 1e-2  # displacement at which a group is tried, over the mean distance of its ends
+_DECLARE = "fields of the class, `name: object` in its body"
+
+
+def declared(group: Element, n_row: int) -> Iterator[str]:
+    """Iterate over what is wrong with a group as a pytree, and with its links, in words.
+
+    Args:
+        group: object of a class that derives from `Element`.
+        n_row: number of rows that links can name.
+    """
+    kind = type(group)
+    if "_all_fields" not in vars(kind):
+        yield 'class: expected a `@pytree(indices=("links",))` class, got one without the decorator'
+        return
+    yield from _undeclared(group, kind.__name__)
+    if "links" not in kind._index_fields:  # type: ignore[attr-defined]
+        yield 'links: expected an index field, @pytree(indices=("links",)), got another field'
+    links = group.links
+    if not isinstance(links, Indices):
+        yield (
+            "links: expected `Indices` of node numbers [n_elem, n_end] (`Indices(links)` in "
+            f"`__post_init__`), got a bare {type(links).__name__}"
+        )
+        return
+    if len(links.shape) != 2 or 0 in links.shape or links.array.dtype.kind not in "iu":
+        yield (
+            "links: expected whole numbers [n_elem, n_end], got "
+            f"{links.array.dtype} of shape {links.shape}"
+        )
+    elif links.array.min() < 0 or links.array.max() >= n_row:
+        yield (
+            f"links: expected node numbers from 0 to {n_row - 1}, got {links.array.min()} to "
+            f"{links.array.max()}"
+        )
+
+
+def _undeclared(obj, name):
+    """Arrays of a pytree that are no fields, or static ones, in words."""
+    kind, known = type(obj), type(obj)._all_fields
+    for attribute, value in vars(obj).items():
+        arrays = [x for x in jax.tree.leaves(value) if isinstance(x, np.ndarray | jax.Array)]
+        if attribute not in known and arrays and not attribute.endswith("_once"):
+            yield (
+                f"{attribute}: expected arrays of {name} to be {_DECLARE}; got one that is none, "
+                "and is lost where jax takes the object apart"
+            )
+        if attribute in kind._static_fields and arrays:
+            yield f"{attribute}: expected static fields without arrays, got {_shape(arrays[0])}"
+    for attribute in getattr(kind, "per_element", ()):
+        if attribute not in known and not isinstance(getattr(kind, attribute, None), property):
+            yield f"per_element: expected {_DECLARE}, got {attribute!r}, which is none"
+
+
+def tried(
+    group: Element, nodes: Any, state: Any, motion: Any, tol: float, conservative: bool
+) -> Iterator[str]:
+    """Iterate over what is found by calling the methods of a group, in words; see `check`."""
+    nodes, links = jnp.asarray(nodes, float), np.asarray(group.links)
+    ends = nodes[links]
+    if state is None:
+        try:
+            state = group.start(ends)
+        except Exception as error:  # of the author's code
+            yield _raised("start", "an `ElementState`", error)
+            return
+    if not isinstance(state, ElementState):
+        yield f"start: expected an `ElementState`, got {type(state).__name__}"
+        return
+    if "_all_fields" not in vars(type(state)):
+        yield f"start: expected a `@pytree` class, got {type(state).__name__} without the decorator"
+        return
+    yield from _undeclared(state, type(state).__name__)
+    faults = [*_fields(group, state, len(links))]
+    if faults:
+        yield from faults
+        return
+    motion = _shaken(group, nodes, ends) if motion is None else jnp.asarray(motion, float)
+    yield from _Calls(group, state, ends, motion[links]).faults(tol, conservative)
+
+
+class _Calls:
+    """The methods of a group, called for every element at once.
+
+    Attributes:
+        group, state, ends, motion: with which they are called.
+    """
+
+    def __init__(self, group, state, ends, motion):
+        self.group, self.state, self.ends, self.motion = group, state, ends, motion
+        self.n_elem, self.n_end = ends.shape[:2]
+
+    def every(self, method: Callable[..., Any], motion: Any = None) -> Any:
+        """``method(element, state, ends, motion)`` of every element."""
+
+        def one(properties, *at):
+            return method(element(self.group, properties), *at)
+
+        at = self.state, self.ends, self.motion if motion is None else motion
+        return jax.vmap(one)(self.group.properties(), *at)
+
+    def faults(self, tol: float, conservative: bool) -> Iterator[str]:
+        """Iterate over what is wrong with the methods, in words."""
+        sizes = (self.n_end, self.group.n_freedom)
+        square = 2 * (sizes[0] * sizes[1],)
+        shapes = {
+            "end_forces": (sizes,),
+            "energy": ((),),
+            "tangent": ((*sizes, *sizes), square),
+        }
+        still, bad = self._still(), []
+        for name, allowed in shapes.items():
+            for where, motion in (("", None), (" before any motion", still)):
+                bad = [*self._one(name, allowed, where, motion)]
+                yield from bad
+                if bad:
+                    break
+            if bad and name != "tangent":
+                return
+        yield from self._named()
+        if not bad:
+            yield from self._derivatives(tol, conservative)
+
+    def _still(self):
+        """The motion of nodes that have not moved."""
+        still = jnp.zeros_like(self.motion)
+        return still.at[..., 3:].set(jnp.asarray(IDENTITY)) if self.group.rotates else still
+
+    def _one(self, name, shapes, where, motion, *step):
+        """What is wrong with the type, shape and numbers that a method returns, in words."""
+        words = "a scalar" if shapes == ((),) else f"an array of shape {shapes[0]}"
+        words += " of floats for an element"
+        try:
+            values = self.every(lambda one, *at: getattr(one, name)(*at, *step), motion)
+        except Exception as error:  # of the author's code
+            yield _raised(name + where, words, error)
+            return
+        if not isinstance(values, jax.Array):
+            yield f"{name}: expected {words}, got {_kind(values)}"
+            return
+        # of the columns of inner rows the tangent has those that contain a number
+        inner = name == "tangent" and self.group.inner and values.ndim == 3
+        if values.shape[1:] not in shapes and not (inner and len({*values.shape[1:]}) == 1):
+            yield f"{name}: expected {words}, got shape {values.shape[1:]}"
+            return
+        if not jnp.issubdtype(values.dtype, jnp.floating):
+            yield f"{name}: expected {words}, got {values.dtype}"
+            return
+        finite = np.isfinite(np.asarray(values)).reshape(self.n_elem, -1)
+        if not finite.all():
+            k = int(np.flatnonzero(~finite.all(axis=1))[0])
+            wrong = np.asarray(values)[k].ravel()[~finite[k]][0]
+            yield f"{name}{where}: expected finite numbers, got {wrong} of element {k}"
+
+    def _named(self):
+        """What is wrong with results, and with what the group says of slackness."""
+        group, state = self.group, self.state
+        for result in group.results:
+            name = result.name
+            if not group.has_result(name, state):
+                continue
+            count = len(result.components)
+            words = f"{count} components in the last axis" if count else "an array"
+            try:
+                values = self.every(lambda one, *at, name=name: getattr(one, name)(*at))
+            except Exception as error:  # of the author's code
+                yield _raised(f"results: {name}", words, error)
+                continue
+            if not isinstance(values, jax.Array):
+                yield f"results: {name}: expected {words} for an element, got {_kind(values)}"
+            elif count and values.shape[-1:] != (count,):
+                yield (
+                    f"results: {name} has {count} components, and its last axis the shape "
+                    f"{values.shape[1:]}"
+                )
+        for name in ("is_slack", "at_kink"):
+            try:
+                flags = self.every(lambda one, *at, name=name: getattr(one, name)(*at))
+            except Exception as error:  # of the author's code
+                yield _raised(name, "a bool of an element", error)
+                continue
+            if not isinstance(flags, jax.Array):
+                yield f"{name}: expected a bool of an element, got {_kind(flags)}"
+            elif flags.shape != (self.n_elem,) or flags.dtype != bool:
+                yield f"{name}: expected a bool of an element, got {flags.dtype} {flags.shape[1:]}"
+        weights = group.weights(state)
+        if (weights is None) != (group.weight is None):
+            yield "weights: returns something where `weight` is None, or the other way about"
+
+    def _derivatives(self, tol, conservative):
+        """What is wrong with the forces about a step, the tangent, and the energy."""
+        group, every = self.group, self.every
+        shape = (*self.ends.shape[1:2], group.n_freedom)
+        still = jnp.zeros(shape)
+        forces = every(lambda one, *at: one.end_forces(*at))
+        size = jnp.max(jnp.abs(forces))
+
+        def moved(motion, step):
+            return jax.vmap(turned)(motion, step) if group.rotates else motion + step
+
+        def about(one, *at):
+            return jax.jacfwd(lambda step: one.end_forces_about(*at, step))(still)
+
+        def slope(one, state, ends, motion):
+            return jax.grad(lambda step: one.energy(state, ends, moved(motion, step)))(still)
+
+        bad = [*self._one("end_forces_about", (shape,), "", None, still)]
+        if bad:
+            yield from bad
+            return
+        try:
+            here = every(lambda one, *at: one.end_forces_about(*at, still))
+            derivative = every(about).reshape(self.n_elem, still.size, still.size)
+        except Exception as error:  # of the author's code
+            yield _raised("end_forces_about", "a function that jax can differentiate", error)
+            return
+        if not _apart(here, forces, size) <= tol:
+            yield "end_forces_about: at a step of zero it is not `end_forces`"
+        tangent = every(lambda one, *at: one.tangent(*at))
+        count = round((tangent.size // self.n_elem) ** 0.5)
+        tangent = tangent.reshape(self.n_elem, count, count)
+        largest = jnp.max(jnp.abs(tangent))
+        if not group.inner and not _apart(tangent, derivative, largest) <= tol:
+            yield "tangent: it is not the derivative of the end forces"
+        across = _apart(tangent, jnp.swapaxes(tangent, 1, 2), largest)
+        if group.symmetric and not across <= tol:
+            yield (
+                f"symmetric: its tangent is not ({across:.1e} of the largest entry); state "
+                "symmetric = False"
+            )
+        if conservative and not group.inner:
+            try:
+                gradient = every(slope)
+            except Exception as error:  # of the author's code
+                yield _raised("energy", "a function that jax can differentiate", error)
+                return
+            if not _apart(gradient, forces, size) <= tol:
+                yield "energy: the end forces are not its gradient"
+
+
+def _fields(group, state, n_elem):
+    """What is wrong with the state and the arrays of a group."""
+    for name, leaf in ((n, x) for n, x in vars(state).items() if n in type(state)._all_fields):
+        shapes = {np.shape(x)[:1] for x in jax.tree.leaves(leaf)}
+        if shapes - {(n_elem,)}:
+            yield (
+                f"start: state.{name} has no leading axis [n_elem]: expected {n_elem} elements, "
+                f"got the shape {np.shape(jax.tree.leaves(leaf)[0])}"
+            )
+    for name, value in group.properties().items():
+        wrong = [x for x in jax.tree.leaves(value) if np.shape(x)[:1] != (n_elem,)]
+        if wrong:
+            yield (
+                f"per_element: {name} has no leading axis [n_elem]: expected {n_elem} elements, "
+                f"got the shape {np.shape(wrong[0])}"
+            )
+    known = type(state)._all_fields
+    needs = (
+        ("has_length", group.has_length, ("rest_length",)),
+        ("remembers", group.remembers, ("memory",)),
+        ("Jacked", isinstance(group, Jacked), ("jack_force", "jacked")),
+        ("Sagging", isinstance(group, Sagging), ("rest_length",)),
+        ("shaped_by_load", group.shaped_by_load, ("line_load", "pressed")),
+        ("found", type(group).found is not Element.found, ("present",)),
+    )
+    for ability, has, names in needs:
+        for name in names:
+            if has and name not in known:
+                yield f"{ability}: its state needs a field `{name}`"
+
+
+def _raised(name, words, error):
+    """The sentence on a method that raises an error."""
+    text = next(iter(str(error).strip().splitlines()), "")
+    return f"{name}: expected {words}, got {type(error).__name__}: {text}"
+
+
+def _kind(value):
+    """What a value is that is no array, in words."""
+    return "None" if value is None else f"a {type(value).__name__}"
+
+
+def _shape(array):
+    return f"an array of shape {np.shape(array)}"
+
+
+def _apart(one, other, size):
+    """Largest difference over a size; NaN if that is not finite."""
+    if np.shape(one) != np.shape(other):
+        return float("nan")
+    return float(jnp.max(jnp.abs(one - other)) / jnp.where(size > 0, size, 1.0))
+
+
+def _shaken(group, nodes, ends):
+    """A random motion of all rows, [n_row, 3 or 7]."""
+    chord = group.chord(ends)
+    size = _MOVED * (float(jnp.mean(chord)) if chord.size else 1.0)
+    step = size * np.random.default_rng(0).uniform(-1, 1, (len(nodes), group.n_freedom))
+    still = jnp.zeros_like(nodes)
+    if not group.rotates:
+        return still + step
+    turn = jnp.broadcast_to(jnp.asarray(IDENTITY, nodes.dtype), (len(nodes), 4))
+    return jax.vmap(turned)(jnp.concatenate([still, turn], axis=1), jnp.asarray(step))

@@ -1,0 +1,149 @@
+"""Names that the command line makes of another name: nobody's file is replaced, none twice."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+import jaxcable as jc
+from jaxcable.cli import derived, main
+from jaxcable.files.results import tables
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder with a scene, in which commands run; an analysis would raise."""
+    monkeypatch.chdir(tmp_path)
+    jc.save_scene("net.json", jc.scenes.flat_net(increments=(1, 1)))
+
+    def analysed(*_, **__):
+        raise AssertionError("was computed")
+
+    monkeypatch.setattr("jaxcable.analysis.solver.solve", analysed)
+    return tmp_path
+
+
+def refused(words, capsys):
+    """The line of a command that refuses its words."""
+    assert main(words) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "content"),
+    [
+        ("--save", "net-nodes.csv", "x,y,z\n0,0,0\n"),
+        ("--save", "net-nodes.csv", "node,support,x,y,z\n0,xyz,0,0,0\n"),  # columns of read_csv
+        ("--save", "net-elements.csv", "group,element,first,last,axial_stiffness\nnet,0,0,1,1e5\n"),
+        ("--save", "net-increments.csv", ""),
+        ("--report", "net-summary.csv", "of,notes\nme,my thoughts\n"),
+        ("--report", "net-reactions.csv", "node,Rx,Ry\n0,1,2\n"),
+        ("--report", "net-slack.csv", "group,element,in,why\n"),
+        ("--report", "net-energy.csv", b"\xff\xfe\x00"),
+    ],
+)
+def test_tables_replace_no_file_that_others_have_written(folder, capsys, option, name, content):
+    data = content if isinstance(content, bytes) else content.encode()
+    (folder / name).write_bytes(data)
+    line = refused(["solve", "net.json", option, "net.csv"], capsys)
+    assert line == (
+        f"jaxcable: {name}: there already, and no table of this program; net.csv would replace it: "
+        "give another name"
+    )
+    assert (folder / name).read_bytes() == data
+    assert sorted(path.name for path in folder.iterdir()) == [name, "net.json"]
+
+
+def test_tables_do_not_replace_the_scene(folder, capsys):
+    before = Path("net.json").read_bytes()
+    Path("a-nodes.csv").symlink_to("net.json")
+    Path("b-slack.csv").hardlink_to("net.json")
+    for option, name in (("--save", "a.csv"), ("--report", "b.csv")):
+        refused(["solve", "net.json", option, name], capsys)
+    Path("c-nodes.csv").write_bytes(before)  # a scene under the name of a table
+    line = refused(["solve", "c-nodes.csv", "--save", "c.csv"], capsys)
+    assert line.startswith("jaxcable: c-nodes.csv: ")
+    assert Path("net.json").read_bytes() == before == Path("c-nodes.csv").read_bytes()
+
+
+def test_two_files_of_a_call_have_two_names(folder, capsys):
+    for words, name in (
+        (["--save", "a.csv", "--save", "./a.csv"], "a-nodes.csv"),
+        (["--save", "a.csv", "--save", "a.CSV"], "a-nodes.csv"),
+        (["--save", "a.json", "--report", "a.json"], "a.json"),
+    ):
+        line = refused(["solve", "net.json", *words], capsys)
+        assert line == f"jaxcable: {name}: named for two files that this command writes"
+    Path("a.vtk").write_text("old")
+    Path("b.vtk").hardlink_to("a.vtk")
+    line = refused(["solve", "net.json", "--save", "a.vtk", "--save", "b.vtk"], capsys)
+    assert line == "jaxcable: b.vtk: named for two files that this command writes"
+
+
+def test_a_path_without_a_name_has_no_picture_beside_it(folder, capsys):
+    for command in ("plot", "view"):
+        for path, named in ((".", "."), ("", "scene"), ("/", "/")):
+            line = refused([command, path], capsys)
+            assert line == f"jaxcable: {named}: is no name of a file"
+
+
+def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_marks(folder, capsys):
+    """Files of others may well speak of this program."""
+    page, notes = "<html><h1>What I know of jaxcable</h1>", b"\x89PNG made of a result of jaxcable"
+    Path("net.html").write_text(page)
+    Path("net.png").write_bytes(notes)
+    Path("hypar_net.png").write_bytes(notes)
+    for words, name, option in (
+        (["view", "net.json"], "net.html", "--save"),
+        (["plot", "net.json"], "net.png", "--save"),
+        (["demo"], "hypar_net.png", "--plot"),
+    ):
+        line = refused(words, capsys)
+        assert line == (
+            f"jaxcable: {name}: there already, and not of this program; {option} names another file"
+        )
+    assert Path("net.html").read_text() == page and Path("net.png").read_bytes() == notes
+    assert Path("hypar_net.png").read_bytes() == notes
+    scene = Path("net.json").read_bytes()
+    Path("scene.schema.json").write_bytes(scene)  # no schema, whatever it is called
+    assert main(["new", "mast", "--force"]) == 0
+    assert Path("scene.schema.json").read_bytes() == scene
+
+
+def test_tables_of_this_program_are_known_and_replaced(tmp_path, monkeypatch, capsys):
+    """As they are written, for cables and for beams; the same command may run again."""
+    monkeypatch.chdir(tmp_path)
+    for name, scene in (
+        ("net", jc.scenes.flat_net(increments=(1, 1))),
+        ("arch", jc.scenes.strung_arch()),
+    ):
+        jc.save_scene(f"{name}.json", scene)
+        words = ["solve", f"{name}.json", "--report", f"{name}.csv", "--save", f"{name}.CSV"]
+        assert main([*words, "--quiet"]) == 0
+        first = {path.name: path.read_bytes() for path in tmp_path.glob(f"{name}-*.csv")}
+        assert {f"{name}-nodes.csv", f"{name}-members.csv", f"{name}-summary.csv"} <= first.keys()
+        names = {path.name for path in derived.files(f"{name}.csv", derived.REPORT)}
+        names |= {path.name for path in derived.files(f"{name}.csv", derived.RESULT)}
+        assert first.keys() <= names  # no table that is not looked for
+        for path in tmp_path.glob(f"{name}-*.csv"):
+            lines = list(csv.reader(path.read_text().splitlines()))
+            path.write_text(",".join(lines[0]) + "\n")
+        assert main([*words, "--quiet"]) == 0
+        again = {path.name: path.read_bytes() for path in tmp_path.glob(f"{name}-*.csv")}
+        assert again == first
+    assert set(derived.RESULT) == set(tables(scene.structure, jc.solve(*scene)))
+    assert capsys.readouterr().err == ""
+
+
+def test_suffixes_may_be_in_capitals(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    jc.save_scene("net.json", jc.scenes.flat_net(increments=(1, 1)))
+    names = ["R.JSON", "R.NPZ", "R.VTK", "R.PY", "R.DXF"]
+    saves = [word for name in names for word in ("--save", name)]
+    words = ["solve", "net.json", *saves, "--report", "R.TXT", "--plot", "R.PNG", "--quiet"]
+    assert main(words) == 0
+    found = {path.name for path in tmp_path.iterdir()}
+    assert found == {*names, "R.TXT", "R.PNG", "net.json"}
+    for name in ("R.JSON", "R.NPZ"):
+        assert "tension" in jc.files.load_result(name)
