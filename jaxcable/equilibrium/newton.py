@@ -66,9 +66,9 @@ class Newton:
             load, too, and what earlier increments have left stays as it is; if rounding leaves less
             than half of the digits of the load, the status is AT_ROUNDING (`balance`; not in
             float32). The residual that the rounding of the displacements leaves,
-            ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`). Nets of cables are iterated with nearly
-            twice the digits: there it is ``8 eps^2 u/L EA``. Where it is more than 1 % of the
-            forces of a net under load, the status is AT_ROUNDING.
+            ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`). Nets of
+            cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L EA``. Where
+            it is more than 1 % of the forces of a net under load, the status is AT_ROUNDING.
         max_steps: steps allowed per increment; after them the status is NOT_CONVERGED, or says
             more exactly why: AT_ROUNDING, COLLAPSED.
         linear_solver: "dense", "superlu" (SciPy), "cholmod" (if `cvxopt` is installed) or "pardiso"
