@@ -43,6 +43,14 @@ def test_a_weight_above_the_peak(part):
     assert "peak" in jc.describe(status.BEYOND_PEAK)
 
 
+def test_the_peak_is_the_reason_where_steps_end_beyond_it():
+    """A few steps find the strain without a fall; none is left to look on the falling branch."""
+    load = hanger(1.01 * PEAK)
+    codes = [int(jc.solve(*load, jc.Newton(max_steps=k)).status) for k in range(1, 12)]
+    assert status.BEYOND_PEAK in codes and status.OK not in codes
+    assert int(jc.solve(*load).status) == status.MATERIAL_FAILURE  # the curve ends before it rises
+
+
 @pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers over many decades
 def test_random_nets_of_falling_laws_end_with_a_reason():
     """Load and prestress over decades: an equilibrium, a broken curve, a peak, or rounding."""
@@ -52,7 +60,7 @@ def test_random_nets_of_falling_laws_end_with_a_reason():
         assert wrong is None
         ended[name] += 1
     assert set(ended) <= {"OK", "MATERIAL_FAILURE", "BEYOND_PEAK", "AT_ROUNDING"}
-    assert ended["OK"] >= 30 and ended["BEYOND_PEAK"] >= 2 and ended["AT_ROUNDING"] <= 2
+    assert ended["OK"] >= 30 and ended["AT_ROUNDING"] <= 2
 
 
 def test_two_cables_share_what_one_cannot_carry():

@@ -13,7 +13,7 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, has_chord, relative
+from ..mechanics.chords import Chords, pushes, relative
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
 from .balance import Balance, Method, given_up, limit
@@ -45,7 +45,7 @@ class Iterate:
         stepless: whether the reason for `arrival` is that no usable step was found.
         shift, sprint: policies of `globalisation`; None where one does not apply.
         tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
-        predicted: policy of others, `predicted.Predicted`; None where no element has two ends.
+        predicted: policy of others, `predicted.Predicted`; None where all only pull.
         begun: largest residual at the start of the increment, N.
         waits: steps so far with a residual small beside the forces, see `balance`.
         steps: number of Newton steps so far.
@@ -111,7 +111,7 @@ class Task:
         self.net = system.is_net
         self.judges = not system.always_convex
         self.loaded = loaded(system) if self.net else None
-        self.predicts = not self.net and any(has_chord(group) for group in system.groups)
+        self.predicts = not self.net and pushes(system.groups)
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.net
         self.sprints = tension_only or system.may_be_unsymmetric
@@ -359,7 +359,7 @@ class Task:
 
         Returns:
             Matrix, shift on its diagonal, whether it has predicted forces, and the derivatives of
-            axial forces by lengths; the last two None where no element has two ends.
+            axial forces by lengths; the last two None where none are predicted.
         """
         tangents, chords = it.elements
         size, on, slopes = largest(it.residual), None, None

@@ -5,8 +5,9 @@ sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside th
 because stiff cables that swing let plain Newton steps creep: see `tensions`. For all others:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Elements
-   with two ends have the axial force that the last step predicts, in ``K`` and in the line search,
-   because stiff bars that turn let plain steps creep, too: see `predicted`. The shift
+   with two ends, beside bars or beams, have the axial force that the last step predicts, in ``K``
+   and in the line search, because stiff bars that turn let plain steps creep, too: see
+   `predicted`. The shift
    vanishes with the residual, so that convergence stays quadratic even where loose nodes leave
    ``K`` singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not
    positive definite, the iteration only enlarges ``kappa``.
@@ -215,7 +216,9 @@ def _iterated(system, x, method, active, factored, judge, balance=None, only=Fal
     pairs = zip(system.tensions(at), convex.tensions(at), strict=True)
     apart = jnp.max(jnp.concatenate([jnp.abs(force - risen) for force, risen in pairs]))
     below = found & (apart <= limit(method, x.dtype) * first.scale)
-    end = ended(system, at, active & ~below, first.factored, first.steps)
+    # an iteration that has found nothing does not count
+    steps = jnp.where(found, first.steps, 0)
+    end = ended(system, at, active & ~below, first.factored, steps)
     lost = (end.code == status.NOT_CONVERGED) | (end.code == status.MECHANISM)
     near = _is_at_rounding(convex, largest(first.residual), largest(first.rounding))
     near = ~found & near & (end.code == status.NOT_CONVERGED)

@@ -3,8 +3,8 @@
 A step sideways lengthens a bar in second order. Where EA is large, its force EA e at the next point
 is then larger than the true one by orders of magnitude: the geometric stiffness N/l resists the
 next step, and the line search allows tiny steps only. Nets of cables have their tensions as
-unknowns (`tensions`). All other structures iterate with a second number N^ for each element, its
-force after the last step by the linear equations of this step,
+unknowns (`tensions`). Structures with bars or beams iterate with a second number N^ for each
+element with two ends, its force after the last step by the linear equations of this step,
 
     (K + sum of (N^ - N)/l (I - n n^T)) p = -R,      N^_new = N + k n.p,
 

@@ -95,6 +95,11 @@ def has_chord(group: Element) -> bool:
     return group.links.shape[1] - group.n_inner_row == 2
 
 
+def pushes(groups: Sequence[Element]) -> bool:
+    """Whether any element with two ends may be in compression."""
+    return any(has_chord(group) and not group.tension_only for group in groups)
+
+
 def tension_only(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:
     """Which of the elements with chords can only pull, known on the host."""
     return np.concatenate(
