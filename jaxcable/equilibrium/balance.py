@@ -28,7 +28,7 @@ _OF_LOAD = 50.0  # tolerance beside a small load over that beside the forces: 5e
 _KEPT = 0.9  # part of the tolerance that what stays unbalanced may take
 _SMALL = 1e-2  # added load over the forces up to which it is small: beyond, tol is 1e-8 of it
 _SOON = 20  # steps for which it stays: a small load takes a few
-_WAITS = 3  # steps within the tolerance of the forces after which rounding hides the load's
+_WAITS = 10  # steps within the tolerance of the forces after which rounding hides the load's
 _HALF = 0.25  # residual over the load, in square roots of eps, up to which half of the digits hold
 
 
