@@ -1,14 +1,14 @@
-"""When an increment is in equilibrium: its residual is small beside the forces and beside its load.
+"""Convergence of an increment: a residual small beside the forces and beside the load of the phase.
 
 A residual of 1e-10 of the forces may be more than a small load on a highly prestressed structure:
-judged by the forces alone, such a load would move nothing. Hence what an increment adds to the dead
-loads at nodes is a second measure. Against it stands what earlier increments have left unbalanced
-within their tolerance: this stays, as if it were a load, so that the step that it would cause does
-not add to that of the load.
+judged by the forces alone, such a load would move nothing. Hence what a phase adds to the dead
+loads at nodes is a second measure. The residual that earlier increments have left within their
+tolerance is carried along as a constant load: otherwise its correction would be added to the
+displacement of this increment.
 
-Where rounding hides so small a residual, the iteration waits some steps; then the equilibrium is
-good if the residual leaves half of the digits of the load, and AT_ROUNDING if not. In float32,
-whose forces have seven digits at all, only the forces count.
+If the residual meets the first criterion but not the second, and falls no more, some steps are
+taken in vain. Then the equilibrium is good if the residual leaves half of the digits of the load,
+and AT_ROUNDING if not. In float32, whose forces have seven digits at all, only the forces count.
 """
 
 from __future__ import annotations
@@ -24,12 +24,14 @@ from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
 from .newton_step import largest
 
-_OF_LOAD = 50.0  # tolerance beside a small load over that beside the forces: 5e-9 of the load
-_KEPT = 0.9  # part of the tolerance that what stays unbalanced may take
-_SMALL = 1e-2  # added load over the forces up to which it is small: beyond, tol is 1e-8 of it
-_SOON = 20  # steps for which it stays: a small load takes a few
-_WAITS = 10  # steps within the tolerance of the forces after which rounding hides the load's
+_OF_LOAD = 50.0  # factor on tol for a small load: 5e-9 of it
+_SMALL = 1e-2  # load over the forces up to which it is small: beyond, tol is 1e-8 of it
+_CARRIED = 0.9  # largest carried residual, over the tolerance
+_CARRIED_STEPS = 20  # steps for which it is carried: a small load takes a few
+_VAIN_STEPS = 10  # steps without halving the residual after which rounding holds it
 _HALF = 0.25  # residual over the load, in square roots of eps, up to which half of the digits hold
+_GRANTED = 1e-3  # residual over the load up to which the rounding of displacements is granted
+_NONE = 64.0  # load in roundings (eps) of the forces up to which it is none, as a sine of pi is
 
 
 class Method(Protocol):
@@ -61,7 +63,7 @@ class Balance:
 
     Attributes:
         left: residual that the increments before have left, [n_free], N.
-        load: largest dead load that the increment adds at a node, N; infinite if it adds none.
+        load: largest dead load that the phase adds at a node, N; infinite if it adds none.
     """
 
     left: Float[Array, " n_free"]
@@ -69,30 +71,35 @@ class Balance:
 
     @classmethod
     def of(
-        cls, system: System, left: Float[Array, " n_free"], before: Float[Array, "n_row n_freedom"]
+        cls,
+        system: System,
+        left: Float[Array, " n_free"],
+        begun: Float[Array, "n_row n_freedom"],
+        factor: Float[Array, ""],
     ) -> Balance:
-        """The balance of an increment after which the dead load is that of `system`.
+        """The balance of an increment.
 
         Args:
             system: `System` of the increment.
             left: as of `Balance`.
-            before: dead load before the increment, [n_row, n_freedom], N and N m.
+            begun: dead load at the start of the phase, [n_row, n_freedom], N and N m.
+            factor: load factor of the increment; at 0 nothing is added.
         """
-        load = jnp.max(system.space.size(system.load - before), initial=0.0)
+        load = jnp.max(system.space.size(system.load - begun)) / factor
         return cls(left, jnp.where(load > 0, load, jnp.inf))
 
     @jax.jit  # one function in a program
-    def kept(
+    def carried(
         self, scale: Float[Array, ""], tol: Float[Array, ""], steps: Int[Array, ""]
     ) -> Float[Array, " n_free"]:
-        """What stays unbalanced [n_free], N, after so many steps.
+        """The residual that is carried along after so many steps, [n_free], N.
 
         Only beside a load that is small beside the force `scale`, N, that residuals are judged by,
         and only for some steps: where all elements of a node go slack, nothing can balance it.
         """
-        kept = largest(self.left) <= _KEPT * tol * scale
-        kept = kept & (self.load <= _SMALL * scale) & (steps <= _SOON)
-        return jnp.where(kept, self.left, 0.0)
+        small = largest(self.left) <= _CARRIED * tol * scale
+        small = small & (self.load <= _SMALL * scale) & (steps <= _CARRIED_STEPS)
+        return jnp.where(small, self.left, 0.0)
 
     def judged(
         self,
@@ -102,23 +109,25 @@ class Balance:
         begun: Float[Array, ""],
         tol: Float[Array, ""],
     ) -> tuple[Bool[Array, ""], Bool[Array, ""]]:
-        """Whether a residual is small beside what is added, and whether it hides half the digits.
+        """Return whether a residual is small beside the load, and whether half its digits are lost.
 
         Args:
             residual: N.
-            granted: what rounding of displacements leaves of it, N.
-            scale: force that it is judged by; a load below the rounding of this is none, N.
-            begun: largest residual at the start of the increment, N; to it statements of prestress
-                and movements of supports contribute, beside which a load need not be seen.
+            granted: what the rounding of displacements leaves of it, N.
+            scale: force that it is judged by, N.
+            begun: largest residual at the start of the increment, N. It includes statements of
+                prestress and movements of supports: a load that is small beside them need not be
+                resolved.
             tol: tolerance beside the scale.
         """
         added, eps = jnp.maximum(self.load, begun), jnp.finfo(residual.dtype).eps
-        met = jnp.all(jnp.abs(residual) <= jnp.maximum(_OF_LOAD * tol * added, granted))
-        met = met | (added > _SMALL * scale)
-        hides = largest(residual) > _HALF * eps**0.5 * added
-        return met, ~met & hides & (self.load > eps * scale)
+        allowed = jnp.maximum(_OF_LOAD * tol * added, jnp.minimum(granted, _GRANTED * added))
+        met = jnp.all(jnp.abs(residual) <= allowed) | (added > _SMALL * scale)
+        lost = largest(residual) > _HALF * eps**0.5 * added
+        lost = lost & (self.load > _NONE * eps * scale)
+        return met, ~met & lost
 
 
-def given_up(waits: Int[Array, ""]) -> Bool[Array, ""]:
-    """Whether so many steps have not brought the residual down, so that rounding must hold it."""
-    return waits >= _WAITS
+def in_vain(steps: Int[Array, ""]) -> Bool[Array, ""]:
+    """Whether so many steps that have not halved the residual are enough."""
+    return steps >= _VAIN_STEPS

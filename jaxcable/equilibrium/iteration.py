@@ -16,7 +16,7 @@ from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, pushes, relative
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
-from .balance import Balance, Method, given_up, limit
+from .balance import Balance, Method, in_vain, limit
 from .globalisation import ASTRAY, Shift, Sprint
 from .newton_step import direction, largest
 from .predicted import Predicted, in_turn, part_of_turn
@@ -47,7 +47,7 @@ class Iterate:
         tensions: policy of nets of cables, `tensions.Tensions`; None for other structures.
         predicted: policy of others, `predicted.Predicted`; None where all only pull.
         begun: largest residual at the start of the increment, N.
-        waits: steps so far with a residual small beside the forces, see `balance`.
+        vain: steps within the tolerance of forces that have not halved the residual (`balance`).
         steps: number of Newton steps so far.
         code: status so far; negative before the first evaluation.
         factored: the last matrix that a sparse solve has factorised, see `linear.solve_next`.
@@ -72,7 +72,7 @@ class Iterate:
     tensions: Tensions | None
     predicted: Predicted | None
     begun: Float[Array, ""]
-    waits: Int[Array, ""]
+    vain: Int[Array, ""]
     steps: Int[Array, ""]
     code: Int[Array, ""]
     factored: Factored | None
@@ -140,7 +140,7 @@ class Task:
             tensions=Tensions.init(self.system, self.begin) if self.net else None,
             predicted=Predicted.init(self.system, zero.dtype) if self.predicts else None,
             begun=zero,
-            waits=jnp.int32(0),
+            vain=jnp.int32(0),
             steps=jnp.int32(0),
             code=jnp.int32(-1),  # nothing evaluated yet
             factored=factored,
@@ -152,9 +152,9 @@ class Task:
 
     def iterate(self, it: Iterate) -> Iterate:
         """Evaluate the point that is tried, decide whether to accept it, and make the next step."""
-        exact = self._to_be_exact(it)
+        exact, before = self._to_be_exact(it), largest(it.residual)
         it, taken, found, over = self._tried(it, exact)
-        it, converged = self._known(it, over)
+        it, converged = self._known(it, over, before)
         if self.net:  # a long step may lead to where the fine part matters after all
             converged = converged & (exact | ~self._to_be_exact(it))
         it, reevaluate = self._steered(it, taken, found, over, converged)
@@ -194,7 +194,7 @@ class Task:
         return new, it.search.length, fine & ~it.stepless, ~again
 
     def _evaluated(self, x, steps, exact=True):
-        """Residual less what stays unbalanced, scale, rounding, and `Iterate.elements`."""
+        """Residual less the carried one, scale, rounding, and `Iterate.elements`."""
         if self.net:
             elements = Pulls.of(self.system, x, exact)
             residual, scale, rounding = elements.judged(self.system, x)
@@ -204,11 +204,13 @@ class Task:
             chords = Chords.of(self.system, x, end_forces) if self.predicts else None
             residual, scale = self.system.residual_and_scale(x, end_forces)
             elements = tangents, chords
-        return residual - self.kept(scale, steps), scale, rounding, elements
+        return residual - self.carried(scale, steps), scale, rounding, elements
 
-    def kept(self, scale: Float[Array, ""], steps: Int[Array, ""]) -> Float[ArrayLike, " n_free"]:
-        """What stays unbalanced after so many steps, see `balance.Balance`, [n_free], N."""
-        return 0.0 if self.balance is None else self.balance.kept(scale, self.tol, steps)
+    def carried(
+        self, scale: Float[Array, ""], steps: Int[Array, ""]
+    ) -> Float[ArrayLike, " n_free"]:
+        """The residual that is carried along after so many steps, see `balance`, [n_free], N."""
+        return 0.0 if self.balance is None else self.balance.carried(scale, self.tol, steps)
 
     def _slope(self, it, x, residual, elements):
         """Derivative of the energy along the step at x, under forces as the search sees them."""
@@ -224,14 +226,16 @@ class Task:
         if not self.net:
             return False
         # rounding is that of a fine part, of eps times the displacement and not eps^2
-        wanted = self.tol * it.scale
+        eps, least = jnp.finfo(it.scale.dtype).eps, it.scale
         if self.balance is not None:
-            wanted = jnp.minimum(wanted, self.tol * self.balance.load)
-        eps = jnp.finfo(it.scale.dtype).eps
-        return (it.code < 0) | (largest(it.rounding) > _FINE * eps * wanted)
+            least = jnp.minimum(least, self.balance.load)
+        return (it.code < 0) | (largest(it.rounding) > _FINE * eps * self.tol * least)
 
-    def _known(self, it, over):
-        """Note what the evaluation says, and find out whether x is an equilibrium."""
+    def _known(self, it, over, before):
+        """Note what the evaluation says, and find out whether x is an equilibrium.
+
+        `before` is the largest residual at the point before, N.
+        """
         first = it.code < 0
         finite = jnp.all(jnp.isfinite(it.residual)) & jnp.isfinite(it.scale)
         code = jnp.where(finite, status.OK, status.NONFINITE)
@@ -249,15 +253,16 @@ class Task:
         elif it.rounding is not None:
             it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
             granted = jnp.maximum(it.rounding, it.came_from)
-        balanced = it.residual + self.kept(it.scale, it.steps)
+        balanced = it.residual + self.carried(it.scale, it.steps)
         converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * it.scale, granted))
         if self.balance is None:
             return it, converged
-        waits = it.waits + (converged & over)
-        met, hides = self.balance.judged(it.residual, granted, it.scale, it.begun, self.tol)
-        ends = converged & (met | given_up(waits) | (it.steps >= self.method.max_steps))
-        code = jnp.where(ends & hides, status.AT_ROUNDING, it.code)
-        return copy(it, waits=waits, code=code.astype(jnp.int32)), ends
+        halved = largest(it.residual) < 0.5 * before
+        vain = it.vain + (converged & over & ~halved)
+        met, lost = self.balance.judged(it.residual, granted, it.scale, it.begun, self.tol)
+        ends = converged & (met | in_vain(vain) | (it.steps >= self.method.max_steps))
+        code = jnp.where(ends & lost, status.AT_ROUNDING, it.code)
+        return copy(it, vain=vain, code=code.astype(jnp.int32)), ends
 
     def _steered(self, it, taken, found, over, converged):
         """Update the policies and the status after an evaluation.

@@ -4,10 +4,9 @@ Each iteration factorises at most once (see 4). Nets of cables under dead loads 
 sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside the displacements,
 because stiff cables that swing let plain Newton steps creep: see `tensions`. For all others:
 
-1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Elements
-   with two ends, beside bars or beams, have the axial force that the last step predicts, in ``K``
-   and in the line search, because stiff bars that turn let plain steps creep, too: see
-   `predicted`. The shift
+1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Bars, and
+   cables beside them, have the axial force that the last step predicts, in ``K`` and in the line
+   search, because stiff bars that turn let plain steps creep, too: see `predicted`. The shift
    vanishes with the residual, so that convergence stays quadratic even where loose nodes leave
    ``K`` singular (regularised Newton; Li, Fukushima, Qi, Yamashita 2004). If the matrix is not
    positive definite, the iteration only enlarges ``kappa``.
@@ -62,11 +61,11 @@ class Newton:
 
     Args:
         tol: largest residual at a free freedom, relative to the largest over nodes of (sum of
-            absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. Where an
-            increment adds a load below 1 % of this force, the residual is at most 50 tol of that
-            load, too, and what earlier increments have left stays as it is; if rounding leaves less
-            than half of the digits of the load, the status is AT_ROUNDING (`balance`; not in
-            float32). The residual that the rounding of the displacements leaves,
+            absolute end forces + load); at least 64 eps. Default 1e-10, in float32 1e-5. Where a
+            phase adds dead loads below 1 % of this force, the residual is at most 50 tol of the
+            largest of these, too, and what earlier increments have left is carried along; if
+            rounding leaves less than half of the digits of the load, the status is AT_ROUNDING
+            (`balance`; not in float32). The residual that the rounding of the displacements leaves,
             ``8 eps u/L (EA along, 12 EI/L^2 across)``, is allowed, too (`path.rounding`). Nets of
             cables are iterated with nearly twice the digits: there it is ``8 eps^2 u/L EA``. Where
             it is more than 1 % of the forces of a net under load, the status is AT_ROUNDING.
@@ -205,17 +204,24 @@ def _iterated(system, x, method, active, factored, judge, balance=None, only=Fal
         task = Task(system, x, method, judge, balance, only)
         start = copy(task.start(factored), steps=steps)
         end = lax.while_loop(lambda it: active & ~it.done, task.iterate, start)
-        return copy(end, residual=end.residual + task.kept(end.scale, end.steps))
+        return copy(end, residual=end.residual + task.carried(end.scale, end.steps))
 
     convex, none = system.risen(), jnp.int32(0)
     if system.is_net or not convex.is_net:
         return ended(system, x, active, factored, none)
-    first = ended(convex, x, active & ~jnp.asarray(only), factored, none)
+
+    def below_peaks(x):
+        pairs = zip(system.tensions(x), convex.tensions(x), strict=True)
+        apart = [(jnp.abs(force - risen), jnp.abs(risen)) for force, risen in pairs]
+        apart, size = (jnp.max(jnp.concatenate(forces)) for forces in zip(*apart, strict=True))
+        return apart <= limit(method, x.dtype) * size
+
+    x = coarse(x)
+    # from beyond a peak the branch is followed on which the increment before has ended
+    first = ended(convex, x, active & below_peaks(x) & ~jnp.asarray(only), factored, none)
     found = active & (first.code == status.OK)
-    at = where(found, coarse(first.x), coarse(x))
-    pairs = zip(system.tensions(at), convex.tensions(at), strict=True)
-    apart = jnp.max(jnp.concatenate([jnp.abs(force - risen) for force, risen in pairs]))
-    below = found & (apart <= limit(method, x.dtype) * first.scale)
+    at = where(found, coarse(first.x), x)
+    below = found & below_peaks(at)
     # an iteration that has found nothing does not count
     steps = jnp.where(found, first.steps, 0)
     end = ended(system, at, active & ~below, first.factored, steps)
@@ -338,13 +344,14 @@ def march(
     x = first = begun.refined(x)
 
     def step(carry, increment):
-        x, code, memory, factored, seen, left, load = carry
+        x, code, memory, factored, seen, left = carry
         factor, live = increment
         system, judge = ramp.at(factor, memory), method.watch | (factor == 1)
-        active, starts = live & (code == status.OK), (factor == 0) & (code == status.OK)
-        balance = Balance.of(system, left, load)
+        good, at_start = code == status.OK, factor == 0
+        active, starts = live & good, at_start & good
+        balance = Balance.of(system, left, begun.load, factor)
         end = _iterated(system, x, method, active | starts, factored, judge, balance, starts)
-        begins, ended = fresh & (factor == 0), active & (end.code <= status.OK)
+        begins, ended = fresh & at_start, active & (end.code <= status.OK)
         motion, broken = where(begins, first, end.x), False
         new = lax.cond(
             begins | ended,
@@ -362,12 +369,12 @@ def march(
         outcome = copy(outcome, code=code)
         if tell is not None:
             lax.cond(live, lambda: tell(factor, outcome), lambda: None)
-        carry = outcome.x, code, memory, end.factored, new, end.residual, system.load
+        carry = outcome.x, code, memory, end.factored, new, end.residual
         return carry, (outcome.x, outcome.log, new.of_path)
 
     left = jnp.zeros(ramp.freedoms.free.shape[0], x.dtype)
-    start = x, code, ramp.memory, factored, seen, left, begun.load
-    (_, _, memory, factored, seen, *_), (xs, log, readings) = lax.scan(step, start, increments)
+    start = x, code, ramp.memory, factored, seen, left
+    (_, _, memory, factored, seen, _), (xs, log, readings) = lax.scan(step, start, increments)
     return xs, log, readings, seen, memory, factored
 
 

@@ -3,18 +3,19 @@
 A step sideways lengthens a bar in second order. Where EA is large, its force EA e at the next point
 is then larger than the true one by orders of magnitude: the geometric stiffness N/l resists the
 next step, and the line search allows tiny steps only. Nets of cables have their tensions as
-unknowns (`tensions`). Structures with bars or beams iterate with a second number N^ for each
-element with two ends, its force after the last step by the linear equations of this step,
+unknowns (`tensions`). In structures with bars, every bar and cable has a predicted force N^ beside
+its force N: that at the end of the last step, linearized at the start of that step,
 
     (K + sum of (N^ - N)/l (I - n n^T)) p = -R,      N^_new = N + k n.p,
 
 with the chord's direction n and length l, and k the derivative of N by l. The residual R is the
 true one, so that the iteration ends in equilibrium. The line search sees forces cut to 3 |N^_new|:
-the exact penalty of the constraint l = L(N) in the sense of sequential quadratic programming, down
-which p leads wherever the matrix is definite. At the end N^ = N, and the iteration is Newton's.
+the exact penalty of the constraint l = L(N) in the sense of sequential quadratic programming, of
+which p is a descent direction where the matrix is positive definite. At the end N^ = N, and the
+iteration is Newton's.
 
-Predicted forces can cycle, as a cable between slack and taut does: every 40 such steps are followed
-by 10 of Newton's own with the line search on true forces.
+Predicted forces can cycle, for example where a cable alternates between slack and taut: every 40
+such steps are followed by 10 of Newton's own with the line search on true forces.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -45,7 +46,7 @@ class Predicted:
     Attributes:
         force: N^ of every element with a chord, [n], N.
         limit: force beyond which the line search does not follow, [n], N.
-        known: whether the last step has predicted N^; else the forces at the point stand for it.
+        known: whether the last step has predicted N^; if not, the current forces are used.
     """
 
     force: Float[Array, " n"]
@@ -60,7 +61,7 @@ class Predicted:
 
     def beyond_limit(self, force: Float[Array, " n"]) -> Float[Array, " n"]:
         """The part of a force that is cut in the line search, [n], N."""
-        return force - jnp.clip(force, -self.limit, self.limit)
+        return force - lax.clamp(-self.limit, force, self.limit)
 
     def forces_at(self, chords: Chords, on: Bool[Array, ""]) -> Float[Array, " n"]:
         """Forces of the geometric stiffness: predicted ones where these are `on`, [n], N."""
@@ -69,7 +70,7 @@ class Predicted:
     def stepped(self, system: System, force: Float[Array, " n"], on: Bool[Array, ""]) -> Predicted:
         """The policy for a step that leads to `force` [n], N, by linear equations.
 
-        Unless forces are predicted (`on`), none is cut in the search.
+        Without prediction (`on` False) the line search uses true forces.
         """
         least = np.where(tension_only(system.groups), 0.0, -np.inf).astype(force.dtype)
         force = jnp.maximum(force, least)

@@ -1,7 +1,7 @@
 """Axial forces of elements with two ends, along the chords between these.
 
-They are read from end forces and tangents, so that bars, cables, beams and elements of users have
-them without a formula of their own.
+They are read from end forces and tangents, so that bars, cables and elements of users have them
+without a formula of their own.
 """
 
 from __future__ import annotations
@@ -16,9 +16,6 @@ from ..common.types import Array, Bool, Float
 from ..elements.element import Element
 from ..spaces.space import Motion
 from .assembly import EndForces, System
-
-_BETWEEN_ENDS = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.ones((3, 3)))
-"""Signs with which a block of relative displacements enters the matrix of both ends, [6, 6]."""
 
 
 @pytree
@@ -61,8 +58,7 @@ class Chords:
         blocks = []
         for group, matrix in zip(system.groups, tangents, strict=True):
             if has_chord(group):
-                at = group.n_freedom
-                blocks.append(matrix[:, at : at + 3, at : at + 3])
+                blocks.append(matrix[:, 3:, 3:])
         return jnp.einsum("ni,nij,nj->n", self.along, jnp.concatenate(blocks), self.along)
 
     def stiffened(
@@ -75,24 +71,24 @@ class Chords:
         density = (force - self.force) / self.length
         square = self.along[:, :, None] * self.along[:, None, :]
         block = density[:, None, None] * (jnp.eye(3, dtype=density.dtype)[None] - square)
-        of_ends = jnp.tile(block, (1, 2, 2)) * _BETWEEN_ENDS.astype(density.dtype)[None]
+        row = jnp.concatenate([block, -block], axis=2)
+        of_ends = jnp.concatenate([row, -row], axis=1)
         found, start = [], 0
         for group, matrix in zip(system.groups, tangents, strict=True):
             if has_chord(group):
                 own = of_ends[start : start + len(matrix)]
                 start += len(matrix)
-                if matrix.shape[-1] == len(_BETWEEN_ENDS):
-                    matrix = matrix + own
-                else:
-                    at = np.r_[:3, group.n_freedom : group.n_freedom + 3]
-                    matrix = matrix.at[:, at[:, None], at].add(own)
+                matrix = matrix + own
             found.append(matrix)
         return found
 
 
 def has_chord(group: Element) -> bool:
-    """Whether the elements of a group have two ends."""
-    return group.links.shape[1] - group.n_inner_row == 2
+    """Whether the elements of a group have two ends without rotations.
+
+    Predicted forces of beams make columns beyond their buckling loads converge less often.
+    """
+    return group.links.shape[1] == 2 and not group.rotates
 
 
 def pushes(groups: Sequence[Element]) -> bool:
