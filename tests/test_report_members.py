@@ -252,8 +252,12 @@ def test_stresses_beyond_the_linear_range_are_those_of_the_fibres():
     assert told.status == 0
     every = np.asarray(jc.fibre_stress(structure, solution.phases[0]))
     (end,), (ever,) = (rows(told.tables[n]) for n in ("stresses", "stress_envelope"))
-    assert (end["lowest"], end["highest"]) == (every[-1].min(), every[-1].max())
-    assert (ever["lowest"], ever["highest"]) == (every.min(), every.max())
+
+    def alike(*values):  # two programs: the last digit may differ
+        return pytest.approx(values, rel=4 * np.finfo(float).eps, abs=0.0)
+
+    assert (end["lowest"], end["highest"]) == alike(every[-1].min(), every[-1].max())
+    assert (ever["lowest"], ever["highest"]) == alike(every.min(), every.max())
     assert every.max() > 1e6 and end["used"] == pytest.approx(np.abs(every[-1]).max() / 1.2e6)
     assert end["z "] == pytest.approx(-0.095)
     # the outermost fibre has its centre at 95 mm of 100
