@@ -55,6 +55,16 @@ def not_negative(
     return Rule(name, values, lambda v: v < 0, text)
 
 
+def whole(name: str, values: ArrayLike | None, text: str = "expected a whole number") -> Rule:
+    """The rule that numbers have no fraction."""
+
+    def broken(v):
+        # the remainder of an integer, which is zero, makes a long program
+        return v != v if jnp.issubdtype(jnp.result_type(v), jnp.integer) else v % 1 != 0
+
+    return Rule(name, values, broken, text)
+
+
 def refuse(rules: Sequence[Rule]) -> None:
     """Raise ValueError for the first rule that known numbers break, naming the argument and index.
 

@@ -210,6 +210,10 @@ class Pulling(Element):
         """Whether the elements have such a number in this state."""
         return True
 
+    def is_straight(self, state: OwnState) -> bool:
+        """Whether they are straight between nodes, which they pull along their pieces."""
+        return False
+
     @abc.abstractmethod
     def pulled(self, state: OwnState, ends: Ends, motion: Motion) -> Pull:
         """The `Pull` at a point."""

@@ -58,6 +58,10 @@ class TensionOnly(Straight, Pulling):
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
+    def is_straight(self, state: AxialState) -> bool:
+        """Whether they are straight between nodes: all are, but for those that hang."""
+        return True
+
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
         """Tension and what belongs to it at a point, see `Pulling`."""
         tension, slope = self.stretched(state, ends, motion)

@@ -100,6 +100,10 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             return super()._pull(state, ends, motion)
         return self._hang(state, ends, motion)[0]
 
+    def is_straight(self, state: AxialState) -> bool:
+        """Whether no load acts along them in any phase, so that they do not hang."""
+        return state.line_load is None
+
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
         """Tension and what belongs to it; under a load the tension is ``tau - |q| L0/2``."""
         if state.line_load is None:

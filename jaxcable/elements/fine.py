@@ -49,12 +49,11 @@ def brought(
 
 def _remainder(elongation, ends, motion, change, longer):
     """Exact elongation less `longer`, from the changes of the lengths of all pieces, [n, 1]."""
-    places = jnp.concatenate([ends, motion[:, :3]], axis=1)
-    steps, lost = exact.two_sum(places[1:], -places[:-1])
-    moved = exact.two_sum(steps[:, 3:], lost[:, 3:] + _steps(motion[:, 3:]))
-    more = exact.lengthened((steps[:, :3], lost[:, :3]), moved, change)[:, 0]
+    chord, (step, lost) = (exact.two_sum(at[1:], -at[:-1]) for at in (ends, motion[:, :3]))
+    moved = exact.two_sum(step, lost + _steps(motion[:, 3:]))
+    more = exact.lengthened(chord, moved, change)
     if len(more) == 1:
-        return exact.two_sum(elongation, change[0, 0])[1] + more[0]
+        return (exact.two_sum(elongation[None, None], change)[1] + more)[0, 0]
     terms = [change[:, 0], jnp.stack([elongation, -longer, jnp.sum(more)])]
     return exact.total(jnp.concatenate(terms))
 

@@ -10,7 +10,6 @@ from .. import linear
 from ..common import status
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
-from ..linear import Matrix
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 from ..mechanics.chords import Chords, pushes, relative
@@ -18,13 +17,12 @@ from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
 from .balance import Balance, Method, in_vain, limit
 from .globalisation import ASTRAY, Shift, Sprint
-from .newton_step import direction, largest
+from .newton_step import direction, largest, no_stiffness
 from .predicted import Predicted, in_turn, part_of_turn
 from .tensions import Tensions
 
 _RELEASED = 2.0  # residual allowed without load, in roundings (eps) of the forces at the start
 _FINE = 0.05  # rounding of plain displacements over the tolerance, from which they are fine
-_ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _KNOWN = 1e-2  # rounding over the force that residuals are judged by, up to which that is known
 _RUNAWAY = 1e6  # displacement, in structure sizes, that no anchored structure reaches
 _ADRIFT = 1e4  # the same for nets, whose mixed steps end at a part of it
@@ -287,12 +285,14 @@ class Task:
             shift = where(tensions.searching, shift, Shift.init(x.dtype))
             astray = reach > ASTRAY * self.extent
             size = largest(it.residual), it.scale
-            new, point, elsewhere = tensions.steered(x, self.begin, found, *size, astray)
+            new, point, elsewhere = tensions.steered(
+                x, self.begin, found, *size, astray, self.length
+            )
             steered = moved & ~converged & ~it.tensions.searching
             tensions, again = where(steered, new, tensions), steered & elsewhere
             x = where(steered, point, x)
         far = _ADRIFT if self.net else _RUNAWAY
-        runaway = over & (self.system.reach(x) > far * self.extent)
+        runaway = over & (reach > far * self.extent) & ~again
         code = jnp.where((it.code == status.OK) & runaway, status.MECHANISM, it.code)
         stop = over & ((code != status.OK) | spent)
         reevaluate = again & ~stop
@@ -317,11 +317,12 @@ class Task:
         def aim(it):
             tensions, predicted, part = it.tensions, it.predicted, 1.0
             if self.net:
-                equations = tensions.equations(self.system, it.x, it.elements, it.residual)
+                known, size = (it.elements, it.residual, self.length), largest(it.residual)
+                equations = tensions.equations(self.system, it.x, *known)
+                it = copy(it, tensions=equations.policy)
                 rhs, sprinting = equations.rhs, ~tensions.searching
-                matrix = equations.matrix(self.system, it.x, largest(it.residual), self.length)
-                shift = it.shift.on(largest(it.residual), self.length)
-                shift = jnp.where(sprinting, 0.0, shift)
+                matrix = equations.matrix(self.system, it.x, size)
+                shift = jnp.where(sprinting, 0.0, it.shift.on(size, self.length))
             else:
                 rhs, sprinting = -it.residual, jnp.zeros((), bool)
                 if self.sprints:
@@ -331,18 +332,21 @@ class Task:
             step, definite, factored = direction(
                 self.system, matrix, it, rhs, sprinting & (not self.net), self.tol, wanted
             )
-            again = jnp.zeros((), bool)
+            again, stays = jnp.zeros((), bool), converged
             if self.net:
-                tensions, part = equations.taken(self.system, it.x, step, self.length)
-                # once more with a shift above what rounding may have made of no stiffness
-                again = ~definite & ~tensions.doubtful & sprinting
-                tensions = where(again, copy(it.tensions, doubtful=jnp.ones((), bool)), tensions)
+                taken, part, halfway = equations.taken(self.system, it.x, step, definite)
+                if factored is not None:  # the second half of a step has the factor of the first
+                    count = where(it.tensions.halfway, it.factored.count, factored.count)
+                    factored = copy(factored, count=count)
+                stays = converged | halfway
+                tensions, again = it.tensions.checked(taken, definite)
+                again = again | halfway
             slope = it.residual @ step
             if self.predicts:
                 predicted, part, cut = self._predict(it, step, slopes, on)
                 slope = slope - cut
             step, slope = part * step, part * slope
-            usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~converged
+            usable = definite & jnp.isfinite(slope) & ((slope < 0) | sprinting) & ~stays
             return copy(
                 it,
                 step=jnp.where(usable, step, 0.0),
@@ -351,7 +355,7 @@ class Task:
                 stepless=~usable & ~again,
                 tensions=tensions,
                 predicted=where(usable, predicted, it.predicted),
-                steps=it.steps + ~converged,
+                steps=it.steps + ~stays,
                 factored=factored,
                 stable=it.stable | (converged & definite),
                 done=converged,
@@ -392,9 +396,3 @@ class Task:
         predicted = it.predicted.stepped(system, chords.force + slopes * longer, on)
         part = jnp.where(on, part_of_turn(chords.turn(apart)), 1.0)
         return predicted, part, predicted.beyond_limit(chords.force) @ longer
-
-
-def no_stiffness(matrix: Matrix) -> Float[Array, ""]:
-    """Bound of the eigenvalues that rounding makes of a zero one in a tangent, N/m; positive."""
-    size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
-    return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

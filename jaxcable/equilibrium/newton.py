@@ -2,7 +2,10 @@
 
 Each iteration factorises at most once (see 4). Nets of cables under dead loads (straight, hanging,
 sliding, with jacks; `System.is_net`) carry their tensions as unknowns beside the displacements,
-because stiff cables that swing let plain Newton steps creep: see `tensions`. For all others:
+because stiff cables that swing let plain Newton steps creep: see `tensions`. Where Newton's method
+fails for them, an interior-point method follows, with a second-order cone for every straight piece
+(`cones`): its steps hardly grow with the size of a net, nor with what is slack in it. For all
+others:
 
 1. Step ``p`` from ``(K + mu I) p = -R`` with the Levenberg shift ``mu = kappa |R| / l``. Bars, and
    cables beside them, have the axial force that the last step predicts, in ``K`` and in the line
@@ -39,17 +42,18 @@ from jax.typing import DTypeLike
 
 from .. import linear
 from ..common import checks, status
-from ..common.rules import Rule, refuse
+from ..common.rules import Rule, refuse, whole
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
+from ..mechanics.pieces import along_chain
 from ..mechanics.ramp import Ramp
 from ..mechanics.reading import Reading, read
 from ..spaces.translations import coarse
 from .balance import Balance, Method, limit
-from .iteration import Task, no_stiffness
-from .newton_step import WORTH, largest
+from .iteration import Task
+from .newton_step import WORTH, largest, no_stiffness
 
 _MET = 1e-6  # length over initial length at which two nodes have met
 _NEARLY = 8.0  # residual over its rounding up to which it is at rounding
@@ -111,7 +115,7 @@ class Newton:
             Rule("tol", self.tol, lambda v: ~(v > 0), "must be positive"),
             Rule("tol", self.tol, lambda v: v >= 1, large),
             Rule("max_steps", self.max_steps, lambda v: ~(v > 0), "must be positive"),
-            Rule("max_steps", self.max_steps, lambda v: v % 1 != 0, "expected a whole number"),
+            whole("max_steps", self.max_steps),
         ]
 
 
@@ -242,7 +246,7 @@ def _cause(system, end, residual, rounding):
     `residual` and `rounding` are the largest, N.
     """
     ends = [(system.nodes[g.links], end.x[g.links][..., :3]) for g in system.groups]
-    pieces = [jnp.diff(at, axis=1) for at, _ in ends], [jnp.diff(sum(at), axis=1) for at in ends]
+    pieces = [along_chain(at) for at, _ in ends], [along_chain(sum(at)) for at in ends]
     before, after = (
         jnp.concatenate([jnp.sum(piece**2, axis=-1).reshape(-1) for piece in of]) for of in pieces
     )

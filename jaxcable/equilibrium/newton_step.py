@@ -15,6 +15,7 @@ from ..linear.sparse import Factored
 from ..mechanics.assembly import System
 
 WORTH = 12  # conjugate gradient steps that cost as much as a factorisation
+_ZERO = 64  # eigenvalues below so many roundings (eps) of the largest stiffness count as zero
 _INEXACT = 1e-2  # largest relative residual that conjugate gradients may leave
 
 
@@ -46,10 +47,10 @@ def direction(
     # anyway. It steers the effort only: convergence is judged by the residual of the system.
     relative = largest(it.residual) / it.scale
     forcing = jnp.clip(relative, 0.1 * tol / relative, _INEXACT)
-    similar = system.convex
+    similar, least = system.convex, 0
     if it.tensions is not None:  # matrices of interior steps differ too much from each other
-        similar = similar & ~it.tensions.interior
-    limit = jnp.where(similar, WORTH, 0)
+        similar, least = similar & ~it.tensions.bounded, it.tensions.inner.least
+    limit = jnp.where(similar, WORTH, least)
     step, definite, factored = linear.solve_next(matrix, rhs, it.factored, forcing, limit, wanted)
     if system.may_be_unsymmetric:
         # Moments, following loads and elements that say so have no potential: a tangent with them
@@ -72,3 +73,9 @@ def direction(
 def largest(residual: Float[Array, " n_free"]) -> Float[Array, ""]:
     """Largest entry by size; 0 without unknowns."""
     return jnp.max(jnp.abs(residual), initial=0.0)
+
+
+def no_stiffness(matrix: Matrix) -> Float[Array, ""]:
+    """Bound of the eigenvalues that rounding makes of a zero one in a tangent, N/m; positive."""
+    size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
+    return _ZERO * jnp.finfo(size.dtype).eps * size + jnp.finfo(size.dtype).tiny

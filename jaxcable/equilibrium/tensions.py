@@ -14,61 +14,47 @@ with the length l of a cable (over all pieces of a sliding one) and its elastic 
 geometric stiffness of the tension that the step before predicts (Magisano, Leonetti, Garcea 2017).
 Few steps, often; no guarantee.
 
-*Interior*: a cable is a bound on its length, ``l <= L(N)`` with the length L(N) that it has under
-the tension N, and the room y that is left: ``N >= 0, y >= 0, N y = 0``. An interior-point method
-follows ``N y = m`` as m goes to zero. Eliminating y and N from the linear equations gives
-
-    w = y + N L'(N),     k = N / w,     B = N + (m - N (L(N) - l)) / w.
-
-A taut cable (y to 0) has k = 1/L' = D', a slack one (N to 0) none; in between a cable is softened
-by a spring of compliance y/N of its own. The number of steps hardly depends on EA/N.
-
-A hanging cable has a bound, too, less the length s(N) that its sag takes (`hanging_springs`): in
-balance ``y = s``, where a straight cable has y = 0, and a step aims at ``N y = m + N s``. Its sag
-keeps N from zero as m does, so that the elimination is the same.
+*Interior*: an interior-point method, whose number of steps hardly depends on EA/N: a second-order
+cone for every straight piece (`cones`), or in nets with hanging cables a bound on every length
+(`hung`).
 
 The iteration is mixed as long as the residual falls; then interior, from the start of the
 increment; near the end mixed again, because interior steps become inaccurate where slack and taut
-cannot be told apart; and if all of this fails, plain Newton steps with a line search.
+cannot be told apart; and if all of this fails, plain Newton steps with a line search. Nets of
+straight and sliding cables begin with the interior iteration where no cable has tension, because
+mixed steps do not help there, and leave mixed steps early.
 
-Sources: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
+Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
-(2017); Wright, "Primal-dual interior-point methods" (1997).
+(2017).
 """
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-from jax import lax
+from typing import Any
 
-from .. import linear
+import jax.numpy as jnp
+
 from ..common.tree import copy, pytree, where
-from ..common.types import Array, Bool, Float, Int
-from ..linear import Matrix
+from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.pulls import Pulls, held, lengthened, rest_lengths, stiffness, turned
+from ..mechanics.pieces import all_straight
+from ..mechanics.pulls import Pulls, held, rest_lengths
+from ..spaces.space import Motion
+from . import cone_equations, hung
+from .cones import Cones
+from .hung import Hung
+from .newton_step import largest
 
 MIXED, INTERIOR, LAST, SEARCH = range(4)
 
-_PATIENCE = 8, 4  # evaluations within which the residual must halve: mixed, and at the end
-_LONGEST = 60, 20  # mixed steps, and at the end
-_INTERIOR = 100  # interior steps
-_STALLED = 6, 1e-2  # steps without halving a residual below this part: rounding stalls it
-_TRIES = 5  # how often the end is tried
+# steps within which the residual must halve, and all: mixed, at the end, and there with cones
+_PATIENCE, _LONGEST = (8, 4, 14), (60, 20, 25)
+_EARLY = 5, 0.3  # mixed steps after which a residual over this part of the scale ends them
+_SLACK = 1e-3  # tension over load up to which cables are slack at the start
+_DOUBTS = 3  # times that a matrix gets a larger shift until it is definite
 _PLAIN = 3.0  # tension over (predicted tension + load) up to which it makes the stiffness itself
 _BEGINNING = 2  # first steps, whose residuals begin anew: what starts in balance must leave it
-_NEAR = 1e-5  # relative residual from which the end is tried
-_SHIFT = 1e-6  # Levenberg shift over tension per length
-_INSIDE = 0.9995  # part of the way to the bound that a step may go
-_BLOCKED = 0.05  # a step shorter than this is blocked by a bound
-_FORCE = 0.1, 10.0  # tensions at the start of the interior iteration, over the load
-_UNLOADED = 1e-3  # the load that stands for none, over the largest tension at the start
-_ROOM = 0.1  # room at the start, in unstressed lengths
-_DAMPING = 0.1  # least damping, over tension per length
-_DAMPED = 10.0  # factor by which it changes
-_UNDAMPED = 1e-7  # part of the least damping below which there is none
-_TURN = 1.0  # relative motion of the ends of a cable in an interior step, in its lengths
-_CENTRING = 0.01, 0.2  # least centring, and centring of the first step
 
 
 @pytree
@@ -78,25 +64,20 @@ class Tensions:
     Attributes:
         mode: `MIXED`, `INTERIOR`, `LAST` or `SEARCH`.
         guess: tensions for the geometric stiffness of mixed steps, [n], N, of all groups.
-        tension, room: N and y of the interior iteration, [n], N and m.
-        centring: m of the next interior step over the present mean of N y.
-        damping: shift of the matrix of interior steps, N/m: more after a step that was too long.
+        inner: state of the interior iteration.
         fresh: whether the mode begins at its next step.
         best: smallest residual since the mode began, N.
         since, count: steps since it was halved, and since the mode began.
         blocked: interior steps in succession that a bound has blocked.
-        near: relative residual at which the end is tried.
+        near: what may be left (`Ending.measure`) where the end is tried.
         tries: how often it was.
         inside: point of the interior iteration, while the end is tried.
-        doubtful: whether rounding has left a matrix of the mode indefinite.
+        doubtful: how often rounding has left a matrix of the mode indefinite.
     """
 
     mode: Int[Array, ""]
     guess: Float[Array, " n"]
-    tension: Float[Array, " n"]
-    room: Float[Array, " n"]
-    centring: Float[Array, ""]
-    damping: Float[Array, ""]
+    inner: Cones | Hung
     fresh: Bool[Array, ""]
     best: Float[Array, ""]
     since: Int[Array, ""]
@@ -104,30 +85,27 @@ class Tensions:
     blocked: Int[Array, ""]
     near: Float[Array, ""]
     tries: Int[Array, ""]
-    inside: Float[Array, "n_row n_motion"]
-    doubtful: Bool[Array, ""]
+    inside: Motion
+    doubtful: Int[Array, ""]
 
     @classmethod
-    def init(cls, system: System, x: Float[Array, "n_row n_motion"]) -> Tensions:
-        """The start: mixed."""
-        none = jnp.zeros(sum(len(group.links) for group in system.groups), x.dtype)
+    def init(cls, system: System, x: Motion) -> Tensions:
+        """Return the start: mixed."""
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
+        kind = Cones if all_straight(system) else Hung
         return cls(
             mode=jnp.int32(MIXED),
-            guess=none,
-            tension=none,
-            room=none,
-            centring=zero,
-            damping=zero,
+            guess=jnp.zeros_like(rest_lengths(system)),
+            inner=kind.init(system, x),
             fresh=jnp.ones((), bool),
             best=jnp.full_like(zero, jnp.inf),
             since=first,
             count=first,
             blocked=first,
-            near=jnp.full_like(zero, _NEAR),
+            near=jnp.full_like(zero, kind.near),
             tries=first,
             inside=x,
-            doubtful=jnp.zeros((), bool),
+            doubtful=first,
         )
 
     @property
@@ -140,224 +118,126 @@ class Tensions:
         """Whether the iteration is interior."""
         return self.mode == INTERIOR
 
-    def halved(self, residual: Float[Array, ""]) -> Bool[Array, ""]:
-        """Whether the largest `residual`, N, is less than half of the smallest so far."""
-        return self.fresh | (residual < 0.5 * self.best)
+    @property
+    def bounded(self) -> Bool[Array, ""]:
+        """Whether matrices differ too much from each other for conjugate gradients."""
+        return (self.interior | self.last) if isinstance(self.inner, Cones) else self.interior
+
+    @property
+    def halfway(self) -> Bool[ArrayLike, ""]:
+        """Whether a step has been predicted that is to be corrected."""
+        return self.interior & self.inner.predicted if isinstance(self.inner, Cones) else False
+
+    @property
+    def last(self) -> Bool[Array, ""]:
+        """Whether the end of an interior iteration is tried."""
+        return self.mode == LAST
+
+    @property
+    def roundings(self) -> Int[Array, ""]:
+        """What rounding may make of no stiffness, in roundings (eps) of the largest stiffness."""
+        return jnp.where(self.searching, 1, self.doubtful**6)  # 0, 1, 64, 729
 
     def steered(
         self,
-        x: Float[Array, "n_row n_motion"],
-        begin: Float[Array, "n_row n_motion"],
+        x: Motion,
+        begin: Motion,
         found: Bool[Array, ""],
         residual: Float[Array, ""],
         scale: Float[Array, ""],
         astray: Bool[Array, ""],
-    ) -> tuple[Tensions, Float[Array, "n_row n_motion"], Bool[Array, ""]]:
-        """The mode after a step.
+        length: Float[Array, ""],
+    ) -> tuple[Tensions, Motion, Bool[Array, ""]]:
+        """Return the mode after a step.
 
         Args:
             x, begin: the point reached, and the start of the increment.
             found: whether the step led to finite forces.
             residual, scale: largest residual at x and the force it is judged by, N.
             astray: whether the point is far from the structure.
+            length: of elements, m.
 
         Returns:
             The policy, the point to go on from, whether this is another one than x.
         """
-        mixed, last, interior = self.mode == MIXED, self.mode == LAST, self.mode == INTERIOR
-        halved = found & self.halved(residual)
+        mixed, last, interior = self.mode == MIXED, self.last, self.interior
+        halved = found & (self.fresh | (residual < 0.5 * self.best))
         best = jnp.where(halved | (mixed & (self.count <= _BEGINNING)), residual, self.best)
         since = jnp.where(halved, 0, self.since + 1)
-        patience, longest = (jnp.where(mixed, *pair) for pair in (_PATIENCE, _LONGEST))
-        lost = (mixed | last) & ((since >= patience) | (self.count >= longest) | astray | ~found)
+        lost = astray | ~found
+        if isinstance(self.inner, Cones):
+            early = (self.count >= _EARLY[0]) & (residual > _EARLY[1] * scale)
+            early = (mixed & early) | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
+            lost = lost | early | (self.count >= _LONGEST[2])
+        else:
+            patience, longest = (jnp.where(mixed, *pair) for pair in (_PATIENCE[:2], _LONGEST[:2]))
+            lost = lost | (since >= patience) | (self.count >= longest)
         begins, returns = mixed & lost, last & lost
-        stalled = (since >= _STALLED[0]) & (residual <= _STALLED[1] * scale)
-        stuck = (self.blocked >= 2) | stalled
-        ends = interior & found & ((residual <= self.near * scale) | stuck)
-        searches = (interior & ((self.count >= _INTERIOR) | ~found) & ~ends) | (
-            returns & (self.tries >= _TRIES)
-        )
-        mode = jnp.select(
-            [searches, begins | returns, ends], [SEARCH, INTERIOR, LAST], self.mode
-        ).astype(jnp.int32)
+        ending = self.inner.ending(self, found, since, residual / scale, length)
+        ends = interior & ending.now
+        searches = returns & (self.tries >= self.inner.tries)
+        if ending.lost is not None:
+            searches = searches | (interior & ending.lost)
+        mode = jnp.where(ends, LAST, self.mode)  # fewer kernels than `jnp.select`
+        mode = jnp.where(searches, SEARCH, jnp.where(begins | returns, INTERIOR, mode))
         changed = mode != self.mode
+        tries = self.tries + 1
+        if ending.final is not None:
+            tries = jnp.where(ending.final, self.inner.tries, tries)
         after = copy(
             self,
             mode=mode,
-            guess=where(ends, self.tension, self.guess),
-            centring=jnp.where(begins, _CENTRING[1], self.centring),
-            damping=jnp.where(begins, 0.0, self.damping),
+            guess=where(ends, self.inner.tension, self.guess),
             fresh=(begins | searches) | (self.fresh & ~changed),
             best=jnp.where(changed, residual, best),
             since=jnp.where(changed, 0, since),
             count=jnp.where(changed & ~returns, 0, self.count),
-            blocked=jnp.where(ends, jnp.where(stuck, -4, 0), self.blocked),
-            near=jnp.where(ends, 0.1 * jnp.minimum(self.near, residual / scale), self.near),
-            tries=self.tries + ends,
+            blocked=jnp.where(ends, jnp.where(ending.stuck, -4, 0), self.blocked),
+            near=jnp.where(ends, 0.1 * jnp.minimum(self.near, ending.measure), self.near),
+            tries=jnp.where(ends, tries, self.tries),
             inside=where(ends, x, self.inside),
-            doubtful=self.doubtful & ~changed,
+            doubtful=jnp.where(changed, 0, self.doubtful),
         )
         x = where(begins, begin, where(returns, self.inside, x))
         return after, x, begins | returns
 
+    def checked(
+        self, taken: Tensions, definite: Bool[Array, ""]
+    ) -> tuple[Tensions, Bool[Array, ""]]:
+        """Return the policy after a step, and whether to make the step again.
+
+        That is with a shift above what rounding may have made of no stiffness, if its matrix was
+        not `definite`. If it was, the policy is `taken`.
+        """
+        again = ~definite & (self.doubtful < _DOUBTS) & ~self.searching
+        return where(again, copy(self, doubtful=self.doubtful + 1), taken), again
+
     def equations(
         self,
         system: System,
-        x: Float[Array, "n_row n_motion"],
+        x: Motion,
         pulls: Pulls,
         residual: Float[Array, " n_free"],
-    ) -> Equations:
-        """The linear equations of the next step from x.
-
-        `pulls` and `residual` are those of the system at x.
-        """
-        load, jacked = jnp.max(jnp.abs(system.load), initial=0.0), held(system)
-        load = jnp.maximum(load, jnp.max(jnp.where(jacked, pulls.tension, 0.0)))
-        guess = where(self.fresh | self.searching, pulls.tension, self.guess)
-        guess = jnp.where(pulls.tension <= _PLAIN * (guess + load), pulls.tension, guess)
-        best = jnp.where(self.fresh, jnp.max(jnp.abs(residual), initial=0.0), self.best)
-        none = jnp.zeros_like(pulls.tension)
-        mixed = Equations(
-            base=pulls.tension,
-            slope=pulls.slope,
-            along=pulls.along,
-            jacked=jacked,
-            rhs=-residual,
-            gap=none,
-            compliance=none,
-            load=load,
-            policy=copy(self, guess=guess, best=best),
-        )
-        return lax.cond(self.interior, mixed.inner, lambda *_: mixed, system, x, pulls)
-
-
-@pytree
-class Equations:
-    """The linear equations of a step.
-
-    Attributes:
-        base, slope: B and k of every cable, [n], N and N/m.
-        along: change of the lengths by the ends, per group [n_elem, n_end, 3].
-        jacked: which cables a jack holds, [n].
-        rhs: right side, [n_free], N.
-        gap, compliance: L(N) - l and L'(N), [n], m and m/N.
-        load: largest dead load at a node or force of a jack, N.
-        policy: `Tensions` with the numbers that its mode begins with.
-    """
-
-    base: Float[Array, " n"]
-    slope: Float[Array, " n"]
-    along: list[Float[Array, "n_elem n_end 3"]]
-    jacked: Bool[Array, " n"]
-    rhs: Float[Array, " n_free"]
-    gap: Float[Array, " n"]
-    compliance: Float[Array, " n"]
-    load: Float[Array, ""]
-    policy: Tensions
-
-    def inner(self, system: System, x: Float[Array, "n_row n_motion"], pulls: Pulls) -> Equations:
-        """Those of an interior step, where these are those of a mixed step; `pulls` are at x."""
-        policy, free = self.policy, ~self.jacked
-        first = jnp.maximum(self.load, _UNLOADED * jnp.max(pulls.tension))
-        least, most = (part * first for part in _FORCE)
-        # a first guess only: steps change it freely
-        start = jnp.clip(pulls.tension, least, most)
-        tension = where(policy.fresh, start, policy.tension)
-        under = pulls.under(system, tension)
-        wide = jnp.maximum(under.gap, _ROOM * rest_lengths(system))
-        wide = wide if under.sag is None else jnp.maximum(wide, under.sag)
-        room = where(policy.fresh, wide, policy.room)
-        product = jnp.where(free, tension * under.spare(room), 0.0)
-        target, falls = under.aim(
-            policy.centring * jnp.sum(product) / jnp.maximum(jnp.sum(free), 1)
-        )
-        width = falls * room + tension * under.compliance
-        width = jnp.where(width > 0, width, 1.0)
-        base = jnp.where(free, tension + (target - tension * under.gap) / width, self.base)
-        return copy(
-            self,
-            base=base,
-            slope=jnp.where(free, tension / width, self.slope),
-            along=under.along,
-            rhs=-under.residual(system, x, base),
-            gap=under.gap,
-            compliance=under.compliance,
-            policy=copy(policy, tension=tension, room=room),
-        )
-
-    def matrix(
-        self,
-        system: System,
-        x: Float[Array, "n_row n_motion"],
-        residual: Float[Array, ""],
         length: Float[Array, ""],
-    ) -> Matrix:
-        """Matrix of the equations, regularised; `residual` the largest, `length` of elements."""
-        policy = self.policy
-        tensions = where(policy.interior, policy.tension, policy.guess)
-        matrix = system.tangent(x, [*stiffness(system, x, self.along, self.slope, tensions)])
-        size = jnp.max(jnp.abs(linear.diagonal(matrix)), initial=0.0)
-        eps = jnp.where(policy.doubtful | policy.searching, jnp.finfo(x.dtype).eps, 0.0)
-        rounding = eps * size + jnp.finfo(x.dtype).tiny
-        shift = _SHIFT * jnp.minimum(residual, jnp.max(tensions) + self.load) / length
-        shift = jnp.where(policy.interior, policy.damping, shift)
-        return linear.plus_diagonal(matrix, jnp.maximum(shift, rounding))
-
-    def taken(
-        self,
-        system: System,
-        x: Float[Array, "n_row n_motion"],
-        step: Float[Array, " n_free"],
-        length: Float[Array, ""],
-    ) -> tuple[Tensions, Float[Array, ""]]:
-        """The policy after a step from x, and the part of the step that is taken.
+    ) -> cone_equations.Equations | hung.Equations:
+        """Return the linear equations of the next step from x.
 
         Args:
-            step: solution of the equations.
+            system: `System`.
+            x: the point.
+            pulls, residual: those of the system at x.
             length: of elements, m.
         """
-        spread, policy = system.space.spread(x, step), self.policy
-        longer = lengthened(system, self.along, spread)
-        now = self.base + self.slope * longer
-        mixed = copy(policy, guess=jnp.maximum(now, 0.0)), jnp.ones_like(length)
-        after, part = lax.cond(
-            policy.interior,
-            lambda: self._inside(now, longer, jnp.max(turned(system, spread)), length),
-            lambda: mixed,
-        )
-        return copy(after, fresh=jnp.zeros((), bool), count=policy.count + 1), part
-
-    def _inside(self, now, longer, widest, length):
-        """`taken` of an interior step to tensions `now`, [n], N, before it is cut."""
-        policy = self.policy
-        change = jnp.where(self.jacked, 0.0, now - policy.tension)
-        room = self.gap + self.compliance * change - longer
-        wider = jnp.where(self.jacked, 0.0, room - policy.room)
-        part_n, part = _inside(policy.tension, change), _inside(policy.room, wider)
-        far = widest > _TURN
-        part = jnp.minimum(part, jnp.where(far, _TURN / jnp.where(far, widest, 1.0), 1.0))
-        shorter = jnp.minimum(part_n, part)
-        blocked = jnp.where(shorter < _BLOCKED, policy.blocked + 1, jnp.minimum(policy.blocked, 0))
-        after = copy(
-            policy,
-            tension=policy.tension + part_n * change,
-            room=policy.room + part * wider,
-            centring=jnp.maximum((1 - shorter) ** 2, _CENTRING[0]),
-            damping=self._damping(far, length),
-            blocked=blocked.astype(jnp.int32),
-        )
-        return after, part
-
-    def _damping(self, far, length):
-        """Shift for the next interior step: larger after a step that led too far."""
-        least = _DAMPING * jnp.max(self.policy.tension) / length
-        more = jnp.maximum(_DAMPED * self.policy.damping, least)
-        less = self.policy.damping / _DAMPED
-        return jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
-
-
-def _inside(values, changes):
-    """Part of the changes, at most 1, up to which positive values stay positive."""
-    falls = changes < 0
-    ratio = jnp.where(falls, -values / jnp.where(falls, changes, -1.0), jnp.inf)
-    return jnp.minimum(1.0, _INSIDE * jnp.min(ratio, initial=jnp.inf))
+        load, tension = jnp.max(jnp.abs(system.load), initial=0.0), pulls.tension
+        if (jacked := held(system)) is not None:
+            load = jnp.maximum(load, jnp.max(jnp.where(jacked, tension, 0.0)))
+        guess = where(self.fresh | self.searching, tension, self.guess)
+        guess = jnp.where(tension <= _PLAIN * (guess + load), tension, guess)
+        policy = copy(self, best=jnp.where(self.fresh, largest(residual), self.best))
+        kind: Any = hung
+        if isinstance(self.inner, Cones):
+            kind = cone_equations
+            slack = self.fresh & (self.mode == MIXED) & (jnp.max(tension) <= _SLACK * load)
+            mode = jnp.where(slack, INTERIOR, self.mode)
+            policy = copy(policy, mode=mode)
+        return kind.Equations.of(policy, system, x, pulls, residual, guess, load, length)

@@ -172,7 +172,8 @@ def solve_next(
         factored: the `Factored` of the solve before, `nothing_factored` at first; None for dense
             matrices.
         tol: residual that conjugate gradients may leave, relative to the right side.
-        limit: conjugate gradient steps allowed before a factorisation; 0 always factorises.
+        limit: conjugate gradient steps allowed before a factorisation; 0 always factorises,
+            and less than 0 also takes a factor whose pivots have few digits.
         wanted: False if the result does not matter (a finished case of a batch).
 
     Returns:

@@ -36,6 +36,7 @@ class Cholmod(solver.Solver):
     """CHOLMOD, where `cvxopt` is installed."""
 
     name = "cholmod"
+    small_pivots = True
 
     def available(self) -> bool:
         """Whether `cvxopt` is installed."""
@@ -74,7 +75,7 @@ class _Analysis(solver.Analysis):
         self.free = []
 
     def factorize(
-        self, values: Float[np.ndarray, " n_value"], definite: bool
+        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
     ) -> solver.NumericFactor | None:
         """See `solver.Analysis`."""
         if not definite:
@@ -94,7 +95,7 @@ class _Analysis(solver.Analysis):
                 factor.release()
                 return None
             pivots = np.asarray(cholmod.diag(handle)) ** 2
-        if not pivots.min() > self.n * np.finfo(float).eps * pivots.max():
+        if not small_pivots and not pivots.min() > self.n * np.finfo(float).eps * pivots.max():
             factor.release()
             return None
         return factor

@@ -21,6 +21,7 @@ from .solver import NumericFactor, Solver
 _PATTERNS = 8  # most analyses that are stored
 _FACTORS = 4  # most factors that are stored per pattern
 _BYTES = 1 << 29  # most memory of the factors of a pattern; the last one is stored in any case
+_SMALL = "small pivots"  # kind of a factor that may have them
 _PACE = 4  # conjugate gradient steps after which the rate of convergence is judged
 
 _lock = threading.RLock()
@@ -70,6 +71,7 @@ class Analysed:
     ):
         self.n, self.symmetric = len(indptr) - 1, symmetric
         self.iterates = symmetric and solver.iterates
+        self.small_pivots = solver.small_pivots
         self.indptr, self.indices = indptr.copy(), indices.copy()
         self.rows = np.repeat(np.arange(self.n, dtype=np.int32), np.diff(indptr))
         self.diagonal = np.flatnonzero(self.rows == self.indices)
@@ -96,14 +98,19 @@ class Analysed:
         diagonal = values[self.diagonal]
         return lambda v: self.stored @ v + self.flipped @ v - diagonal * v
 
-    def factor(self, values: Float[np.ndarray, " n_value"], definite: bool) -> NumericFactor | None:
+    def factor(
+        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
+    ) -> NumericFactor | None:
         """Factor of a matrix, stored or made now; None if the matrix is singular.
 
         `definite` demands a positive definite matrix; an unsymmetric matrix is then replaced by its
-        symmetric part.
+        symmetric part. Its pivots may have few digits if `small_pivots` are allowed.
         """
+        small_pivots = small_pivots and self.small_pivots
         for number, (known, kind, factor) in reversed(self.factors.items()):
-            if (kind == definite or (kind and self.symmetric)) and np.array_equal(known, values):
+            serves = kind == definite or (kind is True and self.symmetric)
+            serves = serves or (kind is _SMALL and small_pivots)
+            if serves and np.array_equal(known, values):
                 self.factors.move_to_end(number)
                 return factor
         if self.symmetric:
@@ -114,7 +121,9 @@ class Analysed:
             whole = values
         self._make_room()
         kind, factor = True, None
-        if definite or self.symmetric:
+        if small_pivots:
+            kind, factor = _SMALL, self.analysis.factorize(whole, True, small_pivots=True)
+        elif definite or self.symmetric:
             factor = self.analysis.factorize(whole, True)
         if factor is None and not definite:
             kind, factor = False, self.analysis.factorize(whole, False)
@@ -226,7 +235,7 @@ def step(
                         analysed.times(values[k]), old.solve, rhs[k], tol[k], int(limit[k])
                     )
             if answer is None:
-                factor = analysed.factor(values[k], True)
+                factor = analysed.factor(values[k], True, small_pivots=limit[k] < 0)
                 if factor is None:
                     continue
                 answer, fresh[k] = factor.solve(rhs[k]), True

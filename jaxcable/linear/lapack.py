@@ -15,6 +15,7 @@ class Banded(solver.Solver):
     """LAPACK for matrices of small bandwidth."""
 
     name = "banded"
+    small_pivots = True
     offered = False
     iterates = False  # a new factor is cheaper than iterations
 
@@ -51,13 +52,15 @@ class _Analysis(solver.Analysis):
         self.places = row, column
         self.diagonal = self.diagonal[np.argsort(row[self.diagonal])]
 
-    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
+    ) -> _Factor | None:
         """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
         diagonal = np.abs(values[self.diagonal])
         size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))  # so that pivots can be compared
         row, column = self.places
         values = values / (size[row] * size[column])
-        limit = self.n * np.finfo(float).eps
+        limit = 0.0 if small_pivots else self.n * np.finfo(float).eps
         if definite:
             band = np.zeros((self.n, self.b + 1))
             band.ravel()[self.lower_at] = values[self.lower]

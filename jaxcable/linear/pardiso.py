@@ -47,6 +47,7 @@ class Pardiso(solver.Solver):
     """PARDISO, where `pypardiso` is installed."""
 
     name = "pardiso"
+    small_pivots = True
     exchanges_rows = False  # it exchanges only rows that are near each other
 
     def available(self) -> bool:
@@ -81,14 +82,16 @@ class _Analysis(solver.Analysis):
         self.arguments = n, indptr, indices
         self.handles = {}
 
-    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
+    ) -> _Factor | None:
         """See `solver.Analysis`: Cholesky's factor if `definite`, which is faster, else LU."""
         if not np.isfinite(values).all():
             return None
         kind = _DEFINITE if definite else _GENERAL
         if kind not in self.handles:
             self.handles[kind] = _Handle(kind, *self.arguments)
-        return self.handles[kind].factorize(values)
+        return self.handles[kind].factorize(values, small_pivots)
 
     def release(self) -> None:
         """Free PARDISO's memory."""
@@ -131,7 +134,9 @@ class _Handle:
         self.constant = tuple(map(_pointer, (self.memory, self.indptr, self.indices, self.iparm)))
         self.call(11, 1, np.ones(len(self.indices)))
 
-    def factorize(self, values: Float[np.ndarray, " n_value"]) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], small_pivots: bool
+    ) -> _Factor | None:
         """A `_Factor` in a free slot; None if the matrix is singular."""
         values, size = values[self.take], None
         if self.kind == _GENERAL:  # so that pivots can be compared
@@ -141,7 +146,7 @@ class _Handle:
         slot = self.free.pop()
         error = self.call(22, slot, values)
         factor = _Factor(self, slot, values, size)
-        if error == 0 and self.regular(slot):
+        if error == 0 and (small_pivots or self.regular(slot)):
             return factor
         factor.release()
         return None

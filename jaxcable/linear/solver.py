@@ -35,6 +35,8 @@ class Solver(abc.ABC):
         fused: whether loops around it can become one function (`common.fusion`).
         exchanges_rows: whether it exchanges rows anywhere in the matrix, which a matrix with zeros
             on its diagonal needs.
+        small_pivots: whether `Analysis.factorize` takes ``small_pivots=True``: a positive definite
+            matrix is one, even if pivots have few digits.
         iterates: whether conjugate gradients with the factor of a similar matrix can be cheaper
             than a new factor.
     """
@@ -46,6 +48,7 @@ class Solver(abc.ABC):
     fused: bool = False
     exchanges_rows: bool = True
     iterates: bool = True
+    small_pivots: bool = False
 
     def available(self) -> bool:
         """Whether the solver is installed."""
@@ -101,7 +104,7 @@ class Analysis(abc.ABC):
 
     @abc.abstractmethod
     def factorize(
-        self, values: Float[np.ndarray, " n_value"], definite: bool
+        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
     ) -> NumericFactor | None:
         """A `NumericFactor` of a matrix; None if it is singular to working precision.
 
@@ -110,6 +113,8 @@ class Analysis(abc.ABC):
                 changed.
             definite: True demands a symmetric positive definite matrix, and returns None for
                 others. False allows indefinite and unsymmetric matrices.
+            small_pivots: whether a positive definite matrix is one, even if pivots have few
+                digits; only given if `Solver.small_pivots`.
         """
 
     def release(self) -> None:

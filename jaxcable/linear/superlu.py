@@ -16,6 +16,7 @@ class SuperLU(solver.Solver):
     """SciPy's SuperLU: always installed, chosen where no other solver suits."""
 
     name = "superlu"
+    small_pivots = True
 
     def suits(self, n: int, banded: bool) -> bool:
         """True: any matrix."""
@@ -50,7 +51,9 @@ class _Analysis(solver.Analysis):
         self.diagonal = np.flatnonzero(self.rows == self.columns)
         self.matrix = permuted.astype(float)  # every factorisation puts its values in
 
-    def factorize(self, values: Float[np.ndarray, " n_value"], definite: bool) -> _Factor | None:
+    def factorize(
+        self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
+    ) -> _Factor | None:
         """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
         values = values[self.take]
         if not np.isfinite(values).all():
@@ -75,7 +78,7 @@ class _Analysis(solver.Analysis):
         if definite and not (pivots > 0).all():
             return None
         pivots = np.abs(pivots)
-        if not pivots.min() > self.n * np.finfo(float).eps * pivots.max():
+        if not small_pivots and not pivots.min() > self.n * np.finfo(float).eps * pivots.max():
             return None
         return _Factor(self, lu, size)
 

@@ -210,15 +210,19 @@ def rest_lengths(system: System) -> Float[Array, " n"]:
     return jnp.concatenate(lengths)
 
 
-def held(system: System) -> Bool[Array, " n"]:
-    """Which cables a jack holds."""
+def held(system: System) -> Bool[Array, " n"] | None:
+    """Which cables have a tension that does not follow their length: by a jack, or being absent.
+
+    None if there can be no such cables.
+    """
+    if all(state.jack_force is None and state.present is None for state in system.states):
+        return None
     found = []
     for group, state in zip(system.groups, system.states, strict=True):
-        jacked = state.jack_force is not None
-        if jacked and state.jacked is not None:
-            found.append(state.jacked)
-        else:
-            found.append(jnp.full(len(group.links), jacked))
+        jacked = jnp.full(len(group.links), state.jack_force is not None)
+        if state.jack_force is not None and state.jacked is not None:
+            jacked = state.jacked
+        found.append(jacked if state.present is None else jacked | ~state.present)
     return jnp.concatenate(found)
 
 

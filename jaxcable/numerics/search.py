@@ -42,8 +42,8 @@ class Search:
     @classmethod
     def init(cls, slope: Float[Array, ""]) -> Search:
         """A search that tries the whole step first."""
-        one = jnp.ones((), slope.dtype)
-        return cls(one, slope, 0 * one, slope, one, jnp.inf * one, jnp.int32(0))
+        zero, one, most = (jnp.asarray(end, slope.dtype) for end in (0, 1, jnp.inf))
+        return cls(one, slope, zero, slope, one, most, jnp.int32(0))
 
     def update(self, g: Float[Array, ""]) -> tuple[Search, Bool[Array, ""], Bool[Array, ""]]:
         """Judge the length that was tried by the derivative `g` there.
@@ -61,7 +61,7 @@ class Search:
         high, g_high = jnp.where(below, self.high, self.length), jnp.where(below, self.g_high, g)
         # secant through the bracket and bisection alternately, so that no end of the bracket stalls
         secant = low + (high - low) * (-g_low / (g_high - g_low))
-        inside = jnp.isfinite(secant) & (secant > low) & (secant < high) & (self.count % 2 == 0)
+        inside = (secant > low) & (secant < high) & (self.count & 1 == 0)  # false for NaN
         length = jnp.where(inside, secant, 0.5 * (low + high))
         after = Search(length, self.slope, low, g_low, high, g_high, self.count + 1)
         return after, ~too_far & ~again, again

@@ -1,0 +1,190 @@
+"""Straight pieces of the cables of a net, one after the other over all groups.
+
+A cable over n nodes has n - 1 pieces. Cables of one piece are their pieces: then nothing is summed.
+Pieces between a node and itself, which pad shorter chains, and those of absent cables are void.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ..common.types import Array, Bool, Float
+from ..elements.abilities import Pulling
+from ..spaces.space import Forces, Motion
+from ..spaces.translations import is_fine
+from .assembly import System
+
+_APART = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # of the square of a difference
+
+
+def all_straight(system: System) -> bool:
+    """Whether every cable is straight between its nodes."""
+    pairs = zip(system.groups, system.states, strict=True)
+    return all(isinstance(group, Pulling) and group.is_straight(state) for group, state in pairs)
+
+
+def along_chain(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n_elem n_piece k"]:
+    """Return the differences of values at the nodes of chains in succession."""
+    return values[:, 1:] - values[:, :-1]  # less code than `jnp.diff`
+
+
+def differences(system: System, values: Float[Array, "n_row k"]) -> Float[Array, "n_piece k"]:
+    """Return the differences of `values` of nodes [n_row, k] along all pieces, [n_piece, k].
+
+    They are zero for void pieces.
+    """
+    parts = [along_chain(values[group.links]) for group in system.groups]
+    found = jnp.concatenate([part.reshape(-1, values.shape[1]) for part in parts])
+    real = exist(system)
+    return found if real is None else jnp.where(real[:, None], found, 0.0)
+
+
+def vectors(system: System, x: Motion) -> Float[Array, "n_piece 3"]:
+    """Return the vectors of all pieces at the point x, [n_piece, 3], m."""
+    parts = differences(system, jnp.concatenate([system.nodes, x], axis=1))
+    return parts[:, :3] + (parts[:, 3:6] + parts[:, 6:] if is_fine(x) else parts[:, 3:])
+
+
+def exist(system: System) -> Bool[Array, " n_piece"] | None:
+    """Return which pieces are not void, [n_piece] bool; None if all are there."""
+    if all(state.present is None for state in system.states) and _are_single(system):
+        return None
+    found = []
+    for group, state in zip(system.groups, system.states, strict=True):
+        real = group.links[:, 1:] != group.links[:, :-1]
+        if state.present is not None:
+            real = real & state.present[:, None]
+        found.append(real.reshape(-1))
+    return jnp.concatenate(found)
+
+
+def shapes(system: System) -> tuple[tuple[int], tuple[int, int]]:
+    """Return the shapes of arrays of numbers and of vectors of all pieces."""
+    n_piece = sum(group.links[:, 1:].size for group in system.groups)
+    return (n_piece,), (n_piece, 3)
+
+
+def real(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n_piece"]:
+    """Return numbers of all pieces, zero for void ones."""
+    found = exist(system)
+    return values if found is None else jnp.where(found, values, 0.0)
+
+
+def mean(system: System, values: Float[Array, " n_piece"]) -> Float[Array, ""]:
+    """Return the mean of numbers of pieces that are not void."""
+    found = exist(system)
+    if found is None:
+        return jnp.mean(values)
+    return jnp.sum(real(system, values)) / jnp.maximum(jnp.sum(found), 1)
+
+
+def total(system: System, values: Float[Array, " n_piece"]) -> Float[Array, " n"]:
+    """Return the sums of `values` [n_piece] over the pieces of every cable, [n]."""
+    values = real(system, values)
+    if _are_single(system):
+        return values
+    return jnp.concatenate([jnp.sum(part, axis=1) for part in _per_group(system, values)])
+
+
+def repeated(system: System, values: Float[Array, "... n"]) -> Float[Array, "... n_piece"]:
+    """Return for every piece the value of its cable, [..., n_piece]."""
+    if _are_single(system):
+        return values
+    parts, first = [], 0
+    for group in system.groups:
+        n, n_end = group.links.shape
+        part = values[..., first : first + n, None]
+        part = jnp.broadcast_to(part, (*part.shape[:-1], n_end - 1))
+        parts.append(part.reshape(*values.shape[:-1], -1))
+        first += n
+    return jnp.concatenate(parts, axis=-1)
+
+
+def shared(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece"]:
+    """Return for every piece an equal share of the number of its cable, [n_piece]."""
+    found = exist(system)
+    if found is None:
+        return values
+    count = total(system, jnp.ones(found.shape, values.dtype))
+    return repeated(system, values / jnp.maximum(count, 1.0))
+
+
+def at_nodes(system: System, pulls: Float[Array, "n_piece 3"]) -> Forces:
+    """Return the end forces of pieces that pull with `pulls` [n_piece, 3], N, summed at nodes."""
+    return system.at_rows([_at_ends(part) for part in _per_group(system, pulls)])
+
+
+def matrices(
+    system: System,
+    slope: Float[Array, " n"],
+    stiff: Float[Array, " n_piece"],
+    across: Float[Array, "n_piece 3"],
+    ratio: Float[Array, " n_piece"],
+) -> list[Float[Array, "n_elem d d"]]:
+    """Return the matrices of all cables, per group [n_elem, d, d], N/m.
+
+    That of a cable is ``slope g g'`` with the changes g at its nodes of ``ratio c`` times the
+    vectors of its pieces, plus ``stiff (I - c c')`` of each piece.
+
+    Args:
+        system: net of cables.
+        slope: derivative of the tension by the length, [n], N/m.
+        stiff: stiffness across c, [n_piece], N/m.
+        across: c of every piece, [n_piece, 3].
+        ratio: of every piece, [n_piece].
+    """
+    found, first, stiff = [], 0, real(system, stiff)
+    for q, c, r in zip(*(_per_group(system, v) for v in (stiff, across, ratio)), strict=True):
+        n, width = q.shape
+        k = slope[first : first + n, None]
+        first += n
+        if width == 1:
+            found.append(_single(q, k * r**2 - q, c[:, 0]))
+            continue
+        blocks = [_single(q[:, i : i + 1], -q[:, i : i + 1], c[:, i]) for i in range(width)]
+        placed = [(3 * i, 3 * (width - 1 - i), 0) for i in range(width)]
+        whole = sum(
+            lax.pad(block, jnp.zeros((), q.dtype), [(0, 0, 0), at, at])
+            for block, at in zip(blocks, placed, strict=True)
+        )
+        g = _at_ends(r[:, :, None] * c).reshape(n, -1)
+        found.append(whole + k[:, :, None] * g[:, :, None] * g[:, None, :])
+    return found
+
+
+def _single(stiff, more, across):
+    """Matrices ``stiff I + more c c'`` of pieces, by their ends, [n, 6, 6]."""
+    c = jnp.concatenate([-across, across], axis=1)
+    same = stiff[:, :, None] * _APART[None].astype(stiff.dtype)
+    return same + (more * c)[:, :, None] * c[:, None, :]
+
+
+def _at_ends(pulls):
+    """End forces [n_elem, n_end, 3] of pieces that pull with `pulls` [n_elem, n_end - 1, 3]."""
+    if pulls.shape[1] == 1:
+        return jnp.concatenate([-pulls, pulls], axis=1)
+    return _padded(pulls, 1, 0) - _padded(pulls, 0, 1)
+
+
+def _padded(values, before, after):
+    """Values [n_elem, n, ...] with zeros `before` and `after` them."""
+    return jnp.pad(values, ((0, 0), (before, after), *((0, 0),) * (values.ndim - 2)))
+
+
+def _are_single(system):
+    """Whether every cable has one piece."""
+    return all(group.links.shape[1] == 2 for group in system.groups)
+
+
+def _per_group(system, values):
+    """An array for all pieces [n_piece, ...] as a list with [n_elem, n_end - 1, ...] per group."""
+    sizes = [(len(group.links), group.links.shape[1] - 1) for group in system.groups]
+    ends = [0]
+    for n, width in sizes:
+        ends.append(ends[-1] + n * width)
+    parts = [values[i:j] for i, j in pairwise(ends)]
+    return [p.reshape(*size, *p.shape[1:]) for p, size in zip(parts, sizes, strict=True)]
