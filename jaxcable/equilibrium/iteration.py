@@ -239,18 +239,18 @@ class Task:
         code = jnp.where(finite, status.OK, status.NONFINITE)
         it = copy(it, code=jnp.where(first, code, it.code).astype(jnp.int32))
         it = copy(it, begun=jnp.where(first, largest(it.residual), it.begun))
-        granted = jnp.zeros_like(it.residual)
         if self.net:
             # forces that rounding hides are not found; without any load they may all be lost
             known = jnp.where(self.loaded, _KNOWN * it.scale, jnp.inf)
-            granted = jnp.minimum(it.rounding, known)
             # a net that is under load has others to be judged by
             released = _RELEASED * jnp.finfo(it.scale.dtype).eps * it.scale
             it = copy(it, released=jnp.where(first & ~self.loaded, released, it.released))
-            granted = jnp.maximum(granted, it.released)
+            granted = jnp.maximum(jnp.minimum(it.rounding, known), it.released)
         elif it.rounding is not None:
             it = copy(it, came_from=jnp.where(first, it.rounding, it.came_from))
             granted = jnp.maximum(it.rounding, it.came_from)
+        else:
+            granted = jnp.zeros_like(it.residual)
         balanced = it.residual + self.carried(it.scale, it.steps)
         converged = jnp.all(jnp.abs(balanced) <= jnp.maximum(self.tol * it.scale, granted))
         if self.balance is None:
