@@ -294,6 +294,17 @@ def bank():
     return tuple(str(number) for number in (count, missed + hidden, median, most, none))
 
 
+def slack_grids():
+    """Grids with slack regions: their largest side, fewest and most steps, ends AT_ROUNDING."""
+    text = (RESULTS / "slack_regions.txt").read_text()
+    kinds = "half|third|patches|hung"
+    rows = re.findall(rf"^ +(\d+)  (?:{kinds}) +(?:EA )?\S+ +(\d+) (.*)", text, re.M)
+    sides, steps, rest = zip(*rows, strict=True)
+    assert len(rows) >= 40
+    lost = sum("status" in end for end in rest)
+    return str(max(map(int, sides))), *span([int(count) for count in steps]), str(lost)
+
+
 def bars():
     """The bank of bars: scenes, failed, steps in the median and in 99 % of increments."""
     text = (RESULTS / "bar_bank.txt").read_text()
@@ -365,6 +376,12 @@ CLAIMS = [
         r"of\s(\d+) random ones.+,\s(\d+) end\s.+in\s(\d+) steps in the median and\s(\d+) at\s"
         r"most; in float32, EA/N to 1e5, their count is (\d+)",
         bank,
+    ),
+    Claim(
+        "README.md",
+        r"with up to (\d+) nodes on a side, cut too.+?\s.+?take (\d+) to (\d+) steps, EA over the load to 1e6\s"
+        r".+ in (\d+) of them rounding",
+        slack_grids,
     ),
     Claim(
         "README.md",

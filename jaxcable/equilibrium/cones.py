@@ -95,7 +95,7 @@ class Cones:
     aim: Float[Array, ""]
 
     near: ClassVar[float] = 1.0  # m over that at which the end is tried
-    tries: ClassVar[int] = 4  # how often the end is tried
+    tries: ClassVar[int] = 3  # how often the end is tried
     least: ClassVar[int] = -1  # as `limit` of `linear.solve_next`: pivots may have few digits
 
     @classmethod

@@ -50,7 +50,7 @@ MIXED, INTERIOR, LAST, SEARCH = range(4)
 
 # steps within which the residual must halve, and all: mixed, at the end, and there with cones
 _PATIENCE, _LONGEST = (8, 4, 14), (60, 20, 25)
-_EARLY = 5, 0.3  # mixed steps after which a residual over this part of the scale ends them
+_EARLY = 5, 0.3  # steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
 _DOUBTS = 3  # times that a matrix gets a larger shift until it is definite
 _PLAIN = 3.0  # tension over (predicted tension + load) up to which it makes the stiffness itself
@@ -167,7 +167,7 @@ class Tensions:
         lost = astray | ~found
         if isinstance(self.inner, Cones):
             early = (self.count >= _EARLY[0]) & (residual > _EARLY[1] * scale)
-            early = (mixed & early) | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
+            early = early | (since >= jnp.where(mixed, _PATIENCE[0], _PATIENCE[2]))
             lost = lost | early | (self.count >= _LONGEST[2])
         else:
             patience, longest = (jnp.where(mixed, *pair) for pair in (_PATIENCE[:2], _LONGEST[:2]))
