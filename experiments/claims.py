@@ -379,8 +379,8 @@ CLAIMS = [
     ),
     Claim(
         "README.md",
-        r"with up to (\d+) nodes on a side, cut too.+?\s.+?take (\d+) to (\d+) steps, EA over the load to 1e6\s"
-        r".+ in (\d+) of them rounding",
+        r"with up to (\d+) nodes on a side, cut too.+?\s.+?take (\d+) to (\d+) steps, EA over the "
+        r"load to 1e6\s.+ in (\d+) of them rounding",
         slack_grids,
     ),
     Claim(
