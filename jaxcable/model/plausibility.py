@@ -351,12 +351,13 @@ def _judge_bending(label, section, plane):
     moduli = [_there(law.modulus) for law in section.laws]
     if any(part is None for part in (*moduli, *map(_there, jax.tree.leaves(section)))):
         return
-    stiffness = np.repeat(np.array(moduli, float), section.counts) * section.area
-    places = np.stack([section.z, section.y])
+    area, y, z = (np.asarray(v, float) for v in (section.area, section.y, section.z))
+    stiffness = np.repeat(np.array(moduli, float), section.counts) * area
+    places = np.stack([z, y])
     off = places - (places @ stiffness / stiffness.sum())[:, None]
     bending = (stiffness * off) @ off.T  # EIy, EIz and EIyz about the centroid
     if section.own is not None and section.is_elastic:  # see `Section.own`
-        z2, y2, yz = (stiffness / section.area) @ section.own
+        z2, y2, yz = (stiffness / area) @ np.asarray(section.own, float)
         bending += [[z2, yz], [yz, y2]]
     nothing = STIFFLESS * stiffness.sum() * np.abs(places).max() ** 2
     least, most = np.linalg.eigvalsh(bending)
