@@ -13,7 +13,7 @@ from jax import lax
 
 from .. import linear
 from ..common.tree import copy, pytree
-from ..common.types import Array, ArrayLike, Bool, Float
+from ..common.types import Array, ArrayLike, Bool, Float, PyTree
 from ..linear import Matrix
 from ..mechanics import pieces
 from ..mechanics.assembly import System
@@ -49,7 +49,7 @@ class Equations:
         length: of elements, m.
     """
 
-    policy: Any
+    policy: PyTree[Array]
     base: Float[Array, " n"]
     slope: Float[Array, " n"]
     vector: Float[Array, "n_piece 3"]

@@ -118,7 +118,7 @@ class Cones:
         loads = jnp.sum(jnp.abs(system.space.collected(system.load, x)))
         tension = jnp.full_like(base, jnp.maximum(load, jnp.sqrt(load * loads)))
         if equations.held is not None:
-            least = jnp.finfo(load.dtype).eps * load  # a jack may have no force
+            least = jnp.finfo(x.dtype).eps * load  # a jack may have no force
             tension = jnp.where(equations.held, jnp.maximum(base, least), tension)
         rest = rest_lengths(system)
         room = _WIDE * rest + jnp.maximum(rest - pieces.total(system, size), 0.0)

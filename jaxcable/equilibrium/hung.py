@@ -27,7 +27,7 @@ from jax import lax
 
 from .. import linear
 from ..common.tree import copy, pytree, where
-from ..common.types import Array, ArrayLike, Bool, Float, Int
+from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear import Matrix
 from ..mechanics.assembly import System
 from ..mechanics.pulls import Pulls, held, lengthened, rest_lengths, stiffness, turned
@@ -122,7 +122,7 @@ class Equations:
     compliance: Float[Array, " n"]
     load: Float[Array, ""]
     length: Float[Array, ""]
-    policy: Any
+    policy: PyTree[Array]
 
     @classmethod
     def of(
