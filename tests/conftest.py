@@ -46,14 +46,17 @@ def pytest_configure(config):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
 
 
-MAPS = 40_000
-"""Linux gives a process 65 530 memory maps, and a compiled program takes some eight of them."""
+MEMORY = 1_000
+"""Resident memory, MB, from which compiled programs are forgotten: each takes some MB, and eight of
+the 65 530 memory maps that Linux gives a process."""
 
 
-@pytest.fixture(scope="module", autouse=True)
+@pytest.fixture(autouse=True)
 def _forget_programs():
-    """Programs are kept from file to file while there is room for them."""
+    """Programs are kept from test to test while there is room for them."""
     yield
-    maps = pathlib.Path("/proc/self/maps")  # elsewhere there is no such limit
-    if maps.exists() and len(maps.read_bytes().splitlines()) > MAPS:
-        jaxcable.forget_programs()
+    statm = pathlib.Path("/proc/self/statm")  # of Linux: elsewhere programs are kept
+    if statm.exists():
+        pages = int(statm.read_text().split()[1])
+        if pages * os.sysconf("SC_PAGE_SIZE") > MEMORY * 1e6:
+            jaxcable.forget_programs()
