@@ -108,12 +108,15 @@ def records(files):
 
 def collected(marks, root=ROOT):
     """Ids of the tests with `marks`, an expression of pytest, in their order."""
-    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-n", "0", "-m", marks]
-    command += ["-p", "no:cacheprovider"]
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-o", "addopts=", "-q", "-n", "0"]
+    command += ["-p", "no:cacheprovider", "-m", marks]
     run = subprocess.run(command, cwd=root, capture_output=True, text=True)
     if run.returncode not in (0, 5):
         raise SystemExit(f"tests cannot be collected:\n{run.stdout[-2000:]}{run.stderr[-2000:]}")
-    return [line for line in run.stdout.splitlines() if line.startswith("tests/") and "::" in line]
+    found = [line for line in run.stdout.splitlines() if line.startswith("tests/") and "::" in line]
+    if not found:
+        raise SystemExit(f"no tests are collected for {marks!r}:\n{run.stdout[-2000:]}")
+    return found
 
 
 def executable(text, name="<module>"):

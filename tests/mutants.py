@@ -10,9 +10,9 @@ Reading    caught: the first test that fails, and the seconds until then. SURVIV
            With --lines a fault meets only tests that run its line, the cheapest first, as
            `tests/lines_of_tests.py` has recorded them. A function that JAX has traced for an
            earlier test is not run again for a later one, so that some tests are missed: look at a
-           survivor again with --only and without --lines. Of lines that no test has recorded
-           (constants that an import computes) those of their function stand for them, then the
-           module, with 150 tests at most.
+           survivor again with --only and without --lines. For lines that only importing runs (a
+           table, a default) those of their function stand, then the module, with at most 150
+           tests.
 Command    python tests/mutants.py [--lines FILE ...] [--only N ...] [--marks EXPRESSION]
            [--limit SECONDS] [--save]
            --marks "not slow" is the default; "" runs the slow tests, too, where no other one fails.
@@ -177,16 +177,15 @@ def chosen(fault, tests, among):
             ran.setdefault(test["id"], set()).update(test["lines"][fault.file])
     order = sorted(cost, key=lambda test: cost[test])
     exact, statement, function = place(fault)
-    for lines, most, told in (
-        (exact, None, "run its line"),
-        (statement, None, "run its statement"),
-        (function, MOST, "run its function"),
-        (set().union(*ran.values()), MOST, "run its module"),
-    ):
+    kinds = [(exact, None, "run its line"), (statement, None, "run its statement")]
+    if not exact:  # only importing runs it
+        module = set().union(*ran.values())
+        kinds += [(function, MOST, "run its function"), (module, MOST, "run its module")]
+    for lines, most, told in kinds:
         found = [test for test in order if not lines.isdisjoint(ran[test])][:most]
         if found:
             return found, told
-    return [], "run its module"
+    return [], kinds[0][2]
 
 
 def calls(fault, tests, among):

@@ -7,7 +7,7 @@ import mutants
 import pytest
 import rooms
 from lines_of_tests import executable
-from mutants_table import FAULTS
+from mutants_table import FAULTS, Fault
 
 
 @pytest.mark.parametrize("number", range(1, len(FAULTS) + 1))
@@ -43,5 +43,10 @@ def test_cheapest_tests_of_a_line_come_first():
     )
     assert mutants.chosen(fault, [dear, beside, cheap], "abc")[0] == ["a", "b"]
     assert mutants.chosen(fault, [dear, beside, cheap], "bc")[0] == ["b"]
-    assert mutants.chosen(fault, [beside], "abc") == (["c"], "run its function")
+    assert mutants.chosen(fault, [beside], "abc") == ([], "run its line")
+    told = Fault(
+        "forms", "forms/self_stress.py", '(True, True): "IV"', "", "only importing runs it"
+    )
+    touching = [{"id": "a", "cpu": 1.0, "lines": {told.file: [1000]}}]
+    assert mutants.chosen(told, touching, "a") == (["a"], "run its module")
     assert mutants.chosen(fault, [], "abc")[0] == []
