@@ -16,12 +16,13 @@ if jaxlib.version.__version_info__[:2] == (0, 10):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {FASTER}".strip()
 
 FUSED = "FUSED_LOOPS" in os.environ
-"""Whether to run with `jaxcable.fuse_loops`, as the second part of `make test` does."""
+"""Whether to run with `jaxcable.fuse_loops`, as the last part of `make test-all` does."""
 if FUSED:
     from jaxcable.common import fusion
 
     assert fusion.ask()
 
+import choose_tests
 import jax
 import pytest
 
@@ -44,6 +45,20 @@ def pytest_configure(config):
     """
     if jax.config.jax_compilation_cache_dir is None and hasattr(config, "cache"):
         jax.config.update("jax_compilation_cache_dir", str(config.cache.mkdir("programs")))
+
+
+@pytest.hookimpl(tryfirst=True)  # before marks are selected
+def pytest_collection_modifyitems(config, items):
+    """Mark as `slow` what `make test` leaves out by measure, see `choose_tests`."""
+    out, seen = set() if FUSED else choose_tests.left_out(), set()
+    for item in items:
+        name = item.nodeid.removeprefix("tests/")
+        seen |= {name, name.partition("[")[0]}
+        if choose_tests.is_left_out(name, out):
+            item.add_marker(pytest.mark.slow)
+    whole = [str(pathlib.Path(name)) for name in config.args] in (["tests"], [str(config.rootpath)])
+    if whole and out - seen:
+        raise pytest.UsageError(f"{choose_tests.LIST.name}: there is no test {min(out - seen)}")
 
 
 MEMORY = 1_000

@@ -99,7 +99,7 @@ def figures(process):
 
 
 def test_sharing_out_to_the_devices_there_are():
-    """One here; `make slow` has four, and two processes."""
+    """One here; `make test-all` has four, and two processes."""
     expected, _ = jax.vmap(tension)(FORCES)
     found, status = jc.batched(tension, 3, devices=jax.devices())(FORCES)
     assert found.shape == (7, 12) and (status == 0).all()

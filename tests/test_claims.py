@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 
+import choose_tests
 import pytest
 
 _PATH = Path(__file__).parent.parent / "experiments" / "claims.py"
@@ -51,6 +52,7 @@ def test_a_test_behind_a_claim_runs_by_default(file, name):
         ast.unparse(n.value) for n in tree.body if ast.unparse(n).startswith("pytestmark")
     ]
     assert "pytest.mark.slow" not in marks + everything
+    assert f"{file.removeprefix('tests/')}::{name}" not in choose_tests.left_out()
 
 
 def test_every_row_of_the_validation_names_what_shows_it():

@@ -280,7 +280,7 @@ PARAMETERS = {
 }
 
 
-# all kinds at once in "lengths"; one by one in `make slow`
+# all kinds at once in "lengths"; one by one in `make test-all`
 ALONE = ("lengths",)
 NAMES = [pytest.param(n, marks=[] if n in ALONE else pytest.mark.slow) for n in PARAMETERS]
 

@@ -105,7 +105,7 @@ def slope(value, p, gradient, size=1.0):
 
 
 # all kinds of parameters are tested at once in test_gradients_two_phases; here one by one, apart
-# from all else, in `make slow`
+# from all else, in `make test-all`
 ALONE = ("jacked nodes", "released prop", "incremental secant")
 NAMES = [pytest.param(n, marks=[] if n in ALONE else pytest.mark.slow) for n in PARAMETERS]
 

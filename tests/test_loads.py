@@ -250,7 +250,7 @@ PARAMETERS = {
 }
 
 
-# the rest, alike, in `make slow`
+# the rest, alike, in `make test-all`
 QUICK = ("factors",)
 NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
 

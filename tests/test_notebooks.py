@@ -1,6 +1,6 @@
 """Notebooks: their text sources run, and the notebooks hold the same cells with their outputs.
 
-The first runs in the default suite, the others by ``make notebooks-test``.
+The first runs in `make test`, the others in `make test-all`.
 """
 
 import json

@@ -301,7 +301,7 @@ PARAMETERS = {
 }  # fmt: skip
 
 
-# the rest, alike, in `make slow`
+# the rest, alike, in `make test-all`
 QUICK = ("per unstressed length", "face pressure")
 NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
 

@@ -206,7 +206,7 @@ PARAMETERS = {
 }
 
 
-# the rest, alike, in `make slow`
+# the rest, alike, in `make test-all`
 QUICK = ("nodes",)
 NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
 

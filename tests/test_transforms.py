@@ -19,7 +19,7 @@ METHODS = {
 for name in [name for name in ("cholmod", "pardiso") if name in INSTALLED]:
     METHODS[name] = jc.Newton(tol=1e-13, linear_solver=name)
 
-# compiled anew for every method, and alike: one is enough but for `make slow`
+# compiled anew for every method, and alike: one is enough but for `make test-all`
 NAMES = [pytest.param(n, marks=pytest.mark.slow if n != "newton" else []) for n in METHODS]
 NEWTONS = [name for name in NAMES if "tangent" not in name.values[0]]
 P = jnp.array([180.0, 220.0, -5.0])  # pretension of rows and of columns, load
