@@ -63,7 +63,7 @@ def recorded(paths):
     for line in (line for path in paths for line in Path(path).read_text().splitlines()):
         record = json.loads(line)
         name = record["id"].removeprefix("tests/")
-        file, function = name.partition("[")[0].split("::")
+        file, _, function = name.partition("[")[0].partition("::")
         known.setdefault(file, texts_of(file))
         text = known[file].get(function, "")
         subjects = [word for word in SUBJECTS if re.search(rf"\b\w*{word}", text)]
