@@ -1,6 +1,7 @@
 """Which tests does `make test` run, and which only `make test-all`?
 
-Record     as `lines_of_tests.py` says, with `-m "slow or not slow"`.
+Record     as `lines_of_tests.py` says, with `-m "slow or not slow"`; once more by `make test` with
+           the list that came of it, because other tests compile then what they share.
 Choose     python tests/choose_tests.py FILE ... [--seconds 600]
            Writes `tests/only_in_test_all.txt`: what `make test` leaves out. A test that is not in
            that list and has no mark `slow` is in `make test`: so is a new one.
@@ -58,7 +59,11 @@ def texts_of(file):
 
 
 def recorded(paths):
-    """Return seconds and what it shows, a set of pairs, of every test in files of records."""
+    """Return seconds and what it shows, a set of pairs, of every test in files of records.
+
+    The seconds of a test that is there more than once are the largest: it is dearer where no other
+    one has compiled its programs.
+    """
     tests, known = {}, {}
     for line in (line for path in paths for line in Path(path).read_text().splitlines()):
         record = json.loads(line)
@@ -68,11 +73,12 @@ def recorded(paths):
         text = known[file].get(function, "")
         subjects = [word for word in SUBJECTS if re.search(rf"\b\w*{word}", text)]
         shows = {("file", file), ("function", (file, function))}
-        for module, lines in record["lines"].items():
+        for module, lines in record.get("lines", {}).items():
             shows |= {("line", (module, number)) for number in lines}
             shows |= {("subject", (module, word)) for word in subjects}
         waits = record["wall"] > 3 * record["cpu"] + 1  # for a process that it has started
-        tests[name] = 0.6 * record["wall"] if waits else record["cpu"], shows
+        cost, before = tests.get(name, (0.0, set()))
+        tests[name] = max(cost, 0.6 * record["wall"] if waits else record["cpu"]), shows | before
     return tests
 
 

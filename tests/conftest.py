@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(config, items):
         raise pytest.UsageError(f"{choose_tests.LIST.name}: there is no test {min(out - seen)}")
 
 
-MEMORY = 1_000
+MEMORY = 1_250
 """Resident memory, MB, from which compiled programs are forgotten: each takes some MB, and eight of
 the 65 530 memory maps that Linux gives a process."""
 
