@@ -20,6 +20,8 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
+
 ROOT = Path(__file__).parent.parent
 LIST = ROOT / "tests" / "only_in_test_all.txt"
 CITED = [ROOT / "README.md", ROOT / "experiments" / "README.md"]
@@ -58,56 +60,77 @@ def texts_of(file):
     return {node.name: ast.get_source_segment(text, node) for node in functions}
 
 
+def shown(record, text):
+    """Return what a test shows by its record and its text, as (kind, what) pairs."""
+    file, _, function = record["id"].partition("[")[0].partition("::")
+    subjects = [word for word in SUBJECTS if re.search(rf"\b\w*{word}", text)]
+    yield "file", file
+    yield "function", (file, function)
+    for module, lines in record.get("lines", {}).items():
+        yield from (("line", (module, number)) for number in lines)
+        yield from (("subject", (module, word)) for word in subjects)
+
+
 def recorded(paths):
-    """Return seconds and what it shows, a set of pairs, of every test in files of records.
+    """Read files of records.
 
     The seconds of a test that is there more than once are the largest: it is dearer where no other
     one has compiled its programs.
+
+    Returns:
+        By the name of every test its seconds, and the numbers of what it shows; the worth of that.
     """
-    tests, known = {}, {}
+    numbers, worth, texts, tests = {}, [], {}, {}
     for line in (line for path in paths for line in Path(path).read_text().splitlines()):
         record = json.loads(line)
         name = record["id"].removeprefix("tests/")
         file, _, function = name.partition("[")[0].partition("::")
-        known.setdefault(file, texts_of(file))
-        text = known[file].get(function, "")
-        subjects = [word for word in SUBJECTS if re.search(rf"\b\w*{word}", text)]
-        shows = {("file", file), ("function", (file, function))}
-        for module, lines in record.get("lines", {}).items():
-            shows |= {("line", (module, number)) for number in lines}
-            shows |= {("subject", (module, word)) for word in subjects}
+        if file not in texts:
+            texts[file] = texts_of(file)
+        found = set()
+        for one in shown(record, texts[file].get(function, "")):
+            if one not in numbers:
+                numbers[one] = len(numbers)
+                worth.append(WORTH[one[0]])
+            found.add(numbers[one])
         waits = record["wall"] > 3 * record["cpu"] + 1  # for a process that it has started
-        cost, before = tests.get(name, (0.0, set()))
-        tests[name] = max(cost, 0.6 * record["wall"] if waits else record["cpu"]), shows | before
-    return tests
+        cost, before = tests.get(name, (0.0, ()))
+        cost = max(cost, 0.6 * record["wall"] if waits else record["cpu"])
+        tests[name] = cost, np.union1d(np.fromiter(found, int), np.asarray(before, int))
+    return tests, np.array(worth)
 
 
-def chosen(tests, seconds, always):
-    """Return the names that stay, see the rule above; `always` are functions that stay."""
-    stay, count = set(), collections.Counter()
+def chosen(tests, worth, seconds, always):
+    """Return the names that stay, see the rule above, and their seconds.
+
+    Args:
+        tests, worth: as `recorded` gives them.
+        seconds: how many there are.
+        always: functions that stay.
+    """
+    stay, count, again = set(), np.zeros(len(worth), int), np.array([1.0, SECOND, 0.0])
 
     def keep(name):
         stay.add(name)
-        count.update(tests[name][1])
+        count[tests[name][1]] += 1
 
-    def worth(name):
+    def rate(name):
         cost, shows = tests[name]
-        new = (WORTH[one[0]] * (1, SECOND, 0)[min(count[one], 2)] for one in shows)
-        return sum(new) / max(cost, 1e-3)
+        return worth[shows] @ again[np.minimum(count[shows], 2)] / max(cost, 1e-3)
 
     for name, (cost, _) in tests.items():
         if cost <= FREE:
             keep(name)
-    for function in always:  # the cheapest of every cited function
+    for function in sorted(always):  # the cheapest case of every cited function
         cases = [name for name in tests if name.partition("[")[0] == function]
         if cases and not stay & set(cases):
             keep(min(cases, key=lambda name: tests[name][0]))
-    queue = [(-worth(name), name) for name in tests if name not in stay]
+    queue = [(-rate(name), name) for name in tests if name not in stay]
     heapq.heapify(queue)
     spent = sum(tests[name][0] for name in stay)
     while queue:
         _, name = heapq.heappop(queue)
-        now = worth(name)
+        now = rate(name)
         if queue and now < -queue[0][0]:  # has lost worth since: later
             heapq.heappush(queue, (-now, name))
         elif now > 0 and spent + tests[name][0] <= seconds:
@@ -135,8 +158,8 @@ def main(arguments):
         at = arguments.index("--seconds")
         seconds = float(arguments[at + 1])
         arguments = arguments[:at] + arguments[at + 2 :]
-    tests = recorded(arguments)
-    stay, spent = chosen(tests, seconds, cited())
+    tests, worth = recorded(arguments)
+    stay, spent = chosen(tests, worth, seconds, cited())
     lines = write(tests, stay)
     everything = sum(cost for cost, _ in tests.values())
     print(f"{len(tests)} tests, {everything:.0f} s; {len(stay)} in `make test`, {spent:.0f} s")
