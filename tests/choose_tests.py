@@ -21,6 +21,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).parent.parent
 LIST = ROOT / "tests" / "only_in_test_all.txt"
@@ -31,6 +32,8 @@ SUBJECTS = (
 )
 FREE = 0.3  # seconds up to which a test stays
 SECOND = 0.15  # worth of running a line once more, over that of the first time
+UNKNOWN = pytest.StashKey()
+"""Of pytest's configuration: names of the list that no test has; None where a part is collected."""
 WORTH = {"file": 3.0, "function": 1.0, "subject": 0.7, "line": 1.0}
 
 

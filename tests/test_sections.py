@@ -246,3 +246,26 @@ def test_strains_of_a_batch_do_not_forget_the_plastic_strains():
         # unloading: E e - (E - Et) p = N / A
         expected = (1e6 / 0.02 + (210e9 - 2.1e9) * p) / 210e9
         assert float(found[0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_own_second_moments_of_a_fibre_are_those_of_its_points():
+    """A right triangle as one fibre with its second moments, and as 5 000 points.
+
+    With legs b along y and h along z: I_yy = b h^3 / 36, I_zz = h b^3 / 36 and the product
+    -b^2 h^2 / 72 about its centroid.
+    """
+    b, h, n, law = 0.3, 0.2, 100, jc.Elastic(2e9)
+    area = b * h / 2
+    own = [[b * h**3 / 36, h * b**3 / 36, -(b**2) * h**2 / 72]]
+    one = jc.Section([0.01], [-0.02], [area], law, own=own)
+    i, j = (at.ravel() for at in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    y, z = (i + 0.5) / n * b, (j + 0.5) / n * h
+    share = np.where(i + j < n - 1, 1.0, np.where(i + j == n - 1, 0.5, 0.0)) * b * h / n**2
+    there = share > 0
+    y, z, share = y[there], z[there], share[there]
+    y, z = y - share @ y / area + 0.01, z - share @ z / area - 0.02
+    many = jc.Section(y, z, share, law)
+    apart = np.abs(np.asarray(one.stiffness() - many.stiffness()))
+    bending = float(one.stiffness()[2, 2])
+    assert apart[1:, 1:].max() < 2e-3 * bending  # the points are squares: of second order in 1/n
+    assert abs(float(one.stiffness()[1, 2])) > 0.1 * bending
