@@ -245,3 +245,17 @@ def test_traced_paths_have_it():
     assert int(path.status) == int(solution.status) == 0
     np.testing.assert_allclose(path.peak_tension[-1], solution.peak_tension, rtol=1e-8)  # its tol
     assert (path.peak_tension > path.tension + 100).all()
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0], ids=["standing", "hanging"])
+def test_columns_have_their_largest_force_at_the_support(up):
+    """Two beams of 2 m and 300 N/m below or above 1 kN: N is -(P + w L) or P + w L at the foot."""
+    nodes = np.array([[0.0, 0, 0], [0, 0, 2 * up], [0, 0, 4 * up]])
+    section = jc.Section.rectangle(0.2, 0.2, jc.Elastic(2e11))
+    column = jc.Beams([[0, 1], [1, 2]], section=section, weight=300.0)
+    loads = [jc.SelfWeight(), jc.NodalLoads([2], [[0.0, 0.0, -1000.0]])]
+    solution = jc.solve(jc.Structure(nodes, column, jc.clamped([0])), jc.Phase(loads=loads))
+    assert int(solution.status) == 0
+    # to the tolerance of the analysis; the supports give way by 1e-6 of a length
+    expected = -up * np.array([2200.0, 1600.0])
+    assert np.asarray(solution.peak_tension) == pytest.approx(expected, rel=1e-8)

@@ -210,6 +210,25 @@ def test_a_bracket_of_a_guy():
     assert np.abs(turning).max() < 1e-8 * 6e3 * 3.0
 
 
+def test_a_moment_at_the_end_of_a_rigid_arm_turns_what_it_is_fixed_to():
+    """A cantilever under an end moment, by the theory of beams: M L / EI and M L^2 / 2 EI."""
+    nodes = np.array([[0.0, 0, 0], [3.0, 0, 0], [3.0, 0.4, 0.2]])
+    section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(2e11))
+    bending = 2e11 * 0.1**4 / 12
+    beam = jc.Beams([[0, 1]], section=section)
+    structure = jc.Structure(nodes, beam, jc.clamped([0]), rigid=[[1, 2]])
+    moment = 10.0
+    load = jc.NodalLoads([2], np.zeros((1, 3)), moments=[[0.0, moment, 0.0]])
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert int(solution.status) == 0
+    # linear: of second order in a rotation of 2e-5
+    turn = moment * 3.0 / bending
+    assert float(solution.displacement[1, 2]) == pytest.approx(-turn * 1.5, rel=1e-4)
+    assert float(solution.displacement[2, 2]) == pytest.approx(-turn * 1.5, rel=1e-4)
+    assert float(solution.displacement[2, 0]) == pytest.approx(turn * 0.2, rel=1e-3)
+    assert np.asarray(solution.reaction_moments)[0] == pytest.approx([0, -moment, 0], abs=1e-6)
+
+
 def test_a_cable_about_to_slacken_at_a_carried_node_has_no_derivative():
     """It moves with its carrier: the derivative of one side only would be silently wrong."""
     arms = bracket(np.array([0.4, 0.2, 0.1]))
