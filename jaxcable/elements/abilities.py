@@ -210,8 +210,8 @@ class Pulling(Element):
         """Whether the elements have such a number in this state."""
         return True
 
-    def is_straight(self, state: OwnState) -> bool:
-        """Whether they are straight between nodes, which they pull along their pieces."""
+    def fits_cones(self, state: OwnState) -> bool:
+        """Whether `equilibrium.cones` applies: straight between nodes, and of a linear law."""
         return False
 
     @abc.abstractmethod

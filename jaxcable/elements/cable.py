@@ -58,9 +58,9 @@ class TensionOnly(Straight, Pulling):
             lambda: self._slack(self.strain(state, ends, motion), state.memory),
         )
 
-    def is_straight(self, state: AxialState) -> bool:
-        """Whether they are straight between nodes: all are, but for those that hang."""
-        return True
+    def fits_cones(self, state: AxialState) -> bool:
+        """Whether `equilibrium.cones` applies: to a linear law, as they are straight."""
+        return self.stiffness_along() is not None
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
         """Tension and what belongs to it at a point, see `Pulling`."""

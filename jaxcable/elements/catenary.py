@@ -100,9 +100,9 @@ class Catenaries(TensionOnly, Sagging, Rounding):
             return super()._pull(state, ends, motion)
         return self._hang(state, ends, motion)[0]
 
-    def is_straight(self, state: AxialState) -> bool:
-        """Whether no load acts along them in any phase, so that they do not hang."""
-        return state.line_load is None
+    def fits_cones(self, state: AxialState) -> bool:
+        """Whether `equilibrium.cones` applies: where no load acts along them in any phase."""
+        return state.line_load is None and super().fits_cones(state)
 
     def pulled(self, state: AxialState, ends: Ends, motion: Motion) -> Pull:
         """Tension and what belongs to it; under a load the tension is ``tau - |q| L0/2``."""

@@ -13,10 +13,11 @@ The force V that a piece has at its end and the tension N of its cable are multi
     cone      (u, X) o (N, -V) = m (1, 0)                      (Jordan product)
 
 as m goes to zero. At the end taut pieces have ``u = |X|`` and ``V = N X/|X|``, slack ones N = 0.
-Only the law and the product are linearised, and nothing of the geometry: how many steps that takes
-hardly depends on the size of a net, on how much of it is slack, nor on EA/N. With the scaling of
-`numerics.cones`, all but the displacements is eliminated cable by cable. What remains is a matrix
-of the form of the tangent,
+The law is linear (at the kink of one that is not, steps wander): then only the product is
+linearised, and nothing of the geometry. How many steps that takes grows little with the size of a
+net, and hardly with how much of it is slack, nor with EA/N. With the scaling of `numerics.cones`,
+all but the displacements is eliminated cable by cable. What remains is a matrix of the form of the
+tangent,
 
     sum over cables of k h h' + sum over pieces of q (I - c c'),         k = 1 / (L'(N) + sum of b).
 
@@ -214,5 +215,7 @@ class Cones:
 
         sound = definite & jnp.isfinite(rate)
         kind = jnp.where(sound, jnp.where(self.predicted, 2, 1), 0)
-        new, part = lax.switch(kind, [lambda: (self, jnp.zeros_like(part)), predicted, taken])
+        # without a part that can be taken the step is of no use, and the end is tried
+        nothing = self, jnp.full_like(part, jnp.nan)
+        new, part = lax.switch(kind, [lambda: nothing, predicted, taken])
         return new, part, sound & new.predicted

@@ -1,4 +1,4 @@
-"""Interior iteration of nets with hanging cables: a bound on the length of every cable.
+"""Interior iteration of nets with hanging cables or curved laws: a bound on every cable's length.
 
 A cable is a bound on its length, ``l <= L(N)`` with the length L(N) that it has under the tension
 N, and the room y that is left: ``N >= 0, y >= 0, N y = 0``. An interior-point method follows

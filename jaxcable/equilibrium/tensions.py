@@ -15,14 +15,14 @@ geometric stiffness of the tension that the step before predicts (Magisano, Leon
 Few steps, often; no guarantee.
 
 *Interior*: an interior-point method, whose number of steps hardly depends on EA/N: a second-order
-cone for every straight piece (`cones`), or in nets with hanging cables a bound on every length
-(`hung`).
+cone for every straight piece of linear cables (`cones`), or in nets with hanging cables and other
+laws a bound on every length (`hung`).
 
 The iteration is mixed as long as the residual falls; then interior, from the start of the
-increment; near the end mixed again, because interior steps become inaccurate where slack and taut
-cannot be told apart; and if all of this fails, plain Newton steps with a line search. Nets of
-straight and sliding cables begin with the interior iteration where no cable has tension, because
-mixed steps do not help there, and leave mixed steps early.
+increment; near the end mixed again, or with cones by steps of their own, because interior steps
+become inaccurate where slack and taut cannot be told apart; and if all of this fails, plain Newton
+steps with a line search. Nets with cones begin with the interior iteration where no cable has
+tension, because mixed steps do not help there, and leave mixed steps early.
 
 Source: Magisano, Leonetti, Garcea, "How to improve efficiency and robustness of the Newton method
 in geometrically non-linear structural problem discretized via displacement-based finite elements"
@@ -38,7 +38,7 @@ import jax.numpy as jnp
 from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int
 from ..mechanics.assembly import System
-from ..mechanics.pieces import all_straight
+from ..mechanics.pieces import all_fit_cones
 from ..mechanics.pulls import Pulls, held, rest_lengths
 from ..spaces.space import Motion
 from . import cone_equations, hung
@@ -48,7 +48,8 @@ from .newton_step import largest
 
 MIXED, INTERIOR, LAST, SEARCH = range(4)
 
-# steps within which the residual must halve, and all: mixed, at the end, and there with cones
+# steps within which the residual must halve, and all: mixed, at the end, and at the end with cones
+# (there all mixed steps, too)
 _PATIENCE, _LONGEST = (8, 4, 14), (60, 20, 25)
 _EARLY = 5, 0.3  # steps after which a residual over this part of the scale ends a mode
 _SLACK = 1e-3  # tension over load up to which cables are slack at the start
@@ -67,7 +68,8 @@ class Tensions:
         inner: state of the interior iteration.
         fresh: whether the mode begins at its next step.
         best: smallest residual since the mode began, N.
-        since, count: steps since it was halved, and since the mode began.
+        since, count: steps since it was halved, and since the mode began; after an end that has
+            failed, the count goes on.
         blocked: interior steps in succession that a bound has blocked.
         near: what may be left (`Ending.measure`) where the end is tried.
         tries: how often it was.
@@ -92,7 +94,7 @@ class Tensions:
     def init(cls, system: System, x: Motion) -> Tensions:
         """Return the start: mixed."""
         zero, first = jnp.zeros((), x.dtype), jnp.int32(0)
-        kind = Cones if all_straight(system) else Hung
+        kind = Cones if all_fit_cones(system) else Hung
         return cls(
             mode=jnp.int32(MIXED),
             guess=jnp.zeros_like(rest_lengths(system)),

@@ -21,10 +21,10 @@ from .assembly import System
 _APART = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.eye(3))  # of the square of a difference
 
 
-def all_straight(system: System) -> bool:
-    """Whether every cable is straight between its nodes."""
+def all_fit_cones(system: System) -> bool:
+    """Whether every cable is straight between its nodes, and of a linear law."""
     pairs = zip(system.groups, system.states, strict=True)
-    return all(isinstance(group, Pulling) and group.is_straight(state) for group, state in pairs)
+    return all(isinstance(group, Pulling) and group.fits_cones(state) for group, state in pairs)
 
 
 def along_chain(values: Float[Array, "n_elem n_end k"]) -> Float[Array, "n_elem n_piece k"]:
