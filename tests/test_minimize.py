@@ -323,7 +323,8 @@ def test_pretension_of_a_net_and_one_compilation():
     start = 200.0 * jnp.ones(12)
     first = jc.solve(structure, [jc.Phase(pretension=150.0 + 10 * jnp.arange(12.0)), loading])
     jc.raise_if_failed(first)
-    found = jc.minimize(loss, start, (0.0, None), steps=300, args=(first.tension,))
+    # some 1 400 steps: after 300 the tensions are right to 2e-4 N, and the status says it is not done
+    found = jc.minimize(loss, start, (0.0, None), steps=3000, args=(first.tension,))
     assert int(found.status) == 0
     # squared distance: its gradient at tol leaves a distance of 1e-3 of that at the start
     _, solution = loss(found.params, first.tension)
