@@ -6,7 +6,7 @@ BIN := .venv/bin
 STUDIES := accession_curves bar_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
 TIMED := work_precision
 
-.PHONY: demo test test-all test-more lint studies docs notebooks clean
+.PHONY: demo test test-all test-more lint studies docs notebooks notebooks-test clean
 
 demo: .venv/installed
 	$(BIN)/python -m jaxcable demo
@@ -18,9 +18,10 @@ test: .venv/installed-test
 test-all: test test-more
 
 # the second part once more where XLA fuses loops (jaxcable.fuse_loops)
+MORE := slow
 FUSED := fused transforms net_bank batches gradients_two_phases failures stages
 test-more: .venv/installed-test
-	$(BIN)/python -m pytest -m slow -n 2 --dist loadfile
+	$(BIN)/python -m pytest -m $(MORE) -n 2 --dist loadfile
 	FUSED_LOOPS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(FUSED:%=tests/test_%.py)
 
 studies: .venv/installed-test
@@ -33,6 +34,9 @@ study-%: .venv/installed-test
 # write the notebooks, with their outputs, from their text sources
 notebooks: .venv/installed-notebooks
 	cd notebooks && OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
+
+notebooks-test: .venv/installed-test
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_notebooks.py
 
 # the reference, from the docstrings: build/docs/index.html
 docs: .venv/installed-docs

@@ -56,6 +56,7 @@ def pytest_collection_modifyitems(config, items):
         seen |= {name, name.partition("[")[0]}
         if choose_tests.is_left_out(name, out):
             item.add_marker(pytest.mark.slow)
+            item.add_marker(pytest.mark.listed)
     whole = [str(pathlib.Path(name)) for name in config.args] in (["tests"], [str(config.rootpath)])
     config.stash[choose_tests.UNKNOWN] = out - seen if whole else None
 
