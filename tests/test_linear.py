@@ -159,6 +159,31 @@ def test_sequences_reuse_factors_and_say_what_is_not_definite(solver):
     assert not bool(next_(indefinite, b, factored, 1e-8, 0, True)[1])
 
 
+@pytest.mark.parametrize("solver", SPARSE)
+def test_pivots_of_few_digits_are_taken_only_where_they_are_asked_for(solver):
+    """A chain of springs on one of 16 roundings: its last pivot is below the bound of 20."""
+    number = np.column_stack([np.arange(19), np.arange(1, 20)])
+    pattern = linear.make_pattern([number], 20, True, solver)
+    blocks = np.ones((19, 1, 1)) * np.array([[1.0, -1], [-1, 1]])
+    free = linear.assemble([(jnp.asarray(blocks), number)], 20, pattern)
+    soft = linear.Sparse(free.values.at[0].add(2.0**-48), pattern)
+    b = jnp.zeros(20).at[19].set(1.0)
+
+    def taken(matrix, limit):
+        nothing = linear.nothing_factored(pattern, b.dtype)
+        x, definite, _ = linear.solve_next(matrix, b, nothing, 1e-8, limit, True)
+        return bool(definite), np.asarray(x)
+
+    may = pattern.solver.small_pivots
+    assert may == (solver is not NUMPY)
+    assert not taken(soft, 0)[0]
+    definite, x = taken(soft, -1)
+    assert definite == may
+    if may:  # the force over the soft spring, with the one digit that such a pivot has
+        assert x == pytest.approx(2.0**48, rel=0.5)
+    assert not taken(free.plus_diagonal(-0.1), -1)[0]
+
+
 @pytest.mark.parametrize("n", [1, 5, 30])
 def test_batches_of_banded_systems(n):
     """In a batch the banded solver takes over; an indefinite case leaves the others alone."""

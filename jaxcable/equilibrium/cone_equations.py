@@ -104,9 +104,9 @@ class Equations:
             length=length,
         )
         given = system, x, pulls, size
-        return lax.cond(policy.bounded, lambda: mixed._bounded(*given), lambda: mixed)
+        return lax.cond(policy.bounded, lambda: mixed._interior_or_end(*given), lambda: mixed)
 
-    def _bounded(self, system, x, pulls, size):
+    def _interior_or_end(self, system, x, pulls, size):
         """Those of an interior step or of the end, where these are those of a mixed step."""
         policy = self.policy
         inner = policy.inner
@@ -200,13 +200,13 @@ class Equations:
         across = jnp.sum(self.across * moved, axis=-1)
         now = self.base + self.slope * pieces.total(system, self.ratio * across)
 
-        def outside():
+        def newton_step():
             far = jnp.max(norm(moved)) / (_TURN * self.length)
             part = jnp.where(policy.last, 1 / jnp.maximum(far, 1.0), 1.0)
             guess = jnp.where(policy.last, now, jnp.maximum(now, 0.0))
             return copy(policy, guess=guess, count=policy.count + 1), part, jnp.zeros((), bool)
 
-        def inside():
+        def interior_step():
             given = self, system, now, across, moved, definite
             inner, part, first = policy.inner.stepped(*given)
             short = jnp.where(part < _BLOCKED, policy.blocked + 1, jnp.minimum(policy.blocked, 0))
@@ -214,5 +214,5 @@ class Equations:
             count = policy.count + ~first
             return copy(policy, inner=inner, blocked=blocked, count=count), part, first
 
-        after, part, predicted = lax.cond(policy.interior, inside, outside)
+        after, part, predicted = lax.cond(policy.interior, interior_step, newton_step)
         return copy(after, fresh=jnp.zeros((), bool)), part, predicted

@@ -214,7 +214,7 @@ class Equations:
         mixed = copy(policy, guess=jnp.maximum(now, 0.0)), jnp.ones_like(self.length)
         after, part = lax.cond(
             policy.interior,
-            lambda: self._inside(now, longer, jnp.max(turned(system, spread))),
+            lambda: self._interior_step(now, longer, jnp.max(turned(system, spread))),
             lambda: mixed,
         )
         return (
@@ -223,13 +223,16 @@ class Equations:
             jnp.zeros((), bool),
         )
 
-    def _inside(self, now, longer, widest):
+    def _interior_step(self, now, longer, widest):
         """`taken` of an interior step to tensions `now`, [n], N, before it is cut."""
         policy = self.policy
         change = jnp.where(self.jacked, 0.0, now - policy.inner.tension)
         room = self.gap + self.compliance * change - longer
         wider = jnp.where(self.jacked, 0.0, room - policy.inner.room)
-        part_n, part = _inside(policy.inner.tension, change), _inside(policy.inner.room, wider)
+        part_n, part = (
+            _part_to_bounds(policy.inner.tension, change),
+            _part_to_bounds(policy.inner.room, wider),
+        )
         far = widest > _TURN
         part = jnp.minimum(part, jnp.where(far, _TURN / jnp.where(far, widest, 1.0), 1.0))
         shorter = jnp.minimum(part_n, part)
@@ -251,7 +254,7 @@ class Equations:
         return jnp.where(far, more, jnp.where(less > _UNDAMPED * least, less, 0.0))
 
 
-def _inside(values, changes):
+def _part_to_bounds(values, changes):
     """Part of the changes, at most 1, up to which positive values stay positive."""
     falls = changes < 0
     ratio = jnp.where(falls, -values / jnp.where(falls, changes, -1.0), jnp.inf)

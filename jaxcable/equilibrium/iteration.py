@@ -339,7 +339,7 @@ class Task:
                     count = where(it.tensions.halfway, it.factored.count, factored.count)
                     factored = copy(factored, count=count)
                 stays = converged | halfway
-                tensions, again = it.tensions.checked(taken, definite)
+                tensions, again = it.tensions.repeated_if_indefinite(taken, definite)
                 again = again | halfway
             slope = it.residual @ step
             if self.predicts:

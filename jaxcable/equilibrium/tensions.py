@@ -205,7 +205,7 @@ class Tensions:
         x = where(begins, begin, where(returns, self.inside, x))
         return after, x, begins | returns
 
-    def checked(
+    def repeated_if_indefinite(
         self, taken: Tensions, definite: Bool[Array, ""]
     ) -> tuple[Tensions, Bool[Array, ""]]:
         """Return the policy after a step, and whether to make the step again.

@@ -115,7 +115,7 @@ def shared(system: System, values: Float[Array, " n"]) -> Float[Array, " n_piece
 
 def at_nodes(system: System, pulls: Float[Array, "n_piece 3"]) -> Forces:
     """Return the end forces of pieces that pull with `pulls` [n_piece, 3], N, summed at nodes."""
-    return system.at_rows([_at_ends(part) for part in _per_group(system, pulls)])
+    return system.at_rows([_end_forces(part) for part in _per_group(system, pulls)])
 
 
 def matrices(
@@ -151,7 +151,7 @@ def matrices(
             lax.pad(block, jnp.zeros((), q.dtype), [(0, 0, 0), at, at])
             for block, at in zip(blocks, placed, strict=True)
         )
-        g = _at_ends(r[:, :, None] * c).reshape(n, -1)
+        g = _end_forces(r[:, :, None] * c).reshape(n, -1)
         found.append(whole + k[:, :, None] * g[:, :, None] * g[:, None, :])
     return found
 
@@ -163,7 +163,7 @@ def _single(stiff, more, across):
     return same + (more * c)[:, :, None] * c[:, None, :]
 
 
-def _at_ends(pulls):
+def _end_forces(pulls):
     """End forces [n_elem, n_end, 3] of pieces that pull with `pulls` [n_elem, n_end - 1, 3]."""
     if pulls.shape[1] == 1:
         return jnp.concatenate([-pulls, pulls], axis=1)
