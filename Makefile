@@ -22,7 +22,7 @@ MORE := slow
 FUSED := fused transforms net_bank batches gradients_two_phases failures stages
 test-more: .venv/installed-test
 	$(BIN)/python -m pytest -m $(MORE) -n 2 --dist loadfile
-	FUSED_LOOPS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(FUSED:%=tests/test_%.py)
+	FUSED_LOOPS=1 $(BIN)/python -m pytest -n 2 --dist loadfile $(FUSED:%=tests/*/test_%.py)
 
 studies: .venv/installed-test
 	$(MAKE) -j 2 $(STUDIES:%=study-%)
@@ -36,7 +36,7 @@ notebooks: .venv/installed-notebooks
 	cd notebooks && OPENBLAS_NUM_THREADS=1 ../$(BIN)/jupytext --to ipynb --execute *.py
 
 notebooks-test: .venv/installed-test
-	$(BIN)/python -m pytest -m "slow or not slow" tests/test_notebooks.py
+	$(BIN)/python -m pytest -m "slow or not slow" tests/project/test_notebooks.py
 
 # the reference, from the docstrings: build/docs/index.html
 docs: .venv/installed-docs

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import jax
 import numpy as np
-from bar_bank import KINDS, drawn, judged
+from banks.bar_bank import KINDS, drawn, judged
 from record import Record
 
 import jaxcable as jc

@@ -3,8 +3,8 @@
 Question   Random nets, cut and hung far from where they end, chains, released nets, ropes, jacks
            and catenaries, EA/N from 1e2 to 1e10 (1e5 in float32), loads from none to ten times the
            prestress: how many end without the equilibrium that there is, in how many steps?
-Reference  `tests/convex_oracle.py`: equilibrium of the same scenes in extended precision, by an
-           interior-point method on the cone program of least energy; it shares no code.
+Reference  `tests/oracles/convex_oracle.py`: equilibrium of the same scenes in extended precision,
+           by an interior-point method on the cone program of least energy; it shares no code.
 Error      missed: no equilibrium, although the reference finds one, and the status does not say
            that rounding hides the forces; wrong: status OK, but a residual by the reference that
            is beyond what the method promises.
@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import jax
 import numpy as np
-from net_bank import KINDS, derivative, drawn, judged, slope
+from banks.net_bank import KINDS, derivative, drawn, judged, slope
 from record import Record
 
 import jaxcable as jc

@@ -4,10 +4,10 @@ Question   Six problems with limits: the loss, evaluations and seconds of `minim
            SLSQP, trust-constr and IPOPT, beside the method of multipliers around `minimize`, the
            package's own loop until then. Five without limits: `minimize` beside SciPy's L-BFGS-B,
            `fit` beside its `least_squares`.
-Reference  dome: least load path 282.93, a figure by SLSQP whose publication we do not know; its
-           load path and moves are computed by NumPy in `tests/test_constrained.py`. Three bars:
-           Schmit, Structural design by systematic synthesis (1960); its optimum is that of a
-           quadratic. Ten bars: Haftka and Guerdal, Elements of Structural Optimization (1992),
+Reference  dome: least load path 282.93, a figure by SLSQP whose publication we do not know;
+           its load path and moves are computed by NumPy in `tests/design/test_constrained.py`.
+           Three bars: Schmit, Structural design by systematic synthesis (1960); its optimum is that
+           of a quadratic. Ten bars: Haftka and Guerdal, Elements of Structural Optimization (1992),
            5060.85 lb. Rosen-Suzuki: Hock and Schittkowski, Test Examples for Nonlinear
            Programming Codes (1981), problem 43, -44. Cantilever and ropes: closed forms, below.
 Error      Loss over the known one, less 1; largest constraint; KKT residual, judged by the package.

@@ -2,8 +2,8 @@
 
 Question   Random nets, bars, curves, plastic bars, catenaries and ropes, of numbers over many
            decades and in both precisions, and random mistakes in the input: what comes out?
-Reference  `tests/independent.py`: residual, tensions, reactions and lengths in NumPy, in extended
-           precision, apart from the package.
+Reference  `tests/oracles/independent.py`: residual, tensions, reactions and lengths in NumPy, in
+           extended precision, apart from the package.
 Error      A defect is anything but: a ValueError that names the argument; a status of failure with
            NaN results and a last state; a status OK with a residual below what the method promises.
 Command    python experiments/fuzz.py [count] [seed]   (default 10000 1; writes
@@ -22,8 +22,8 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import jax
 import numpy as np
-from fuzz_scenes import FAMILIES, outcome, random_recipe
-from mistakes import MISTAKES
+from banks.fuzz_scenes import FAMILIES, outcome, random_recipe
+from banks.mistakes import MISTAKES
 from record import Record
 
 from jaxcable.common import status

@@ -1,9 +1,9 @@
 """What comes out where analyses are hard, and does any of it claim to be right that is not?
 
-Question   The bank of hard cases (`tests/hard_cases.py`) at full size, in both precisions: status,
-           error, time. Is there a silent failure?
+Question   The bank of hard cases (`tests/banks/hard_cases.py`) at full size, in both precisions:
+           status, error, time. Is there a silent failure?
 Reference  Of each case its own: a closed form, digits by mpmath, a symmetry; and of every
-           equilibrium the residual by `tests/independent.py`, in NumPy, apart from the package.
+           equilibrium the residual by `tests/oracles/independent.py`, in NumPy, apart from it.
 Error      As the case states it, beside its limit; the residual over what `Newton` promises.
 Command    python experiments/hard_cases.py   (writes experiments/results/hard_cases.txt; two
            minutes)
@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
 import jax
 import numpy as np
-from hard_cases import CASES
+from banks.hard_cases import CASES
 from record import Record, write
 
 from jaxcable.common import status

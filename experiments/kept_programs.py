@@ -5,7 +5,7 @@ Question   Seconds of the first call of `solve` in a new process, without the im
            same inside of `jax.jit`, where the analysis is traced and only its compilation is kept.
            Memory of a process that analyses 500 nets of different shape, one after the other.
 Reference  A bare analysis of 48 unknowns in the same run (`first_call.bare`): its first call is Y.
-Error      None: results from disk are equal to the last bit (tests/test_keeping.py).
+Error      None: results from disk are equal to the last bit (tests/common/test_keeping.py).
 Command    python experiments/kept_programs.py [first] [many]
            (writes experiments/results/kept_programs_first.txt and kept_programs_many.txt; ten
            minutes, and half an hour)

@@ -8,7 +8,8 @@ Command    python experiments/waiting.py [--python ANOTHER ...] [--limit 240]
            (writes experiments/results/waiting.txt; 10 minutes for each interpreter, most of it
            compilation)
 
-Each program (`tests/waiting_programs.py`) is a process of its own; every call has other numbers.
+Each program (`tests/banks/waiting_programs.py`) is a process of its own; every call has other
+numbers.
 """
 
 import argparse
@@ -34,7 +35,7 @@ def ended(python, name, fused, limit):
     calls = CONTROL_CALLS if name == "control" else CALLS
     options = ["--calls", str(calls), *(["--fused"] if fused else [])]
     begin = time.perf_counter()
-    command = [python, str(TESTS / "waiting_programs.py"), name, *options]
+    command = [python, str(TESTS / "banks" / "waiting_programs.py"), name, *options]
     try:
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, timeout=limit
@@ -51,7 +52,7 @@ def main():
     parser.add_argument("--python", nargs="*", default=[sys.executable])
     parser.add_argument("--limit", type=float, default=240.0)
     given = parser.parse_args()
-    from waiting_programs import PROGRAMS
+    from banks.waiting_programs import PROGRAMS
 
     record = Record("waiting")
     for python in given.python:

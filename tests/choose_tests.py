@@ -53,7 +53,7 @@ def is_left_out(name, names):
 def cited():
     """Return names `test_x.py::test_y` of tests that texts cite."""
     texts = "".join(path.read_text() for path in CITED)
-    return set(re.findall(r"`tests/(\w+\.py::\w+)`", texts))
+    return set(re.findall(r"`tests/([\w/]+\.py::\w+)`", texts))
 
 
 def texts_of(file):

@@ -39,7 +39,7 @@ from mutants_table import FAULTS
 FIRST = 40  # tests of a first call of pytest, which often suffices
 MOST = 150  # tests where it is only known that they run the function, or the module
 FAILED = "MUTANTS_FAILED"  # variable of the environment: file for the ids of tests that fail
-OWN = "tests/test_mutants.py"  # tests of the table, which every fault would break
+OWN = "tests/project/test_mutants.py"  # tests of the table, which every fault would break
 
 
 # --- a plugin of pytest, for runs of this script

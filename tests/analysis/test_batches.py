@@ -1,0 +1,136 @@
+"""Chunks, devices and processes change nothing in the answers of a batch."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+
+SCRIPT = Path(__file__).parents[2] / "experiments" / "distributed.py"
+STRUCTURE, _ = jc.scenes.flat_net()
+FREE = np.array([3, 4, 7, 8])
+FORCES = np.random.default_rng(0).normal(size=(7, 4, 3)) * 20
+
+
+def tension(force, pretension=200.0):
+    loading = jc.Phase(loads=jc.NodalLoads(FREE, force))
+    solution = jc.solve(STRUCTURE, [jc.Phase(pretension=pretension), loading])
+    return solution.tension, solution.status
+
+
+@pytest.mark.parametrize(
+    "chunk", [*(pytest.param(k, marks=pytest.mark.slow) for k in (1, 3, 7, 100)), None]
+)
+def test_chunks(chunk):
+    expected, _ = jax.vmap(tension)(FORCES)
+    found, status = jc.batched(tension, chunk)(FORCES)
+    assert found.shape == (7, 12) and (status == 0).all()
+    assert jnp.abs(found - expected).max() < 1e-12 * expected.max()
+
+
+@pytest.mark.slow
+def test_gradients_of_shared_and_own_parameters():
+    def loss(map_, pretension, forces):
+        return jnp.sum(map_(lambda F: tension(F, pretension)[0])(forces) ** 2)
+
+    def plain(*args):
+        return loss(jax.vmap, *args)
+
+    def chunked(*args):
+        return loss(lambda f: jc.batched(f, 3), *args)
+
+    args = 200.0 * jnp.ones(12), jnp.asarray(FORCES)
+    for one, two in zip(
+        jax.grad(plain, (0, 1))(*args), jax.grad(chunked, (0, 1))(*args), strict=True
+    ):
+        assert jnp.abs(one - two).max() < 1e-12 * jnp.abs(one).max()
+
+
+def test_several_arguments_as_pytrees():
+    def function(case):
+        return {"sum": case["a"] + case["b"][0].sum()}
+
+    cases = {"a": jnp.arange(5.0), "b": (jnp.ones((5, 2)),)}
+    assert np.array_equal(jc.batched(function, 2)(cases)["sum"], np.arange(5.0) + 2)
+
+
+@pytest.mark.parametrize("chunk", [0, -1, 2.5, True])
+def test_refuses_a_chunk(chunk):
+    with pytest.raises(ValueError, match=r"chunk = .*: expected a whole number"):
+        jc.batched(tension, chunk)
+
+
+def test_refuses_what_is_no_batch():
+    with pytest.raises(ValueError, match="devices: expected at least one"):
+        jc.batched(tension, devices=[])
+    for cases in ((1.0,), (np.ones(3), np.ones(2)), (np.ones((0, 3)),)):
+        with pytest.raises(ValueError, match="cases: expected arrays with one leading axis"):
+            jc.batched(lambda *a: a, 2)(*cases)
+
+
+def run(*options):
+    """Start the script; its processes share nothing with this one but the cores."""
+    environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
+    environment["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # compiles faster
+    return subprocess.Popen(
+        [sys.executable, SCRIPT, *map(str, options)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+    )
+
+
+def figures(process):
+    out, err = process.communicate(timeout=240)
+    assert process.returncode == 0, err[-2000:]
+    found = json.loads(out.strip().splitlines()[-1])
+    assert found["displacement_difference_m"] < 1e-12 * found["largest_displacement_m"]
+    assert found["gradient_difference"] < 1e-12 * found["largest_gradient"]
+    return found
+
+
+def test_sharing_out_to_the_devices_there_are():
+    """One here; `make test-all` has four, and two processes."""
+    expected, _ = jax.vmap(tension)(FORCES)
+    found, status = jc.batched(tension, 3, devices=jax.devices())(FORCES)
+    assert found.shape == (7, 12) and (status == 0).all()
+    assert jnp.abs(found - expected).max() < 1e-12 * expected.max()
+
+
+@pytest.mark.slow
+def test_four_devices_give_the_answers_of_one():
+    found = figures(run("--devices", 4, "--cases", 10, "--chunk", 2))
+    assert found["devices"] == 4
+
+
+@pytest.mark.slow
+def test_two_processes_give_the_answers_of_one():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    options = ("--processes", 2, "--cases", 6, "--chunk", 2, "--address", address)
+    processes = [run(*options, "--rank", rank) for rank in (0, 1)]
+    try:
+        for rank, process in enumerate(processes):
+            found = figures(process)
+            assert found["devices"] == 2 and found["process"] == rank
+    finally:
+        for process in processes:
+            process.kill()
+
+
+@pytest.mark.slow
+def test_four_devices_with_factorisations_on_the_host():
+    # one case at a time goes by conjugate gradients, six at once do not: alike within `Newton.tol`
+    options = ("--devices", 4, "--cases", 6, "--chunk", 1, "--side", 14, "--tol", 1e-13)
+    found = figures(run(*options))
+    assert found["devices"] == 4 and found["unknowns"] == 588

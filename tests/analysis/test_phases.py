@@ -1,0 +1,257 @@
+"""What a phase means: prestress statements, jacking, supports, adding loads, continuing."""
+
+import numpy as np
+import pytest
+from banks.problems import assert_balanced, unbalanced
+
+import jaxcable as jc
+
+STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net(load=75.0, increments=(2, 3))
+EA = 97.97e3
+TIGHT = jc.Newton(tol=1e-13)
+
+
+def solved(structure, phases, **options):
+    solution = jc.solve(structure, phases, TIGHT, **options)
+    jc.raise_if_failed(solution)
+    assert_balanced(solution)
+    return solution
+
+
+def lengths(structure):
+    nodes, links = np.asarray(structure.nodes), structure.elements.links.array
+    return np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
+
+
+@pytest.fixture(scope="module")
+def by_tension():
+    return solved(STRUCTURE, [PRESTRESS, LOADING])
+
+
+STATEMENTS = {
+    "rest_length": {"rest_length": 0.4 / (1 + 200 / EA)},
+    "force_density": {"force_density": 200 / 0.4},
+    "prestrain": {"prestrain": 200 / EA},
+    "shortening": {"shortening": 0.4 - 0.4 / (1 + 200 / EA)},
+    "temperature": {"temperature": (1 / (1 + 200 / EA) - 1) / 1e-5},
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STATEMENTS)
+def test_every_statement_of_prestress_gives_the_same_state(name, by_tension):
+    structure = jc.replace(STRUCTURE, elements=jc.replace(STRUCTURE.elements, expansion=1e-5))
+    phase = jc.Phase(increments=2, **STATEMENTS[name])
+    solution = solved(structure, [phase, LOADING])
+    # a stated length has an error of eps EA/N = 1e-13 in N; the net turns it into as much in u
+    assert np.allclose(solution.tension, by_tension.tension, rtol=1e-11)
+    assert np.abs(np.asarray(solution.displacement - by_tension.displacement)).max() < 1e-14
+    assert np.allclose(solution.rest_length, by_tension.rest_length, rtol=1e-15)
+
+
+def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_chord():
+    solution = solved(STRUCTURE, [jc.Phase(prestrain=0.05)])
+    assert np.allclose(solution.rest_length, lengths(STRUCTURE) / 1.05, rtol=1e-14)
+    assert np.allclose(solution.tension, 0.05 * EA, rtol=1e-12)  # not EA 0.05/0.95
+
+
+def test_absolute_statement_in_a_later_phase_refers_to_the_initial_nodes():
+    """Prestress after loading ends where prestress before loading does."""
+    late = solved(STRUCTURE, [LOADING, jc.Phase(pretension=200.0, increments=2)])
+    early = solved(STRUCTURE, [PRESTRESS, LOADING])
+    assert np.abs(np.asarray(late.displacement - early.displacement)).max() < 1e-13
+
+
+def test_prefix_tree_and_array_statements():
+    structure = jc.Structure(
+        STRUCTURE.nodes,
+        {
+            "rows": jc.Cables(STRUCTURE.elements.links[:6], axial_stiffness=EA),
+            "columns": jc.Bars(STRUCTURE.elements.links[6:], axial_stiffness=EA),
+        },
+        STRUCTURE.supports,
+    )
+    tension = np.linspace(100, 200, 6)
+    phase = jc.Phase(pretension={"rows": tension, "columns": 150.0})
+    solution = solved(structure, [phase])
+    rest = lengths(STRUCTURE)[:6] / (1 + tension / EA)
+    assert np.allclose(solution.rest_length["rows"], rest, rtol=1e-14)
+    assert set(solution.tension) == {"rows", "columns"}
+    some = solved(structure, [jc.Phase(pretension={"rows": 100.0, "columns": None})])
+    assert np.allclose(some.rest_length["columns"], 0.4, rtol=1e-14)
+    assert some.phases[0].path.tension["columns"].shape == (1, 6)
+
+
+def test_unequal_pretension_moves_to_an_independently_checked_equilibrium():
+    tension = np.linspace(100, 300, 12)
+    solution = solved(STRUCTURE, [jc.Phase(pretension=tension, increments=3), LOADING])
+    out, force = unbalanced(
+        np.asarray(STRUCTURE.nodes),
+        STRUCTURE.elements.links.array,
+        EA,
+        lengths(STRUCTURE) / (1 + tension / EA),
+        np.asarray(solution.positions),
+        solution.load,
+    )
+    # EA eps of a metre: 2e-11 N, some of them at a node
+    assert np.abs(out[[3, 4, 7, 8]]).max() < 1e-9
+    assert np.abs(force - solution.tension).max() < 1e-9
+
+
+def test_prefix_of_a_list_of_groups():
+    """A list is a branch of the tree of groups where the groups are a list."""
+    links = STRUCTURE.elements.links
+    groups = [jc.Cables(links[:6], axial_stiffness=EA), jc.Cables(links[6:], axial_stiffness=EA)]
+    structure = jc.Structure(STRUCTURE.nodes, groups, STRUCTURE.supports)
+    for statement in ([200.0, 100.0], [[200.0] * 6, 100.0]):
+        solution = solved(structure, [jc.Phase(pretension=statement)])
+        assert np.allclose(solution.tension[0], 200.0) and np.allclose(solution.tension[1], 100.0)
+    one = solved(STRUCTURE, [jc.Phase(pretension=[200.0] * 12)])
+    assert np.allclose(one.tension, 200.0)
+
+
+# --- jacking
+
+
+def test_jacked_and_anchored_net_does_not_move():
+    """Force held in phase 1, unstressed length locked; an empty phase changes nothing."""
+    structure, phases = jc.scenes.hypar_net(increments=(4, 1))
+    solution = solved(structure, [phases[0], jc.Phase()])
+    assert np.abs(np.asarray(solution.phases[1].displacement)).max() == 0.0
+    assert int(solution.phases[1].path.iterations[0]) == 0
+    assert np.allclose(solution.tension, 200.0, rtol=1e-13)
+
+
+def test_anchoring_under_self_weight_does_not_move_the_net():
+    """What the jack takes in or pays out does not change the weight that it balanced."""
+    nodes = np.asarray(STRUCTURE.nodes) + 0.05 * np.eye(12, 3, k=-3)
+    elements = jc.replace(STRUCTURE.elements, weight=50.0)
+    structure = jc.replace(STRUCTURE, nodes=nodes, elements=elements)
+    jacked = jc.Phase(jacking=200.0, loads=jc.SelfWeight(), increments=2)
+    solution = solved(structure, [jacked, jc.Phase()])
+    assert float(solution.phases[0].displacement[3, 2]) < -0.01
+    assert np.abs(np.asarray(solution.phases[1].displacement)).max() == 0.0
+
+
+def test_jack_as_a_load_is_anchored_where_it_is():
+    """A released end pulled by a force; anchored, it stays and its reaction is the jack's force."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0], [1.0, 1, 0], [1.0, -1, 0]])
+    cable = jc.Cables([[0, 1], [1, 2], [1, 3], [1, 4]], axial_stiffness=1e4)
+    sliding = np.ones((5, 3), bool)
+    sliding[1] = False
+    sliding[2, 0] = False  # the jack's end, guided along the cable
+    structure = jc.Structure(nodes, cable, jc.Supports(sliding))
+    prestress = jc.Phase(pretension=np.array([0.0, 0.0, 50.0, 50.0]))
+    jack = jc.Phase(loads=jc.NodalLoads([2], (30.0, 0, 0)), increments=4)
+    anchored = jc.Phase(supports=jc.pinned([0, 2, 3, 4]))
+    solution = solved(structure, [prestress, jack, anchored])
+    assert np.abs(np.asarray(solution.phases[2].displacement)).max() == 0.0
+    assert float(solution.phases[1].displacement[2, 0]) > 1e-3
+    assert float(solution.reactions[2, 0]) == pytest.approx(30.0, rel=1e-12)
+    assert float(np.abs(np.asarray(solution.load)).max()) == 0.0  # the jack does not also pull
+
+
+def test_held_force_ramps_from_what_was_there():
+    tension = [solved(STRUCTURE, [PRESTRESS, jc.Phase(jacking=400.0, increments=4)])]
+    path = tension[0].phases[1].path.tension
+    assert np.allclose(path[:, 0], [250, 300, 350, 400], rtol=1e-12)
+
+
+# --- supports
+
+
+def test_released_freedoms_start_with_their_reaction_and_end_free():
+    """Held up by a temporary prop, then released in increments: as if never propped."""
+    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
+    mask[3, 2] = True
+    propped = jc.replace(STRUCTURE, supports=jc.Supports(mask))
+    release = jc.Phase(supports=STRUCTURE.supports, increments=4)
+    solution = solved(propped, [PRESTRESS, LOADING, release])
+    direct = solved(STRUCTURE, [PRESTRESS, LOADING])
+    assert float(np.abs(np.asarray(solution.phases[1].displacement[3, 2]))) == 0.0
+    assert np.abs(np.asarray(solution.displacement - direct.displacement)).max() < 1e-12
+    # ramped: the first quarter of the release moves the prop by less than the whole
+    down = np.asarray(solution.phases[2].path.displacement[:, 3, 2])
+    assert (np.diff(down) < 0).all() and 0.1 < down[0] / down[-1] < 0.5
+
+
+def test_fixed_freedoms_are_held_where_they_are():
+    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
+    mask[3] = True
+    solution = solved(
+        STRUCTURE, [PRESTRESS, LOADING, jc.Phase(supports=jc.Supports(mask)), LOADING]
+    )
+    before = solution.phases[1].positions[3]
+    assert np.array_equal(solution.positions[3], before)
+    # the first load on node 3 left the load vector, that of the last phase goes into the support
+    assert float(solution.load[3, 2]) == -75.0 and float(solution.load[4, 2]) == -150.0
+
+
+def test_loads_add_over_phases_and_an_empty_phase_changes_nothing():
+    half = jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8], (0, 0, -37.5)))
+    one = solved(STRUCTURE, [PRESTRESS, LOADING])
+    two = solved(STRUCTURE, [PRESTRESS, half, jc.Phase(), half])
+    assert np.abs(np.asarray(one.displacement - two.displacement)).max() < 1e-13
+    assert np.abs(np.asarray(two.phases[2].displacement)).max() == 0.0
+
+
+def assert_same(a, b):
+    """Equal to the rounding of two programs that go through the same iterates."""
+    assert np.abs(np.asarray(a) - np.asarray(b)).max() <= 1e-13 * np.abs(np.asarray(b)).max()
+
+
+def test_start_continues_from_a_solution():
+    first = solved(STRUCTURE, [PRESTRESS])
+    again = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first)
+    jc.raise_if_failed(again)
+    whole = solved(STRUCTURE, [PRESTRESS, LOADING])
+    assert_same(again.displacement, whole.displacement)
+    assert_same(again.tension, whole.tension)
+    same = jc.solve(STRUCTURE, [LOADING], TIGHT, start=first.last)
+    assert_same(same.displacement, whole.displacement)
+
+
+def test_start_remembers_supports_and_weight():
+    structure = jc.replace(STRUCTURE, elements=jc.replace(STRUCTURE.elements, weight=3.0))
+    mask = np.asarray(STRUCTURE.fixed(STRUCTURE.supports)).copy()
+    mask[3] = True
+    dead = jc.Phase(pretension=200.0, loads=jc.SelfWeight(), supports=jc.Supports(mask))
+    first = solved(structure, [dead])
+    whole = solved(structure, [dead, LOADING])
+    again = solved(structure, [LOADING], start=first)
+    assert_same(again.displacement, whole.displacement)
+    assert float(again.load[:, 2].sum()) == pytest.approx(
+        -4 * 75 - 3 * np.sum(np.asarray(again.rest_length)), rel=1e-12
+    )
+
+
+def test_path_reports_each_increment():
+    solution = solved(STRUCTURE, [PRESTRESS, LOADING])
+    path = solution.phases[1].path
+    assert np.allclose(path.load_factor, [1 / 3, 2 / 3, 1])
+    assert path.displacement.shape == (3, 12, 3) and path.tension.shape == (3, 12)
+    assert np.array_equal(path.displacement[-1], solution.displacement)
+    assert np.allclose(path.tension[-1], solution.tension, rtol=1e-14)  # other fusion
+    assert (path.relative_residual <= 1e-13).all() and (path.status == 0).all()
+    assert path.equilibrated.all()
+
+
+@pytest.mark.slow
+def test_incremental_needs_no_more_than_its_corrections():
+    solution = jc.solve(*jc.scenes.flat_net(load=75.0, increments=(2, 20)), jc.Incremental(2))
+    jc.raise_if_failed(solution)
+    path = solution.phases[1].path
+    assert (path.iterations == 3).all() and not path.equilibrated.any()
+    exact = jc.solve(*jc.scenes.flat_net(load=75.0))
+    assert np.abs(np.asarray(solution.displacement - exact.displacement)).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_increments_are_exact_at_their_own_load_factor():
+    """Each row of the path is the solution of the analysis that ends there."""
+    structure, (prestress, _) = jc.scenes.flat_net()
+    path = solved(structure, [prestress, LOADING]).phases[1].path
+    part = solved(
+        structure, [prestress, jc.Phase(loads=jc.NodalLoads([3, 4, 7, 8], (0, 0, -25.0)))]
+    )
+    assert np.abs(np.asarray(path.displacement[0] - part.displacement)).max() < 1e-13

@@ -1,0 +1,509 @@
+"""Elements that come and go (`Phase(adds=..., removes=...)`), against closed forms and by hand."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from extensions.own_elements import GroundSprings
+from numpy.polynomial.legendre import leggauss
+
+import jaxcable as jc
+
+TIGHT = jc.Newton(tol=1e-13)
+SECTION = jc.Section.rectangle(0.1, 0.3, jc.Elastic(200e9))
+EI = 200e9 * 0.1 * 0.3**3 / 12  # N m2, for bending in the plane of z
+NODES = np.array([[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, 0]])
+PUSH = jc.NodalLoads([4], (20.0, 10.0, -300.0))
+BASE = [jc.Phase(pretension=1000.0), jc.Phase(loads=PUSH)]
+
+
+def cross(links=((0, 4), (1, 4), (2, 4), (3, 4)), **options):
+    cables = jc.Cables(list(links), axial_stiffness=100e3, **options)
+    return jc.Structure(NODES, cables, supports=jc.pinned([0, 1, 2, 3]))
+
+
+def solved(*arguments, **options):
+    solution = jc.solve(*arguments, **options)
+    assert int(solution.status) == 0
+    return solution
+
+
+# --- closed forms
+
+
+def test_bars_that_come_share_what_is_loaded_from_then_on():
+    """``EA (x / L_k - 1)`` of every bar, unstressed at the length L_k that it has found."""
+    n, push, stiffness = 5, 1e4, 1e6
+    bars = [jc.Bars([[0, 1]], axial_stiffness=stiffness) for _ in range(n)]
+    guide = jc.restrained([1], "xy")
+    structure = jc.Structure([[0, 0, 0], [0, 0, -2.0]], bars, supports=jc.pinned([0]) + guide)
+    load = jc.NodalLoads([1], (0.0, 0.0, -push))
+    stages = [
+        jc.Phase(adds=[False] * k + [True] + [False] * (n - 1 - k), loads=load) for k in range(n)
+    ]
+    solution = solved(structure, stages, TIGHT)
+    x, lengths = 2.0, []
+    for k in range(n):
+        lengths.append(x)
+        x = ((k + 1) * push / stiffness + (k + 1)) / np.sum(1 / np.array(lengths))
+        expected = [stiffness * (x / length - 1) for length in lengths] + [0.0] * (n - 1 - k)
+        found = [float(force[0]) for force in solution.phases[k].tension]
+        np.testing.assert_allclose(found, expected, atol=1e-11 * n * push)
+    assert 2 - float(solution.positions[1, 2]) - 2 == pytest.approx(x, abs=1e-13)
+
+
+@pytest.mark.parametrize("placed", ["attached", "drawn"])
+def test_a_chain_grows_downwards(placed):
+    """Bars that are attached have their 1 m; those that reach to where a node waits have less."""
+    n, push, stiffness = 4, 2e3, 1e6
+    nodes = np.zeros((n + 1, 3))
+    nodes[:, 2] = -np.arange(n + 1.0)
+    bars = jc.Bars([[k, k + 1] for k in range(n)], axial_stiffness=stiffness)
+    guide = jc.restrained(range(1, n + 1), "xy")
+    structure = jc.Structure(nodes, bars, supports=jc.pinned([0]) + guide)
+    stages = [
+        jc.Phase(adds=jc.only([k]), placed=placed, loads=jc.NodalLoads([k + 1], (0.0, 0.0, -push)))
+        for k in range(n)
+    ]
+    solution = solved(structure, stages, TIGHT)
+    at, rest = [0.0], []
+    for k in range(n):
+        start = at[k] - 1.0 if placed == "attached" else -(k + 1.0)
+        rest.append(at[k] - start)
+        at.append(start)
+        for j in range(k + 1):
+            at[j + 1] = at[j] - rest[j] * (1 + (k - j + 1) * push / stiffness)
+        # every phase is seen from where it begins, with the new node in its place
+        moved = solution.phases[k].displacement[k + 1, 2]
+        assert float(moved) == pytest.approx(at[k + 1] - start, abs=1e-13)
+    np.testing.assert_allclose(solution.positions[:, 2], at, atol=1e-13)
+    np.testing.assert_allclose(solution.rest_length, rest, atol=1e-13)
+
+
+def cantilever(n, length, weight):
+    nodes = np.linspace([0, 0, 0], [n * length, 0, 0], n + 1)
+    beam = jc.Beams([[k, k + 1] for k in range(n)], section=SECTION, weight=weight)
+    return jc.Structure(nodes, beam, supports=jc.clamped([0]))
+
+
+def erected(n, length, weight, attached):
+    """Deflections of a cantilever built segment by segment, by integrals over point loads."""
+    x = length * np.arange(n + 1)
+    place, share = leggauss(4)  # exact for the cubics below
+    w, turn = np.zeros(n + 1), np.zeros(n + 1)
+    for k in range(n):
+        if attached:
+            w[k + 1], turn[k + 1] = w[k] + turn[k] * length, turn[k]
+        at = x[k] + length * (place + 1) / 2
+        load = weight * length / 2 * share
+        for j in range(k + 1):
+            w[j] += load @ (x[j] ** 2 * (3 * at - x[j])) / (6 * EI)
+            turn[j] += load @ (x[j] * (2 * at - x[j])) / (2 * EI)
+        end = x[k + 1]
+        w[k + 1] += load @ (at**2 * (3 * end - at)) / (6 * EI)
+        turn[k + 1] += load @ at**2 / (2 * EI)
+    return -w
+
+
+@pytest.mark.parametrize("placed", ["attached", "drawn"])
+def test_a_cantilever_is_built_segment_by_segment(placed):
+    n, length, weight = 5, 2.0, 50.0
+    structure = cantilever(n, length, weight)
+    stages = [
+        jc.Phase(adds=jc.only([k]), placed=placed, loads=jc.SelfWeight() if k == 0 else None)
+        for k in range(n)
+    ]
+    solution = solved(structure, stages)
+    sag = solution.displacement[:, 2]
+    # turned by 2e-4 at most: what is not linear is a part of 1e-7 of 1.4 mm
+    np.testing.assert_allclose(sag, erected(n, length, weight, placed == "attached"), atol=1e-10)
+    assert np.abs(sag - erected(n, length, weight, placed == "drawn")).max() > 1e-4  # the control
+    from_tip = n * length - structure.nodes[:-1, 0]
+    moments = solution.section_forces[:, 0, 4]
+    np.testing.assert_allclose(moments, weight * from_tip**2 / 2, rtol=1e-7)
+    assert float(solution.reactions[0, 2]) == pytest.approx(weight * n * length, rel=1e-8)
+
+
+def test_a_segment_attached_to_a_turned_end_goes_on_straight():
+    """A weightless segment on a cantilever bent into a quarter circle: rigid, in space."""
+    n = 8
+    nodes = np.linspace([0, 0, 0], [n + 1.0, 0, 0], n + 2)
+    thin = jc.Section.rectangle(0.02, 0.01, jc.Elastic(200e9))  # does not bend alike
+    beam = jc.Beams([[k, k + 1] for k in range(n + 1)], section=thin)
+    structure = jc.Structure(nodes, beam, supports=jc.clamped([0]))
+    bend = 200e9 * 0.02 * 0.01**3 / 12 * (np.pi / 2) / n
+    moment = jc.NodalLoads([n], (0.0, 0.0, 0.0), moments=(0.0, -bend, 0.0))
+    stages = [
+        jc.Phase(removes=jc.only([n]), loads=moment, increments=5),
+        jc.Phase(adds=jc.only([n]), placed="attached"),
+    ]
+    solution = solved(structure, stages)
+    segment = np.diff(np.asarray(solution.positions[n:]), axis=0)[0]
+    np.testing.assert_allclose(segment, [0.0, 0.0, 1.0], atol=2e-3)  # chords of a circle
+    last = solution.phases[0].positions[n] - solution.positions[n]
+    np.testing.assert_allclose(last, 0.0, atol=1e-9)
+    np.testing.assert_allclose(solution.section_forces[n], 0.0, atol=1e-6 * bend)
+    # drawn, it reaches back to where it was drawn, and is as unstressed there
+    stages[1] = jc.Phase(adds=jc.only([n]))
+    drawn = solved(structure, stages)
+    np.testing.assert_allclose(drawn.positions[n + 1], nodes[n + 1], atol=1e-8)
+    np.testing.assert_allclose(drawn.section_forces[n], 0.0, atol=1e-6 * bend)
+
+
+def two_spans(length=4.0, weight=100.0, n=4):
+    nodes = np.linspace([0, 0, 0], [2 * length, 0, 0], 2 * n + 1)
+    beam = jc.Beams([[k, k + 1] for k in range(2 * n)], section=SECTION, weight=weight)
+    supports = jc.restrained([0, 2 * n], "yz") + jc.restrained([n], "xyz", "x")
+    return jc.Structure(nodes, beam, supports=supports)
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_two_spans_one_after_the_other(first):
+    """The weight of the first span makes no moment at the support, that of the second q L^2/16."""
+    n, length, weight = 4, 4.0, 100.0
+    structure = two_spans(length, weight, n)
+    spans = [jc.only(range(n)), jc.only(range(n, 2 * n))]
+    own = [jc.Phase(adds=spans[first], loads=jc.SelfWeight()), jc.Phase(adds=spans[1 - first])]
+    at_support = solved(structure, own).section_forces[n, 0, 4]
+    assert float(at_support) == pytest.approx(weight * length**2 / 16, rel=1e-8)
+    at_once = solved(structure, jc.Phase(loads=jc.SelfWeight())).section_forces[n, 0, 4]
+    assert float(at_once) == pytest.approx(weight * length**2 / 8, rel=1e-8)
+
+
+# --- comes and goes
+
+
+def test_what_went_and_came_back_is_as_before():
+    """With its unstressed length: without it, a new one is unstressed where it finds its ends."""
+    structure = cross()
+    before = solved(structure, BASE, TIGHT)
+    there_and_back = [
+        *BASE,
+        jc.Phase(removes=jc.only([3])),
+        jc.Phase(adds=jc.only([3]), rest_length=jc.only([3], before.rest_length[3:])),
+    ]
+    after = solved(structure, there_and_back, TIGHT)
+    np.testing.assert_allclose(after.tension, before.tension, rtol=1e-12)
+    np.testing.assert_allclose(after.displacement, before.displacement, atol=1e-13)
+    np.testing.assert_allclose(after.reactions, before.reactions, rtol=0, atol=1e-9)
+    slack = solved(structure, [*there_and_back[:3], jc.Phase(adds=jc.only([3]))], TIGHT)
+    np.testing.assert_allclose(slack.tension[3], 0.0, atol=1e-9)
+    np.testing.assert_allclose(slack.tension, slack.phases[2].tension, atol=1e-9)
+
+
+def test_a_structure_without_what_went_is_the_same():
+    """Elastic equilibrium knows no history: not even that there were more cables once."""
+    went = solved(cross(), [*BASE, jc.Phase(removes=jc.only([1]), increments=3)], TIGHT)
+    never = cross(links=[(0, 4), (2, 4), (3, 4)])
+    alone = solved(never, BASE, TIGHT)
+    np.testing.assert_allclose(went.tension[jnp.array([0, 2, 3])], alone.tension, rtol=1e-11)
+    np.testing.assert_allclose(went.displacement, alone.displacement, atol=1e-13)
+    assert float(went.tension[1]) == 0.0 and float(alone.tension[1]) > 0
+
+
+@pytest.mark.parametrize("fuse", [False, True])
+def test_the_order_has_no_influence_where_nothing_is_locked_in(fuse):
+    """Unstressed lengths that are given, and not found: one end, by all ways."""
+    structure = cross(rest_length=[0.98, 0.985, 0.99, 0.995], weight=None if fuse else 3.0)
+    loads = PUSH if fuse else [PUSH, jc.SelfWeight()]
+
+    def end(order):
+        stages = [jc.Phase(adds=order == k, loads=loads if k == 0 else None) for k in range(4)]
+        solution = jc.solve(structure, stages, TIGHT)
+        return solution.status, solution.tension, solution.displacement
+
+    orders = np.array(list(itertools.permutations(range(4))))
+    codes, tensions, moved = jax.jit(jax.vmap(end))(jnp.asarray(orders))
+    assert codes.shape == (24,) and not codes.any()
+    at_once = solved(structure, jc.Phase(loads=loads), TIGHT)
+    assert float(at_once.tension.min()) > 100
+    np.testing.assert_allclose(tensions, np.tile(at_once.tension, (24, 1)), rtol=1e-11)
+    np.testing.assert_allclose(moved, np.tile(at_once.displacement, (24, 1, 1)), atol=1e-13)
+    code, *alone = end(orders[7])  # with known masks
+    assert int(code) == 0
+    np.testing.assert_allclose(alone[0], tensions[7], rtol=1e-11)
+
+
+def test_what_finds_its_length_depends_on_the_order():
+    def end(order):
+        stages = [
+            *BASE,
+            *(jc.Phase(adds=jc.only([k]), loads=jc.NodalLoads([4], (0, 0, -50.0))) for k in order),
+        ]
+        more = cross([(0, 4), (1, 4), (2, 4), (3, 4)])
+        extra = jc.Cables([[0, 4], [2, 4]], axial_stiffness=50e3)
+        structure = jc.replace(more, elements={"net": more.elements, "extra": extra})
+        stages = [
+            jc.replace(stage, adds={"net": None, "extra": stage.adds}) if stage.adds else stage
+            for stage in stages
+        ]
+        stages[0] = jc.Phase(pretension={"net": 1000.0, "extra": None})
+        return solved(structure, stages).tension["extra"]
+
+    one, other = end((0, 1)), end((1, 0))
+    assert np.all(np.asarray(one) > 1) and np.abs(one - other).max() > 10
+
+
+# --- what waits
+
+
+@pytest.mark.filterwarnings("ignore:loads of phases.*no element touches")  # the load comes first
+def test_a_node_that_waits_neither_moves_nor_counts():
+    structure = cross()
+    nodes = np.vstack([NODES, [[0.0, 0.0, -1.0]]])
+    cables = jc.Cables([[0, 4], [1, 4], [2, 4], [3, 4], [4, 5]], axial_stiffness=100e3)
+    more = jc.Structure(nodes, cables, supports=jc.pinned([0, 1, 2, 3]))
+    hung = jc.NodalLoads([5], (0.0, 0.0, -100.0))
+    stages = [*BASE, jc.Phase(loads=hung), jc.Phase(adds=jc.only([4]), placed="attached")]
+    stages[0] = jc.Phase(pretension=jc.only([0, 1, 2, 3], 1000.0))
+    solution = solved(more, stages, TIGHT)
+    alone = solved(structure, BASE, TIGHT)
+    waits = solution.phases[2]
+    np.testing.assert_allclose(waits.tension[:4], alone.tension, rtol=1e-12)
+    assert float(waits.tension[4]) == 0 and not waits.displacement[5].any()
+    assert int(waits.path.n_loose[-1]) == 0 and int(waits.path.n_slack[-1]) == 0
+    np.testing.assert_allclose(waits.reactions[5], [0, 0, 100.0])  # the load is held there
+    assert float(solution.tension[4]) == pytest.approx(100.0, rel=1e-11)
+    np.testing.assert_allclose(solution.reactions[5], 0.0, atol=1e-9)
+    total = solution.reactions.sum(axis=0) + solution.load.sum(axis=0)
+    np.testing.assert_allclose(total, 0.0, atol=1e-8)
+    # the tangent of a state in which it waits has no freedom of it
+    before = solved(more, [*stages[:2], jc.Phase(removes=jc.only([4]))], TIGHT)
+    assert jc.stiffness.tangent_of(more, before).shape == (3, 3)
+    assert jc.stiffness.tangent_of(more, solution).shape == (6, 6)
+
+
+@pytest.mark.parametrize("kind", ["hinged", "sprung", "rigid"])
+def test_ends_of_all_kinds_come_and_go(kind):
+    """A portal whose beam comes after the columns have bent: as if it had never been there."""
+    nodes = [[0.0, 0, 0], [0, 0, 3], [4, 0, 3], [4, 0, 0], [0, 0, 3.5]]
+    up, options, rigid = (1.0, 0.0, 0.0), {}, None
+    if kind == "hinged":
+        options = {"hinges": np.array([[True, False]])}
+    elif kind == "sprung":
+        options = {
+            "hinges": np.array([[[False, True, False]] * 2]),
+            "springs": np.array([[[0.0, 1e5, 0.0]] * 2]),
+        }
+    columns = jc.Beams([[0, 1], [3, 2]], section=SECTION, up=up)
+    beam = jc.Beams([[4 if kind == "rigid" else 1, 2]], section=SECTION, up=(0, 0, 1.0), **options)
+    if kind == "rigid":
+        rigid = [[1, 4]]
+    else:
+        nodes = nodes[:4]
+    structure = jc.Structure(
+        nodes, {"columns": columns, "beam": beam}, supports=jc.clamped([0, 3]), rigid=rigid
+    )
+    wind = jc.NodalLoads([1], (2e4, 0.0, 0.0))
+    stages = [jc.Phase(loads=wind), jc.Phase(adds="beam"), jc.Phase(loads=wind)]
+    solution = solved(structure, stages)
+    bare, joined, both = solution.phases
+    tip = 2e4 * 3.0**3 / 3 / EI
+    assert float(bare.displacement[1, 0]) == pytest.approx(tip, rel=1e-4)
+    np.testing.assert_allclose(joined.displacement, 0.0, atol=1e-9)
+    np.testing.assert_allclose(joined.section_forces["beam"], 0.0, atol=1e-3)
+    assert float(both.tension["beam"][0]) < -1e3
+    gone = solved(structure, [*stages, jc.Phase(removes="beam")])
+    np.testing.assert_allclose(gone.section_forces["beam"], 0.0)
+    assert float(gone.displacement[1, 0]) == pytest.approx(2 * tip, rel=1e-4)
+    np.testing.assert_allclose(gone.displacement[2], 0.0, atol=1e-7)
+
+
+def test_hanging_and_sliding_cables_come():
+    nodes = np.array([[0.0, 0, 0], [10, 0, 0], [5, 0, 0], [5, 4, 0.0]])
+    groups = {
+        "held": jc.Cables([[2, 3], [2, 0], [2, 1]], axial_stiffness=1e6),
+        "hung": jc.Catenaries([[0, 1]], axial_stiffness=1e6, weight=5.0),
+        "rope": jc.SlidingCables([[0, 2, 1]], axial_stiffness=1e5),
+    }
+    structure = jc.Structure(nodes, groups, supports=jc.pinned([0, 1, 3]))
+    tense = {"held": 500.0, "hung": None, "rope": None}
+    stages = [
+        jc.Phase(pretension=tense, loads=jc.NodalLoads([2], (0.0, -100.0, 0.0))),
+        jc.Phase(adds=["hung", "rope"], loads=jc.SelfWeight()),
+        jc.Phase(loads=jc.NodalLoads([2], (0.0, 150.0, 0.0))),
+    ]
+    solution = solved(structure, stages, TIGHT)
+    # the cable as long as its chord hangs by itself
+    own = jc.Structure(nodes[:2], groups["hung"], supports=jc.pinned([0, 1]))
+    alone = solved(own, jc.Phase(loads=jc.SelfWeight()), TIGHT)
+    np.testing.assert_allclose(solution.tension["hung"], alone.tension, rtol=1e-10)
+    found, end = (solution.phases[k].positions[2] for k in (0, 2))
+    lengths = [sum(np.linalg.norm(np.asarray(p) - nodes[k]) for k in (0, 1)) for p in (found, end)]
+    strain = lengths[1] / lengths[0] - 1
+    assert strain > 1e-6
+    assert float(solution.tension["rope"][0]) == pytest.approx(1e5 * strain, rel=1e-7)
+    assert float(solution.rest_length["rope"][0]) == pytest.approx(lengths[0], rel=1e-12)
+
+
+def test_stages_go_on_from_a_solution():
+    structure = cross()
+    stages = [
+        jc.Phase(pretension=1000.0, removes=jc.only([3])),
+        jc.Phase(loads=PUSH),
+        jc.Phase(adds=jc.only([3]), pretension=jc.only([3], 400.0)),
+        jc.Phase(removes=jc.only([0])),
+    ]
+    whole = solved(structure, stages)
+    begun = solved(structure, stages[:2])
+    parts = solved(structure, stages[2:], start=begun)
+    np.testing.assert_allclose(parts.tension, whole.tension, atol=1e-7)
+    np.testing.assert_allclose(parts.displacement, whole.displacement, atol=1e-10)
+    with pytest.raises(ValueError, match=r"phases\[0\]\.removes: is not there: element 3"):
+        jc.solve(structure, jc.Phase(removes=jc.only([3])), start=begun)
+    # without any change, what is absent stays so
+    still = solved(structure, jc.Phase(loads=PUSH), start=begun)
+    assert float(still.tension[3]) == 0
+
+
+# --- transformations and programs
+
+
+def test_derivatives_go_through_all_stages():
+    structure = cross(weight=2.0)
+
+    def measure(tension):
+        stages = [
+            jc.Phase(pretension=tension, removes=jc.only([3]), loads=jc.SelfWeight()),
+            jc.Phase(loads=PUSH),
+            jc.Phase(adds=jc.only([3]), pretension=jc.only([3], tension[3])),
+            jc.Phase(removes=jc.only([1])),
+        ]
+        solution = jc.solve(structure, stages, TIGHT)
+        return 1e3 * solution.displacement[4] @ jnp.array([0.3, 0.7, 1.0]), solution
+
+    at = jnp.array([1000.0, 1100.0, 900.0, 800.0])
+    (value, solution), slope = jax.value_and_grad(measure, has_aux=True)(at)
+    assert int(solution.status) == 0
+    way = jnp.array([0.3, -0.9, 0.5, 0.8])
+    steps = np.array([8.0, 4.0, 2.0, 1.0])
+
+    def remainders(slope):
+        values = [measure(at + h * way)[0] for h in steps]
+        return np.abs(
+            np.array([v - value - h * slope @ way for v, h in zip(values, steps, strict=True)])
+        )
+
+    assert np.polyfit(np.log(steps), np.log(remainders(slope)), 1)[0] == pytest.approx(2, abs=0.1)
+    wrong = slope.at[2].multiply(1.01)
+    assert np.polyfit(np.log(steps), np.log(remainders(wrong)), 1)[0] < 1.3
+    # the cable that goes leaves no trace
+    assert abs(float(slope[1])) < 1e-10 * np.abs(slope).max()
+
+
+def test_many_stages_are_one_program():
+    def lines(n):
+        structure = cantilever(n, 1.0, 10.0)
+        stages = [
+            jc.Phase(adds=jc.only([k % n]), removes=None, placed="attached") for k in range(n)
+        ]
+
+        def tip(nodes):
+            return jc.solve(jc.replace(structure, nodes=nodes), stages).displacement[-1, 2]
+
+        return jax.jit(tip).lower(jnp.asarray(structure.nodes)).as_text().count("\n")
+
+    assert abs(lines(40) / lines(2) - 1) < 0.1
+
+
+def test_without_stages_nothing_is_paid():
+    """The same program as if there were no stages at all, and a larger one with them."""
+    structure = cross()
+
+    def lines(stages):
+        def sag(nodes):
+            return jc.solve(jc.replace(structure, nodes=nodes), stages).displacement[4, 2]
+
+        return jax.jit(sag).lower(jnp.asarray(NODES)).as_text()
+
+    plain = lines(BASE)
+    assert " xi1" not in plain
+    assert lines(BASE).count("\n") < lines([*BASE, jc.Phase(removes=jc.only([3]))]).count("\n")
+
+
+# --- input
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ([{"adds": "net"}], r"phases\[0\].adds = 'net': no such key .* there are none"),
+        (
+            [{"adds": jc.only([7])}],
+            r"phases\[0\].adds: elements\[0\] = 7: the group has elements 0",
+        ),
+        ([{"adds": jc.only([1], 3.0)}], r"adds: only\(...\) has values here"),
+        ([{"adds": [1.0, 0.0, 0.0, 0.0]}], r"expected keys of groups, only\(elements\), or bool"),
+        ([{"adds": np.array([True, False])}], r"booleans \[4\], got bool \(2,\)"),
+        ([{}, {"adds": jc.only([1])}, {"adds": jc.only([1])}], r"phases\[2\].adds: is there alr"),
+        ([{"removes": jc.only([1])}, {"removes": jc.only([1])}], r"phases\[1\].removes: is not th"),
+        ([{"removes": jc.only([1]), "adds": jc.only([1, 2])}], r"adds, removes: both name element"),
+    ],
+)
+def test_what_is_refused(changes, said):
+    with pytest.raises(ValueError, match=said):
+        jc.solve(cross(), [jc.Phase(**change) for change in changes])
+
+
+def test_what_is_refused_elsewhere(tmp_path):
+    with pytest.raises(ValueError, match="placed = 'here': expected one of drawn, attached"):
+        jc.Phase(placed="here")
+    own = GroundSprings([[4]], stiffness=np.full((1, 3), 1e3))
+    structure = jc.Structure(NODES, [cross().elements, own], supports=jc.pinned([0, 1, 2, 3]))
+    with pytest.raises(ValueError, match=r"\(GroundSprings\) cannot come and go"):
+        jc.solve(structure, jc.Phase(adds=[jc.only([0]), None]))
+    stages = [*BASE, jc.Phase(removes=jc.only([3]))]
+    solution = solved(cross(), stages)
+    with pytest.raises(ValueError, match="no balance where phases add or remove"):
+        jc.energy_balance(cross(), stages, solution)
+    with pytest.raises(ValueError, match="the last one, whose path is followed, adds or removes"):
+        jc.trace_path(cross(), stages)
+
+
+def test_a_path_and_the_incremental_scheme_know_what_is_absent():
+    structure = cross()
+    stages = [jc.Phase(pretension=1000.0, removes=jc.only([3])), jc.Phase(loads=PUSH, increments=9)]
+    without = cross(links=[(0, 4), (1, 4), (2, 4)])
+    alone = [jc.Phase(pretension=1000.0), stages[1]]
+    path, expected = jc.trace_path(structure, stages), jc.trace_path(without, alone)
+    assert int(path.status) == int(expected.status) == 0
+    found, other = (own.tension[-1] for own in (path, expected))
+    np.testing.assert_allclose(found[:3], other, rtol=1e-8)
+    scheme = jc.Incremental(corrections=1)
+    stepped, own = solved(structure, stages, scheme), solved(without, alone, scheme)
+    np.testing.assert_allclose(stepped.tension[:3], own.tension, rtol=1e-10)
+    assert float(stepped.tension[3]) == 0
+
+
+def test_scenes_with_stages_are_files(tmp_path):
+    net = cross()
+    structure = jc.replace(net, elements={"net": net.elements, "more": net.elements})
+    stages = [
+        jc.Phase(pretension=900.0, removes={"net": jc.only([3]), "more": None}),
+        jc.Phase(adds={"net": np.eye(4, dtype=bool)[3], "more": None}, placed="attached"),
+        jc.Phase(removes=["net", "more"]),
+    ]
+    path = tmp_path / "stages.json"
+    jc.save_scene(path, (structure, stages))
+    loaded = jc.load_scene(path)
+    assert [phase.placed for phase in loaded.phases] == ["drawn", "attached", "drawn"]
+    own, read = solved(structure, stages), solved(*loaded)
+    np.testing.assert_array_equal(own.tension["net"], read.tension["net"])
+    assert not read.tension["net"].any()
+
+
+def test_traced_masks_that_contradict_themselves_fail():
+    """What is refused where it is known has a status where it is traced."""
+    structure = cross()
+
+    def codes(masks):
+        stages = [jc.Phase(pretension=900.0), *(jc.Phase(removes=mask) for mask in masks)]
+        return [phase.status for phase in jc.solve(structure, stages).phases]
+
+    last, other = np.eye(4, dtype=bool)[3], np.eye(4, dtype=bool)[2]
+    good = jax.jit(codes)([last, other])
+    twice = jax.jit(codes)([last, last])
+    assert [int(code) for code in good] == [0, 0, 0]
+    assert [int(code) for code in twice] == [0, 0, jc.status.INVALID_INPUT]

@@ -1,0 +1,349 @@
+"""Every way to state prestress has one meaning; a state says its prestress in each of them."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.taylor import TIGHT, slope
+
+import jaxcable as jc
+
+EPS = np.finfo(float).eps
+WAYS = ("pretension", "force_density", "prestrain", "rest_length", "shortening", "temperature")
+
+
+def crossed(stiffness=1e5, group=jc.Cables, nodes=None):
+    """A node held by four cables of different lengths; three of them share a plane."""
+    if nodes is None:
+        nodes = [[0.0, 0, 0], [2.0, 0, 0.3], [-1.5, 0.4, 0], [0, 3.0, -0.2], [0.2, -1.0, -0.4]]
+    links = [[0, 1], [0, 2], [0, 3], [0, 4]]
+    cables = group(links, axial_stiffness=stiffness, expansion=1.2e-5)
+    return jc.Structure(nodes, cables, jc.pinned([1, 2, 3, 4]))
+
+
+LOADING = jc.Phase(loads=jc.NodalLoads([0], (3.0, -2.0, -40.0)))
+
+
+@functools.cache
+def stated(ratio):
+    """The structure in its equilibrium under a pretension, and its prestress in all ways."""
+    stiffness = 1e5
+    first = jc.solve(crossed(stiffness), [jc.Phase(jacking=stiffness / ratio)], TIGHT)
+    assert int(first.status) == 0
+    said = jc.forms.statements(crossed(stiffness), first)
+    return crossed(stiffness, nodes=first.positions), said, first
+
+
+@pytest.mark.parametrize("ratio", [1e2, 1e5, 1e8])
+@pytest.mark.parametrize("way", WAYS)
+def test_each_way_gives_the_same_state(way, ratio):
+    """Stated from the state's own geometry: no movement, the same tensions and lengths.
+
+    A length has eps of its own size, which is eps EA/N of the tension.
+    """
+    structure, said, first = stated(ratio)
+    tol = max(1e-12, 10 * EPS * ratio)
+    solution, other = (
+        jc.solve(structure, [jc.Phase(**{name: getattr(said, name)}), LOADING], TIGHT)
+        for name in (way, "pretension")
+    )
+    assert int(solution.status) == int(other.status) == 0
+    stated_state = solution.phases[0]
+    for name in ("tension", "rest_length"):
+        found, expected = (np.asarray(getattr(part, name)) for part in (stated_state, first))
+        assert found == pytest.approx(expected, rel=tol)
+    assert jnp.abs(stated_state.displacement).max() < tol * 3
+    # under load a relative error of the tension is one of the deflection
+    apart = jnp.abs(solution.positions - other.positions).max()
+    assert apart < tol * jnp.abs(other.displacement).max()
+
+
+def test_jacking_is_the_same_state_where_the_geometry_is_in_equilibrium():
+    structure, said, first = stated(1e5)
+    solution = jc.solve(structure, [jc.Phase(jacking=said.pretension)], TIGHT)
+    assert int(solution.status) == 0
+    assert np.asarray(solution.rest_length) == pytest.approx(
+        np.asarray(first.rest_length), rel=1e-12
+    )
+
+
+def test_prestrain_refers_to_the_unstressed_length_and_not_to_the_initial_chord():
+    """e0 = (l - L0)/L0: L0 = l/(1 + e0), not l (1 - e0); they differ by e0^2 = 1 %."""
+    nodes = [[0.0, 0, 0], [2.0, 0, 0], [4.0, 0, 0]]
+    cables = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4)
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 2]))
+    solution = jc.solve(structure, [jc.Phase(prestrain=0.1)])
+    assert int(solution.status) == 0
+    assert np.asarray(solution.rest_length) == pytest.approx(2 / 1.1, rel=1e-15)
+    assert np.asarray(solution.tension) == pytest.approx(1e3, rel=1e-14)
+    by_length = jc.solve(structure, [jc.Phase(rest_length=2 * (1 - 0.1))])
+    assert float(by_length.tension[0]) == pytest.approx(1e4 * 0.1 / 0.9, rel=1e-13)  # another state
+
+
+def test_mixed_cable_by_cable():
+    """Four cables of one group, each stated in another way, reach the state of one statement."""
+    structure, said, _ = stated(1e2)
+    ways = {"pretension": [0], "rest_length": [1], "force_density": [2], "prestrain": [3]}
+    mixed = jc.Phase(
+        **{way: jc.only(k, getattr(said, way)[jnp.array(k)]) for way, k in ways.items()}
+    )
+    solution = jc.solve(structure, [mixed, LOADING], TIGHT)
+    plain = jc.solve(structure, [jc.Phase(pretension=said.pretension), LOADING], TIGHT)
+    assert int(solution.status) == int(plain.status) == 0
+    assert jnp.abs(solution.positions - plain.positions).max() < 1e-12
+    assert jnp.abs(solution.tension - plain.tension).max() < 1e-9
+
+
+def test_jacks_on_some_cables_of_a_group():
+    """Two are jacked to a force while the others keep their lengths; anchored, nothing moves."""
+    structure, said, _ = stated(1e2)
+    mixed = jc.Phase(
+        jacking=jc.only([0, 2], [1200.0, 900.0]),
+        rest_length=jc.only([1, 3], said.rest_length[jnp.array([1, 3])]),
+        increments=2,
+    )
+    solution = jc.solve(structure, [mixed, jc.Phase()], TIGHT)
+    assert int(solution.status) == 0
+    tension, rest = np.asarray(solution.tension), np.asarray(solution.rest_length)
+    assert tension[[0, 2]] == pytest.approx([1200.0, 900.0], rel=1e-12)
+    assert rest[[1, 3]] == pytest.approx(np.asarray(said.rest_length)[[1, 3]], rel=1e-15)
+    assert jnp.abs(solution.phases[1].displacement).max() < 1e-13
+    places = np.asarray(solution.positions)
+    ways = places[1:] - places[0]
+    length = np.linalg.norm(ways, axis=1)
+    assert tension == pytest.approx(1e5 * (length / rest - 1), rel=1e-11)
+    pull = (tension / length) @ ways
+    assert np.abs(pull).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_jacks_on_some_cables_in_the_scheme_of_the_paper():
+    """From a prestressed state, one step an increment: first order for the secant form."""
+    structure, said, _ = stated(1e2)
+    first = jc.Phase(pretension=said.pretension)
+    jacks = jc.Phase(jacking=jc.only([0, 2], 1.1 * said.pretension[jnp.array([0, 2])]))
+    exact = jc.solve(structure, [first, jacks], TIGHT)
+    assert int(exact.status) == 0
+    assert jnp.abs(exact.displacement).max() > 1e-3
+    errors = []
+    for stiffness, n in (("tangent", 20), ("secant", 20), ("secant", 40)):
+        phases = [first, jc.replace(jacks, increments=n)]
+        steps = jc.solve(structure, phases, jc.Incremental(0, stiffness))
+        assert int(steps.status) == 0
+        held = np.asarray(jacks.jacking.values)
+        assert np.asarray(steps.tension)[[0, 2]] == pytest.approx(held, rel=1e-12)
+        errors.append(float(jnp.abs(steps.positions - exact.positions).max()))
+    assert errors[0] < 1e-2 * float(jnp.abs(exact.displacement).max())
+    assert errors[1] / errors[2] == pytest.approx(2, abs=0.2)
+
+
+@pytest.mark.slow
+def test_a_sag_is_what_a_catenary_says():
+    structure = jc.Structure(
+        [[0.0, 0, 0], [50.0, 0, 4.0]],
+        jc.Catenaries([[0, 1]], axial_stiffness=1e6, weight=30.0),
+        jc.pinned([0, 1]),
+    )
+    solution = jc.solve(structure, [jc.Phase(sag=3.0, loads=jc.SelfWeight())], TIGHT)
+    said = jc.forms.statements(structure, solution)
+    assert float(said.sag[0]) == pytest.approx(3.0, rel=1e-13)
+    for way in ("rest_length", "prestrain", "sag"):
+        phase = jc.Phase(**{way: getattr(said, way)}, loads=jc.SelfWeight())
+        again = jc.solve(structure, [phase], TIGHT)
+        assert int(again.status) == 0
+        assert float(again.tension[0]) == pytest.approx(float(solution.tension[0]), rel=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [2, 7, 20])
+def test_hanging_chain(n):
+    """In equilibrium at once, with the stated sag at midspan, which may be in an element."""
+    first, second, weight = np.array([1.0, 2.0, 0.0]), np.array([41.0, 32.0, 8.0]), 25.0
+    nodes, rest = jc.forms.hanging_chain(first, second, n, 5.0, weight, 1e6)
+    assert np.abs(np.asarray(nodes[-1]) - second).max() < 1e-12
+    plan = np.linalg.norm(np.asarray(nodes)[:, :2] - first[:2], axis=1)
+    middle = np.interp(25.0, plan, np.asarray(nodes)[:, 2])
+    assert (first + second)[2] / 2 - middle == pytest.approx(5.0, rel=1e-12)
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    cable = jc.Cables(links, axial_stiffness=1e6, weight=weight, rest_length=rest)
+    structure = jc.Structure(nodes, cable, jc.pinned([0, n]))
+    solution = jc.solve(structure, [jc.Phase(loads=jc.SelfWeight())], TIGHT)
+    assert int(solution.status) == 0
+    # the residual is below 1e-13 of the forces, the stiffness across some N/l
+    assert jnp.abs(solution.displacement).max() < 1e-9
+
+
+def test_hanging_chain_becomes_the_catenary():
+    def lengths(n):
+        return float(
+            jnp.sum(jc.forms.hanging_chain([0, 0, 0], [40.0, 0, 8.0], n, 5.0, 25.0, 1e6)[1])
+        )
+
+    structure = jc.Structure(
+        [[0.0, 0, 0], [40.0, 0, 8.0]],
+        jc.Catenaries([[0, 1]], axial_stiffness=1e6, weight=25.0),
+        jc.pinned([0, 1]),
+    )
+    exact = jc.solve(structure, [jc.Phase(sag=5.0, loads=jc.SelfWeight())])
+    counts = np.array([8, 16, 32, 64])
+    errors = np.array([abs(lengths(n) - float(exact.rest_length[0])) for n in counts])
+    # of second order: an element is up to (8 f/l^2) (l/n)^2 / 8 = f/n^2 above the curve, and that
+    # times dL/df = 16 f / (3 l) is in the length, by where in its element midspan is
+    assert (errors * counts**2).max() < 5.0 * 16 * 5.0 / (3 * 40.0)
+
+
+CATENARY = jc.Structure(
+    [[0.0, 0, 0], [20.0, 0, -4], [50.0, 0, 4.0]],
+    jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=1e6, weight=30.0),
+    jc.pinned([0, 2]),
+)
+PULL = jc.NodalLoads([1], (0.0, 20.0, -900.0))
+PARAMETERS = {
+    "some cables": (
+        jnp.array([1.0, 1.2]),
+        lambda p: (
+            jc.solve(
+                stated(1e2)[0],
+                [
+                    jc.Phase(
+                        pretension=jc.only([0, 3], 1e3 * p),
+                        prestrain=jc.only([1], 0.01 * p[0]),
+                        jacking=jc.only([2], 1e3 * p[1]),
+                    ),
+                    LOADING,
+                ],
+                TIGHT,
+            ).positions
+        ),
+    ),
+    "sags": (
+        jnp.array([1.0, 2.0]),
+        lambda p: (
+            jc.solve(
+                CATENARY, [jc.Phase(sag=p, loads=jc.SelfWeight()), jc.Phase(loads=PULL)], TIGHT
+            ).positions
+        ),
+    ),
+    "nodes of catenaries": (
+        jnp.asarray(CATENARY.nodes),
+        lambda p: (
+            jc.solve(
+                jc.replace(CATENARY, nodes=p),
+                [jc.Phase(sag=1.0, loads=jc.SelfWeight()), jc.Phase(loads=PULL)],
+                TIGHT,
+            ).positions
+        ),
+    ),
+    "weight and stiffness": (
+        jnp.array([30.0, 1e2]),
+        lambda p: (
+            jc.solve(
+                jc.replace(
+                    CATENARY,
+                    elements=jc.replace(
+                        CATENARY.elements, weight=p[0], axial_stiffness=1e4 * p[1], rest_length=33.0
+                    ),
+                ),
+                [jc.Phase(loads=[jc.SelfWeight(), PULL])],
+                TIGHT,
+            ).positions
+        ),
+    ),
+    "chain": (
+        jnp.array([5.0, 2.5, 1.0]),
+        lambda p: jnp.concatenate(
+            jax.tree.leaves(
+                jax.tree.map(
+                    jnp.ravel,
+                    jc.forms.hanging_chain(
+                        [0.0, 0, 0], [40.0, 3.0, 8.0], 6, p[0], p[1], 1e3 * p[2]
+                    ),
+                )
+            )
+        ),
+    ),
+    "statements": (
+        jnp.asarray(crossed().nodes),
+        lambda p: (
+            jc.forms.statements(
+                crossed(nodes=p), jc.solve(crossed(nodes=p), [jc.Phase(pretension=1e3)], TIGHT)
+            ).force_density
+        ),
+    ),
+}
+
+
+# the rest, alike, in `make test-all`
+QUICK = ("some cables", "chain")
+NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_taylor(name):
+    p, function = PARAMETERS[name]
+
+    @jax.jit
+    def value(p):
+        numbers = function(p).ravel()
+        return jnp.sum(jnp.sin(1.0 + jnp.arange(len(numbers))) * numbers)
+
+    assert bool(jnp.isfinite(value(p)))
+    gradient = jax.jit(jax.grad(value))(p)
+    size = 0.1 if "nodes" in name else 10.0
+    assert slope(value, p, gradient, size) == pytest.approx(2, abs=0.1)
+    assert slope(value, p, 1.1 * gradient, size) < 1.5
+
+
+REFUSED = {
+    "unknown element": (
+        lambda: jc.solve(crossed(), [jc.Phase(pretension=jc.only([7], 1.0))]),
+        r"pretension: elements\[0\] = 7: the group has elements 0 to 3",
+    ),
+    "named twice": (lambda: jc.only([1, 1], 2.0), "element 1 is named twice"),
+    "values": (
+        lambda: jc.only([1, 2], [1.0, 2.0, 3.0]),
+        r"values: expected a scalar or shape \(2,\)",
+    ),
+    "booleans": (
+        lambda: jc.solve(crossed(), [jc.Phase(pretension=jc.only([True, False], 1.0))]),
+        "pretension: 2 booleans say which elements, the group has 4",
+    ),
+    "two for one": (
+        lambda: jc.solve(
+            crossed(),
+            [jc.Phase(pretension=jc.only([0, 2], 1.0), rest_length=jc.only([2, 3], 1.0))],
+        ),
+        "pretension, rest_length: both state the prestress of element 2 of elements",
+    ),
+    "jack and turnbuckle": (
+        lambda: jc.solve(crossed(), [jc.Phase(jacking=jc.only([1], 1.0), shortening=0.1)]),
+        "jacking: element 1 of elements has its force held",
+    ),
+    "negative": (
+        lambda: jc.solve(crossed(), [jc.Phase(pretension=jc.only([1], -1.0))]),
+        r"pretension\[0\] = -1.0: a cable carries tension only",
+    ),
+    "sag of a straight cable": (
+        lambda: jc.solve(crossed(), [jc.Phase(sag=1.0)]),
+        "sag: stated for catenaries with a weight only",
+    ),
+    "chain": (lambda: jc.forms.hanging_chain([0, 0, 0], [1, 0, 0], 1, 1.0, 1.0, 1.0), "n = 1"),
+    "chain's sag": (
+        lambda: jc.forms.hanging_chain([0, 0, 0], [1, 0, 0], 3, -1.0, 1.0, 1.0),
+        "sag = -1.0: must be positive",
+    ),
+    "no catenaries": (
+        lambda: jc.forms.catenary_curves(crossed(), stated(1e2)[2]),
+        "structure: has no catenaries",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    make, message = REFUSED[name]
+    with pytest.raises(ValueError, match=message):
+        make()

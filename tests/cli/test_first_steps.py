@@ -1,0 +1,451 @@
+"""The first steps of a new user: `new`, its scenes and scripts, `plot`, `--quiet`, comments."""
+
+import contextlib
+import io
+import json
+import re
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+
+import jax.numpy as jnp
+import jsonschema
+import numpy as np
+import pytest
+from test_cli import environment, one_line
+
+import jaxcable as jc
+from jaxcable.cli import main, new
+from jaxcable.files import FileError, codec
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(autouse=True)
+def _nothing_takes_long(monkeypatch):
+    """What is printed does not depend on the machine's speed."""
+    monkeypatch.setattr(jc.progress.SHOW, "pause", 1e6)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with what `new` writes of every kind."""
+    place = tmp_path_factory.mktemp("first")
+    for kind in new.KINDS:
+        assert main(["new", kind, "--save", str(place / f"{kind}.json"), "--quiet"]) == 0
+    return place
+
+
+@pytest.fixture(scope="module")
+def scripts(folder):
+    """What the scripts have printed and their solutions, by kind; with the programs of scenes."""
+    found = {}
+    for kind in new.KINDS:
+        with contextlib.redirect_stdout(io.StringIO()) as out:
+            names = runpy.run_path(str(folder / f"{kind}.py"))
+        found[kind] = out.getvalue(), names["solution"]
+    return found
+
+
+@pytest.fixture(scope="module")
+def solved(folder):
+    """Structure, phases and solution of every scene."""
+    scenes = {kind: jc.load_scene(folder / f"{kind}.json") for kind in new.KINDS}
+    return {kind: (*scene, jc.solve(*scene)) for kind, scene in scenes.items()}
+
+
+# --- new
+
+
+def objects(value, inside=None):
+    """All objects of classes in a scene: what has a type, and what need not name it."""
+    if isinstance(value, dict):
+        implied = inside in ("structure", "supports", "section", "phases")
+        if implied or value.get("type") in codec.TYPES:
+            yield value
+        for key, item in value.items():
+            yield from objects(item, key)
+    elif isinstance(value, list):
+        for item in value:
+            yield from objects(item, inside)
+
+
+@pytest.mark.parametrize("kind", new.KINDS)
+def test_scenes_are_valid_and_explain_themselves(kind, folder):
+    text = (folder / f"{kind}.json").read_text()
+    data = json.loads(text)
+    schema = json.loads((folder / data["$schema"]).read_text())
+    jsonschema.Draft202012Validator(schema).validate(data)
+    places = [data["structure"], data["structure"]["supports"], *data["phases"]]
+    assert all(place["comment"] for place in [data, *places])
+    sections = [part for part in objects(data) if "laws" in part]
+    assert all("comment" in part for part in sections)
+    assert max(map(len, text.splitlines())) <= 100  # it can be read
+
+
+def test_new_says_what_to_type_next(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "net", "--save", "my roof.json"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines[:4]] == [
+        "wrote my roof.json",
+        "wrote my roof.py",
+        "wrote scene.schema.json",
+        "next",
+    ]
+    assert lines[4:] == [
+        "  jaxcable solve 'my roof.json' --plot 'my roof.png'",
+        "  jaxcable view 'my roof.json'",
+    ]
+    assert Path("my roof.py").read_text().startswith('"""A saddle of prestressed cables')
+
+
+def test_new_replaces_nothing_unasked(tmp_path, monkeypatch, capsys):
+    """Files of people are edited: neither scene nor script, nor a schema that is there."""
+    monkeypatch.chdir(tmp_path)
+    Path("dome.py").write_text("mine")
+    Path("scene.schema.json").write_text("mine, too")
+    assert main(["new", "dome"]) == 2
+    assert one_line(capsys.readouterr().err) == (
+        "jaxcable: dome.py: there already; --save names another file, --force replaces"
+    )
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["dome.py", "scene.schema.json"]
+    assert main(["new", "dome", "--save", "other.json"]) == 0
+    assert Path("scene.schema.json").read_text() == "mine, too"
+    assert "scene.schema.json" not in capsys.readouterr().out
+    assert main(["new", "dome", "--force"]) == 0
+    assert "mine" not in Path("dome.py").read_text()
+    assert Path("scene.schema.json").read_text() == "mine, too"  # no schema of jaxcable
+    for name, message in (
+        ("random.json", "random.py would hide Python's module of that name"),
+        ("jaxcable.json", "jaxcable.py would hide Python's module"),
+        ("scene.schema.json", "is the name of the schema"),
+        ("dome.txt", "expected a name that ends with .json"),
+        ("no/dome.json", "no/dome.json: No such file or directory"),
+    ):
+        capsys.readouterr()
+        assert main(["new", "dome", "--force", "--save", name]) == 2
+        assert message in one_line(capsys.readouterr().err)
+    assert not Path("random.py").exists() and not Path("dome.txt").exists()
+
+
+def test_scripts_pass_the_linter(folder):
+    scripts = [f"{kind}.py" for kind in new.KINDS]
+    settings = ["--config", str(ROOT / "pyproject.toml")]
+    for words in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *words, *settings, "--no-cache", *scripts],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+    for name in scripts:
+        text = (folder / name).read_text()
+        assert "jc.scenes" not in text and 40 <= len(text.splitlines()) <= 70
+
+
+def test_a_script_runs_by_itself(folder, tmp_path):
+    """As ``python net.py``; what it prints does not depend on the folder it is called in."""
+    done = subprocess.run(
+        [sys.executable, str(folder / "net.py")],
+        cwd=tmp_path,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert done.stdout.startswith("status: converged\nlargest displacement by snow: 17.68 mm")
+    assert not list(tmp_path.iterdir())  # its pictures are beside it
+
+
+@pytest.mark.parametrize("kind", new.KINDS)
+def test_scripts_agree_with_their_scenes(kind, folder, scripts, solved):
+    """Scenes have coordinates to 1e-6 m: a stretch of 1e-6 m over 6 m is 5 N of 32 MN."""
+    structure, _, solution = solved[kind]
+    assert int(solution.status) == 0
+    printed, found = scripts[kind]
+    np.testing.assert_allclose(found.displacement, solution.displacement, rtol=0, atol=2e-6)
+    assert set(found.tension) == set(structure.elements)
+    for group, force in solution.tension.items():
+        np.testing.assert_allclose(found.tension[group], force, rtol=0, atol=10.0)
+    # what is printed is that of the scene, too
+    moved = 1e3 * np.linalg.norm(solution.phases[-1].displacement, axis=1)
+    told = re.search(r"largest displacement by .*: ([\d.]+) mm at node (\d+)", printed)
+    assert abs(float(told[1]) - moved.max()) < 0.011  # two digits after the point
+    assert moved[int(told[2])] > moved.max() - 0.01
+    assert printed.startswith("status: converged")
+    assert (folder / f"{kind}.png").read_bytes().startswith(b"\x89PNG")
+    assert "<canvas" in (folder / f"{kind}.html").read_text()
+
+
+# --- are they structures that an engineer would build
+
+
+def acting(data, lengths):
+    """Sum of the loads of a scene, N, from its file; `lengths` unstressed, by group."""
+    nodes, groups = np.array(data["structure"]["nodes"]), data["structure"]["elements"]
+    total = np.zeros(3)
+    for phase in data["phases"]:
+        loads = phase.get("loads", [])
+        for load in [loads] if isinstance(loads, dict) else loads:
+            if load["type"] == "NodalLoads":
+                total += (np.ones((len(load["nodes"]), 1)) * load["forces"]).sum(axis=0)
+            elif load["type"] == "LineLoads":
+                links = np.array(groups[load["on"]]["links"])
+                spans = np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
+                total += np.array(load["forces"]) * spans.sum()
+            else:
+                assert load == {"type": "SelfWeight"}
+                for name, group in groups.items():
+                    total[2] -= group.get("weight", 0.0) * np.sum(lengths[name])
+    return total
+
+
+@pytest.mark.parametrize("kind", new.KINDS)
+def test_they_are_in_equilibrium(kind, folder, solved):
+    """As a whole, and every free node of what has no beams; from forces and places alone."""
+    _, _, solution = solved[kind]
+    data = json.loads((folder / f"{kind}.json").read_text())
+    load = acting(data, {name: np.asarray(v) for name, v in solution.rest_length.items()})
+    # loads along beams are per length of the beam before it bends: to 1e-3 its strain
+    largest = np.abs(solution.reactions).max()
+    left = load + np.asarray(solution.reactions).sum(axis=0)
+    assert np.abs(load).max() > 8e3 and np.abs(left).max() < 1e-3 * np.abs(load).max(), left
+    if kind not in ("net", "dome"):
+        return
+    places, forces = np.asarray(solution.positions), np.array(solution.load)
+    for name, group in data["structure"]["elements"].items():
+        first, last = np.array(group["links"]).T
+        pull = places[last] - places[first]
+        pull *= (np.asarray(solution.tension[name]) / np.linalg.norm(pull, axis=1))[:, None]
+        np.add.at(forces, first, pull)
+        np.add.at(forces, last, -pull)
+    free = np.setdiff1d(np.arange(len(places)), data["structure"]["supports"]["nodes"])
+    assert np.abs(forces[free]).max() < 1e-8 * largest  # tol of the analysis is 1e-10 of a sum
+    held = np.setdiff1d(np.arange(len(places)), free)
+    assert np.abs(forces + np.asarray(solution.reactions))[held].max() < 1e-8 * largest
+
+
+SANE = {  # largest displacement by the loads over the span, of strength: least and most
+    "net": (8.0, 1 / 600, 1 / 300, 0.35, 0.6),
+    "mast": (30.0, 1 / 800, 1 / 300, 0.15, 0.5),
+    "bridge": (24.0, 1 / 500, 1 / 300, 0.1, 0.5),
+    "dome": (24.0, 1 / 500, 1 / 250, 0.3, 0.6),
+}
+
+
+@pytest.mark.parametrize("kind", new.KINDS)
+def test_they_are_of_sane_proportions(kind, solved):
+    structure, _, solution = solved[kind]
+    span, low, high, least, most = SANE[kind]
+    assert all(bool(phase.stable) for phase in solution.phases)
+    moved = np.linalg.norm(solution.phases[-1].displacement, axis=1).max() / span
+    assert low < moved < high
+    used = 0.0
+    for name, group in structure.elements.items():
+        if isinstance(group, jc.Cables):
+            assert float(jnp.min(solution.tension[name])) > 0  # taut under the loads
+            used = max(used, float(jnp.max(solution.tension[name] / group.strength)))
+    assert least < used < most
+
+
+def test_the_deck_of_the_bridge_ends_level(solved):
+    solution = solved["bridge"][2]
+    level = np.asarray(solution.phases[3].positions)[:5, 2]
+    assert np.abs(level).max() < 2e-3  # of 24 m; single stages leave up to 10 mm
+    assert np.abs(np.asarray(solution.phases[2].positions)[:4, 2]).max() > 5e-3
+    assert [int(phase.status) for phase in solution.phases] == [0] * 5
+
+
+def test_the_dome_stands_by_its_prestress_alone(solved):
+    structure, _, solution = solved["dome"]
+    assert np.abs(solution.phases[0].displacement).max() < 1e-6  # of rounded coordinates
+    found = jc.forms.self_stress(structure)
+    assert found.s == 4 and found.m == 9  # sectors - 2, sectors + 3: of Geiger domes of one ring
+
+
+# --- plot
+
+
+@pytest.fixture
+def scenes(folder, monkeypatch, tmp_path):
+    """An empty working folder with two of the scenes."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("net.json", "mast.json"):
+        Path(name).write_text((folder / name).read_text())
+    return tmp_path
+
+
+def test_plot_draws_what_it_is_asked_for(scenes, capsys):
+    pictures = {}
+    for words in (
+        "net.json",
+        "net.json --of utilisation --save u.png",
+        "net.json --view elevation --save e.png",
+        "net.json --magnify 20 --save m.png",
+        "net.json --reactions --save r.png",
+        "net.json --sequence --save s.png",
+        "net.json --sequence --magnify 20 --of utilisation --save t.png",
+        "mast.json --of My --save my.png",
+        "mast.json --of Vz --view elevation --save vz.png",
+    ):
+        assert main(["plot", *words.split()]) == 0, words
+        name = words.split()[-1].replace("net.json", "net.png")
+        out, err = capsys.readouterr()
+        assert out == f"wrote {name}\n" and err == ""
+        data = Path(name).read_bytes()
+        assert data.startswith(b"\x89PNG") and len(data) > 10_000
+        pictures[data] = words
+    assert len(pictures) == 9  # every option changes something
+    assert main(["plot", "mast.json", "--of", "N", "--save", "n.pdf"]) == 0
+    assert main(["plot", "mast.json", "--of", "T", "--save", "t.svg"]) == 0
+    assert Path("n.pdf").read_bytes().startswith(b"%PDF") and "</svg>" in Path("t.svg").read_text()
+
+
+def test_plot_lies_beside_its_scene(scenes, capsys):
+    Path("deep").mkdir()
+    Path("net.json").rename("deep/net.json")
+    assert main(["plot", "deep/net.json"]) == 0
+    assert Path("deep/net.png").exists() and not Path("net.png").exists()
+
+
+def test_plot_names_what_it_cannot_draw(scenes, capsys):
+    for words, message in (
+        ("net.json --of My", "net.json: solution: has no beams"),
+        ("net.json --of beauty", "colour = 'beauty': expected one of"),
+        ("mast.json --of My --sequence", "--sequence: not of a diagram"),
+        ("mast.json --of My --magnify 2", "--magnify: not of a diagram"),
+        ("mast.json --of My --reactions", "--reactions: not of a diagram"),
+        ("net.json --sequence --reactions", "--reactions: not in a sequence"),
+        ("net.json --save p.doc", "--save p.doc: expected a name that ends with .png"),
+        ("none.json", "none.json: No such file or directory"),
+    ):
+        assert main(["plot", *words.split()]) == 2, words
+        assert message in one_line(capsys.readouterr().err)
+    text = Path("net.json").read_text().replace("-3e3]", "-1e30]")
+    Path("net.json").write_text(text)
+    assert main(["plot", "net.json"]) == 1
+    assert "jaxcable: net.png: not drawn: the analysis failed" in capsys.readouterr().err
+    assert not Path("net.png").exists()
+
+
+# --- quiet, and progress
+
+
+QUIET = {
+    "new": "bridge",
+    "info": "net.json",
+    "solve": "net.json --report --plot q.png",
+    "plot": "net.json",
+    "view": "net.json --no-open",
+    "form": "net.json --tension 15000 --save formed.json",
+    "optimize": "net.json --target 15000 --one --bounds 16000 20000 --save tuned.json",
+    "convert": "net.json --save net.dxf",
+    "schema": "",
+    "demo": "",
+}
+
+
+@pytest.mark.parametrize("command", QUIET)
+def test_quiet_prints_nothing(command, scenes, capsys, monkeypatch):
+    """No results, no warnings (optimize has one), no progress, with every command."""
+    monkeypatch.setattr(jc.progress.SHOW, "pause", 0.0)
+    if command == "convert":
+        pytest.importorskip("ezdxf")
+    before = set(scenes.iterdir())
+    status = main([command, *QUIET[command].split(), "--quiet"])
+    assert capsys.readouterr() == ("", "")
+    assert status == 0
+    assert (set(scenes.iterdir()) > before) == (command not in ("info", "schema"))
+
+
+def test_every_command_is_among_them():
+    from jaxcable.cli.parser import parser
+
+    (commands,) = [a.choices for a in parser()._actions if a.dest == "command"]
+    assert list(commands) == list(QUIET)  # in the order of a first use
+    for command in commands.values():
+        assert "--quiet" in command.format_help()
+
+
+def test_quiet_prints_errors(scenes, capsys):
+    assert main(["info", "none.json", "--quiet"]) == 2
+    told = capsys.readouterr()
+    assert told.out == "" and one_line(told.err).endswith("No such file or directory")
+    assert main(["info", "net.json"]) == 0  # stdout is back
+    assert capsys.readouterr().out.startswith("scene of 21 nodes")
+
+
+@pytest.mark.parametrize(
+    "words",
+    ["form --tension 9000", "form --force-density 900", "optimize --deflection 0.02 --one"],
+)
+def test_compiling_is_said(words, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(jc.progress.SHOW, "pause", 1e-3)
+    jc.save_scene("net.json", jc.scenes.saddle(2, 3))
+    command, *others = words.split()
+    assert main([command, "net.json", *others]) == 0
+    out, err = capsys.readouterr()
+    assert err.startswith("compiling\n") and "compiling" not in out
+
+
+# --- comments
+
+
+def test_comments_may_stand_in_every_object_of_a_class(tmp_path):
+    """Whatever they are; where keys are names of groups, neither schema nor reader takes one."""
+    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
+    section, law = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9)), jc.Polygonal([0, 1], [0, 1e9])
+    elements = {
+        "beam": jc.Beams([[0, 1]], section),
+        "cable": jc.Cables([[1, 2], [2, 3]], area=1e-4, law=law, weight=1.0),
+    }
+    structure = jc.Structure(nodes, elements, supports=jc.clamped([0]) + jc.pinned([3]))
+    tension = {"beam": None, "cable": jc.only([0], 100.0)}
+    loads = [jc.SelfWeight(), jc.NodalLoads([2], (0.0, 0.0, -1.0))]
+    path = tmp_path / "scene.json"
+    jc.save_scene(path, (structure, [jc.Phase(pretension=tension, loads=loads)]))
+    data = json.loads(path.read_text())
+    check = jsonschema.Draft202012Validator(jc.files.scene_schema())
+    places = list(objects(data))
+    assert len(places) == 11, [place.get("type") for place in places]
+    for k, place in enumerate(places):
+        place["comment"] = ["a text", ["lines"], {"type": "Nonsense"}, None][k % 4]
+    path.write_text(json.dumps(data))
+    check.validate(data)
+    again = tmp_path / "again.json"
+    jc.save_scene(again, jc.load_scene(path))
+    assert "comment" not in again.read_text()
+    jc.save_scene(path, (structure, [jc.Phase(pretension=tension, loads=loads)]))
+    assert again.read_text() == path.read_text()
+    for names in (data["structure"]["elements"], data["phases"][0]["pretension"]):
+        names["comment"] = "a text"
+        path.write_text(json.dumps(data))
+        with pytest.raises(FileError, match="comment"):
+            jc.load_scene(path)
+        assert not check.is_valid(data)
+        del names["comment"]
+
+
+# --- results
+
+
+def test_results_are_indexed_as_their_docstring_says():
+    solution = jc.solve(*jc.scenes.flat_net(load=15.0))
+    numbers = [4, 7]
+    for array in (solution.reactions, solution.phases[1].tension, solution.last.positions):
+        plain = np.asarray(array)
+        np.testing.assert_array_equal(array[np.array(numbers)], plain[numbers])
+        np.testing.assert_array_equal(array[np.arange(len(plain)) > 3], plain[4:])
+        with pytest.raises(TypeError, match="sequence"):
+            array[numbers]
+        with pytest.raises(TypeError, match="immutable"):
+            array[0] = 1.0
+        copy = np.array(array)
+        copy[0] = 1.0
+        np.testing.assert_array_equal(array[len(plain) + 5], plain[-1])

@@ -1,0 +1,243 @@
+"""What jax may lack: a solve works without each name that is not stable, and says what is lost."""
+
+import ast
+import os
+import subprocess
+import sys
+import textwrap
+import tomllib
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.common import compilation, fusion, jax_internals, keeping
+from jaxcable.common.program_folder import opened
+
+ROOT = Path(__file__).parents[2]
+STRUCTURE, PHASES = jc.scenes.flat_net()
+
+
+def test_the_range_of_versions_is_that_of_the_package():
+    stated = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
+    first, end = (".".join(map(str, version)) for version in jax_internals.TESTED)
+    assert {f"jax>={first},<{end}", f"jaxlib>={first},<{end}"} <= set(stated)
+    assert jax_internals.TESTED[0] <= jax.__version_info__[:2] < jax_internals.TESTED[1]
+
+
+def unstable(path):
+    """Names in a file that jax does not document as stable."""
+    private = ("jax.extend", "jax.interpreters", "jax._src", "jax.experimental", "jaxlib")
+    private += ("jax.config.values", "jax.core.ShapedArray", "jax.ffi.register_ffi_target")
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Attribute):
+            names = [ast.unparse(node)]
+        yield from (
+            name for name in names if f"{name}.".startswith(tuple(f"{p}." for p in private))
+        )
+
+
+def test_unstable_names_are_in_one_module():
+    """Beside it only the version of jaxlib, which is printed and is part of keys, is asked for."""
+    found = {
+        f"{path.name}: {name}"
+        for path in (ROOT / "jaxcable").rglob("*.py")
+        if path.name != "jax_internals.py"
+        for name in unstable(path)
+    }
+    about_version = {"jaxlib", "jaxlib.__version__"}
+    assert {text.split(": ")[1] for text in found} <= about_version, found
+    assert "jaxlib.version" in set(unstable(ROOT / "jaxcable" / "common" / "jax_internals.py"))
+
+
+# --- primitives: they are made when the package is imported, so another process lacks them
+
+WITHOUT = """
+    import warnings
+    import jax, jax.extend.core, jax.interpreters.ad
+    jax.config.update("jax_enable_x64", True)
+    {before}
+    import jax.numpy as jnp
+    import jaxcable as jc
+    structure, phases = jc.scenes.flat_net()
+    def sag(nodes):
+        solution = jc.solve(jc.replace(structure, nodes=nodes), phases)
+        return solution.displacement[3, 2], solution.status
+    nodes = jnp.asarray(structure.nodes)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        (value, code), slope = jax.jit(jax.value_and_grad(sag, has_aux=True))(nodes)
+        alone = jc.solve(structure, phases)
+        several, codes = jax.vmap(sag)(nodes * jnp.array([1.0, 1.1])[:, None, None])
+    assert int(code) == int(alone.status) == 0 and not codes.any()
+    print(float(value), *several.tolist(), *slope[3].tolist())
+    print(*[str(one.message) for one in said], sep="\\n")
+"""
+
+
+@pytest.mark.parametrize(
+    "before", ["del jax.extend.core.Primitive", "del jax.interpreters.ad.primitive_transposes"]
+)
+def test_without_primitives(before):
+    """Values and derivatives are those with them, and what is lost is said once."""
+    environment = os.environ | {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
+    code = textwrap.dedent(WITHOUT.format(before=before))
+    run = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert run.returncode == 0, run.stderr
+    numbers, *said = run.stdout.strip().split("\n")
+    assert len(said) == 1 and "jax.extend.core.Primitive" in said[0]
+
+    def sag(nodes):
+        return jc.solve(jc.replace(STRUCTURE, nodes=nodes), PHASES).displacement[3, 2]
+
+    nodes = jnp.asarray(STRUCTURE.nodes)
+    value, slope = jax.value_and_grad(sag)(nodes)
+    expected = [value, sag(nodes), sag(1.1 * nodes), *slope[3]]
+    # the tolerance of the iteration: other programs end in other last digits
+    np.testing.assert_allclose([float(x) for x in numbers.split()], expected, rtol=1e-7, atol=1e-10)
+
+
+# --- other names
+
+
+@pytest.fixture
+def without(monkeypatch):
+    """A function that takes a name away from jax, as far as the package sees."""
+    names = jax_internals._names
+    monkeypatch.setattr(jax_internals, "_said", set())
+
+    def take(module):
+        monkeypatch.setattr(
+            jax_internals, "_names", lambda m, *n: None if m == module else names(m, *n)
+        )
+
+    return take
+
+
+def solved():
+    """Whether an analysis works that is compiled anew."""
+    jc.forget_programs()
+    solution = jc.solve(STRUCTURE, PHASES)
+    assert int(solution.status) == jc.status.OK
+    assert np.isclose(solution.displacement[3, 2], -0.04662987453631125, rtol=1e-9)
+    return True
+
+
+def test_whether_a_program_is_traced(monkeypatch):
+    """Told by the documented interface as by the other one."""
+    seen = []
+
+    def look(x):
+        seen.append(jax_internals.is_tracing())
+        return x
+
+    for state in (jax_internals._state, None):
+        monkeypatch.setattr(jax_internals, "_state", state)
+        look(1.0)
+        jax.jit(lambda x: look(x))(1.0)
+        jax.grad(jax.jit(lambda x: look(x)))(1.0)
+    assert seen == 2 * [False, True, True]
+    assert solved()
+    run = compilation.program(lambda x: 2 * x)
+    assert float(jax.jit(lambda: run(np.ones(()), size=1))()) == 2.0 and not run.known
+    compilation._PROGRAMS.remove(run)
+
+
+def test_without_a_cache_of_jax(tmp_path, without, monkeypatch):
+    monkeypatch.setattr(keeping, "_place", [])
+    monkeypatch.setattr(keeping, "_before", [])
+    names = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
+    before = [getattr(jax.config, name) for name in names]
+    jax.config.update("jax_compilation_cache_dir", None)
+    without("jax.experimental.compilation_cache.compilation_cache")
+    try:
+        with pytest.warns(RuntimeWarning, match=r"lacks jax.experimental.compilation_cache"):
+            jc.keep_programs(tmp_path)
+        jc.keep_programs(limit=0)
+    finally:
+        for name, value in zip(names, before, strict=True):
+            jax.config.update(name, value)
+
+
+def test_without_a_setting_for_one_thread(without):
+    without("jax._src.config")
+    least = jax.config.jax_persistent_cache_min_compile_time_secs
+    with jax_internals.not_kept_by_jax():
+        assert jax.config.jax_persistent_cache_min_compile_time_secs == least
+
+
+def test_without_names_of_lapack(without):
+    without("jaxlib.lapack")
+    jax_internals.prepare_lapack.cache_clear()
+    jax_internals.prepare_lapack()
+    jax_internals.prepare_lapack.cache_clear()
+
+
+def test_without_a_serializer(without, tmp_path):
+    without("jax.experimental.serialize_executable")
+    assert jax_internals.serializer() is None
+    assert keeping._load(opened(tmp_path, 9), 32 * "0", []) is None
+
+
+def test_without_quick_options(monkeypatch):
+    """jax 0.12 has none."""
+    if jax.default_backend() == "cpu":
+        assert (jax_internals.quick_options() is None) == (jax.__version_info__ >= (0, 12))
+    monkeypatch.setattr(compilation, "quick_options", lambda: None)
+    assert solved()
+
+
+# --- flags of XLA: an unknown one ends the process
+
+
+def test_flags_are_set_for_known_versions_only(monkeypatch):
+    before = os.environ.get("XLA_FLAGS")
+    monkeypatch.setattr(jax_internals, "_flags", [])
+    monkeypatch.setattr(fusion, "has_started", lambda: False)
+    monkeypatch.setattr("jaxlib.version.__version_info__", (*jax_internals.TESTED[1], 0))
+    with pytest.warns(RuntimeWarning, match=r"known to be there in jaxlib 0.10 up to 0.13"):
+        jc.fuse_loops()
+    assert os.environ.get("XLA_FLAGS") == before and not fusion.fuses() and not fusion.ask()
+
+
+def test_a_file_of_flags_is_left_as_it_is(monkeypatch):
+    monkeypatch.setattr(jax_internals, "_flags", [])
+    monkeypatch.setattr(jax_internals, "has_started", lambda: False)
+    monkeypatch.setattr(fusion, "has_started", lambda: False)
+    monkeypatch.setenv("XLA_FLAGS", "/etc/flags.txt")
+    with pytest.warns(RuntimeWarning, match="XLA_FLAGS names a file"):
+        jc.fuse_loops()
+    assert os.environ["XLA_FLAGS"] == "/etc/flags.txt"
+
+
+def test_whether_jax_has_started_may_not_be_known(monkeypatch):
+    jnp.zeros(()).block_until_ready()
+    assert jax_internals.has_started()
+    monkeypatch.delattr(jax._src.xla_bridge, "backends_are_initialized")
+    assert jax_internals.has_started() is None
+    monkeypatch.setattr(jax_internals, "_flags", [])
+    monkeypatch.setattr(jax_internals, "_said", set())
+    monkeypatch.setenv("XLA_FLAGS", "")
+    settings = jax_internals.settings()["jax_cpu_enable_async_dispatch"]
+    try:
+        with pytest.warns(RuntimeWarning, match="loops stay apart if jax has computed before"):
+            jc.fuse_loops()
+        assert fusion.fuses()
+    finally:
+        jax.config.update("jax_cpu_enable_async_dispatch", settings)
+
+
+def test_flags_are_those_that_xla_has_read(monkeypatch):
+    read = jax_internals.flags_in_effect()
+    monkeypatch.setenv("XLA_FLAGS", "--xla_of_later=true")
+    assert jax_internals.flags_in_effect() == read != "--xla_of_later=true"

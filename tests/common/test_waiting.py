@@ -1,0 +1,41 @@
+"""Nothing waits for ever: batches, threads and gradients, each in a process with a time limit."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from banks.waiting_programs import PROGRAMS
+
+SCRIPT = Path(__file__).parents[1] / "banks" / "waiting_programs.py"
+LIMIT = 240  # seconds: what takes 10 on a quiet machine, 25 times as long
+FUSED = "forms", "nets"
+USUAL = "frames_in_threads", "forms"  # one program by `jax.vmap` in threads, one by `jc.batched`
+
+
+def ended(name, calls, fused):
+    """What a program prints in a process of its own, with jax's own settings."""
+    environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
+    options = [name, "--calls", str(calls), *(["--fused"] if fused else [])]
+    done = subprocess.run(
+        [sys.executable, SCRIPT, *options],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("name", USUAL)
+def test_calls_end(name):
+    assert ended(name, 30, name in FUSED) == "30 calls ended"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(PROGRAMS.keys() - {"control"}))
+@pytest.mark.parametrize("fused", [False, True])
+def test_all_programs_end(name, fused):
+    assert ended(name, 50, fused) == "50 calls ended"

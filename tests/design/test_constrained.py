@@ -1,0 +1,298 @@
+"""`minimize_subject_to`: known optima, trial points that fail, and libraries that are not believed.
+
+The problems of `experiments/constrained.py` have known optima: published, or closed forms.
+"""
+
+import importlib
+import importlib.util
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable import design
+from jaxcable.common import status
+from jaxcable.design import constrained, solvers, trials
+from jaxcable.design.optimality import kkt_conditions
+
+IPOPT = pytest.param(
+    "ipopt",
+    marks=pytest.mark.skipif(
+        importlib.util.find_spec("ipyopt") is None, reason="ipyopt is not installed"
+    ),
+)
+SOLVERS = pytest.mark.parametrize("solver", ["slsqp", "trust-constr", IPOPT])
+TOL = 1e-6  # the default: of limits and of the KKT residual
+
+
+@pytest.fixture
+def study(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
+    yield importlib.import_module("constrained")
+    sys.modules.pop("constrained", None)
+
+
+def minimum_is_stated(found, tol=TOL):
+    """Converged, with all limits met and the conditions of a minimum within the tolerance."""
+    assert int(found.status) == status.OK, jc.describe(found.status)
+    assert (np.asarray(found.constraints) <= 0).all() and found.kkt_residual <= tol
+
+
+@pytest.mark.parametrize(
+    ("name", "digits"),
+    [
+        # limits are met by 1e-6 on the safe side, which costs as much of the loss, or less
+        ("three bars", 2e-6),
+        ("ten bars", 2e-5),  # published with six digits
+        ("Rosen-Suzuki", 2e-6),
+        ("cantilever", 2e-6),
+        ("ropes", 2e-6),
+        ("dome", 2e-5),  # known with five digits
+    ],
+)
+def test_known_optima(study, name, digits):
+    problem, start, bounds, known = study.PROBLEMS[name]
+    found = design.minimize_subject_to(problem, jnp.asarray(start), bounds)
+    minimum_is_stated(found)
+    assert abs(float(found.loss) / known - 1) < digits
+    assert found.evaluations < 300  # the method of multipliers has taken 61 000 for the dome
+
+
+def test_the_dome_by_numpy(study):
+    """The load path and the moves in plan of the optimum, by a dense matrix of force densities."""
+    problem, start, bounds, _ = study.PROBLEMS["dome"]
+    found = design.minimize_subject_to(problem, jnp.asarray(start), bounds)
+    links, plan, free = np.asarray(study.LINKS), study.PLAN, study.FREE
+    assert len(links) == 1800 and study.GROUP.max() == 33
+    density = np.asarray(found.params)[study.GROUP]
+    branch = np.zeros((1800, len(plan)))
+    branch[np.arange(1800), links[:, 0]], branch[np.arange(1800), links[:, 1]] = 1, -1
+    matrix = branch.T @ (density[:, None] * branch)
+    fixed = np.setdiff1d(np.arange(len(plan)), free)
+    x = np.column_stack([plan, np.zeros(len(plan))])
+    load = np.zeros_like(x)
+    load[:, 2] = -np.array([study.TOP, *(study.WEIGHTS * 36)])
+    held = matrix[np.ix_(free, fixed)] @ x[fixed]
+    x[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free] - held)
+    path = np.abs(density) @ np.sum((branch @ x) ** 2, axis=1)
+    assert abs(path - float(found.loss)) < 1e-6
+    assert np.abs(x[free, :2] - plan[free]).max() <= study.NEAR
+
+
+def disc(p, radius):
+    """The lowest point of a plane on a disc, and a limit that has no influence."""
+    return p[0] + 2 * p[1], jnp.array([(p @ p) / radius**2 - 1, p[0] - 10.0])
+
+
+@SOLVERS
+def test_closed_form_by_every_library(solver):
+    found = design.minimize_subject_to(disc, jnp.array([0.3, 0.1]), args=(2.0,), solver=solver)
+    minimum_is_stated(found)
+    # what is missing of the gradient, 1e-6 of the loss, moves the point by its root at most
+    assert np.abs(np.asarray(found.params) + 2 * np.array([1, 2]) / np.sqrt(5)).max() < 4e-3
+    assert abs(float(found.loss) + 2 * np.sqrt(5)) < 1e-5
+    assert np.abs(found.multipliers - [np.sqrt(5), 0.0]).max() < 1e-2
+
+
+@SOLVERS
+def test_bounds_alone(solver):
+    """No limits; one parameter ends at a bound exactly, one is fixed, one is free."""
+    bounds = (jnp.array([1.0, 3.0, -9.0]), jnp.array([5.0, 3.0, 9.0]))
+    start = jnp.array([4.0, 3.0, 5.0])
+    found = design.minimize_subject_to(
+        lambda p: (jnp.sum((p - 0.5) ** 2), jnp.zeros(0)), start, bounds, solver=solver
+    )
+    assert int(found.status) == status.OK and found.multipliers.shape == (0,)
+    # trust-constr and IPOPT stay inside of bounds: they end within the tolerance of them
+    assert np.abs(np.asarray(found.params) - [1, 3, 0.5]).max() < 1e-4
+    if solver == "slsqp":
+        assert found.params[0] == 1 and found.params[1] == 3
+
+
+def behind_a_wall(p, wall, code):
+    """Least at 1.5 where ``p[1] <= 1``; analyses fail beyond the wall, with a tempting loss.
+
+    A parabola would lead searches to its minimum at once: this valley bends at its ground alone.
+    """
+    failed = p[0] > wall
+    valley = jnp.sqrt(1 + 100 * (p[0] - 1.5) ** 2) + (p[1] - 2.0) ** 2
+    loss = jnp.where(failed, -1e6, valley)
+    loss = jnp.where(failed & (code == 0), jnp.nan, loss)
+    return loss, p[1:] - 1.0, jnp.where(failed, code, 0)
+
+
+@SOLVERS
+@pytest.mark.parametrize("code", [status.NOT_CONVERGED, 0])
+def test_failed_trials_shorten_the_step(solver, code):
+    """A status that is not OK, or a loss that is no number with an OK one: the same minimum."""
+    start = jnp.array([-8.0, -8.0])  # a first step as long as that leads beyond the wall
+    found = design.minimize_subject_to(behind_a_wall, start, args=(1.6, code), solver=solver)
+    minimum_is_stated(found)
+    assert found.failures > 0 and np.isfinite(float(found.loss))
+    assert np.abs(np.asarray(found.params) - [1.5, 1.0]).max() < 2e-3
+
+
+@SOLVERS
+def test_a_minimum_beyond_the_wall_is_not_claimed(solver):
+    """The loss still falls where analyses fail: the end is a sound point, and no minimum."""
+    start = jnp.array([-8.0, -8.0])
+    given = {"args": (1.0, status.MECHANISM), "steps": 60, "rounds": 4}
+    found = design.minimize_subject_to(behind_a_wall, start, solver=solver, **given)
+    assert int(found.status) in (status.STALLED, status.OUT_OF_STEPS) and found.failures > 0
+    assert found.kkt_residual > 1e-2 and float(found.params[0]) <= 1.0
+    assert float(found.loss) > 2.0  # never that of a failed analysis
+
+
+@SOLVERS
+def test_limits_that_contradict_each_other(solver):
+    """The violation is 1 where both limits are missed by as much, and more elsewhere."""
+
+    def problem(p):
+        return p[0] ** 2, jnp.array([1 - p[0], p[0] + 1])
+
+    given = {"steps": 60, "rounds": 4}
+    found = design.minimize_subject_to(problem, jnp.array([0.3]), solver=solver, **given)
+    assert int(found.status) == status.CONSTRAINTS_VIOLATED
+    assert 1 - 1e-9 <= float(found.constraints.max()) <= 1.3  # that of the start
+
+
+@SOLVERS
+def test_a_start_that_violates_the_limits(solver):
+    """On a circle of radius 1, from far outside: the closest point to (3, 4) is (0.6, 0.8)."""
+
+    def problem(p):
+        return jnp.sum((p - jnp.array([3.0, 4.0])) ** 2), jnp.array([p @ p - 1.0])
+
+    found = design.minimize_subject_to(problem, jnp.array([5.0, -7.0]), solver=solver)
+    minimum_is_stated(found)
+    assert np.abs(np.asarray(found.params) - [0.6, 0.8]).max() < 1e-3
+    assert abs(found.multipliers[0] - 4.0) < 1e-2  # by the gradient: 2 (5 - 1) = 2 m
+
+
+def test_a_library_is_not_believed(monkeypatch):
+    """Negative controls: one that does nothing, and one that says so of a point that is none."""
+    start = jnp.array([0.3, 0.1])
+    monkeypatch.setattr(constrained, "solver_named", lambda _: lambda *_: None)
+    found = design.minimize_subject_to(disc, start, args=(2.0,))
+    assert int(found.status) == status.STALLED and found.kkt_residual > 0.1
+    assert (np.asarray(found.params) == np.asarray(start)).all()
+
+    def accepts(problem, steps, tol):
+        for place in ([0.5, 0.5], [-1.0, -1.7], [-0.85, -1.8]):  # met and lower, but no minimum
+            y = np.array(place) / problem.size
+            problem.loss(y), problem.gradient(y)
+
+    monkeypatch.setattr(constrained, "solver_named", lambda _: accepts)
+    found = design.minimize_subject_to(disc, start, args=(2.0,))
+    assert int(found.status) == status.STALLED and found.kkt_residual > 1e-3
+    assert np.allclose(found.params, [-0.85, -1.8])  # the best of them
+
+
+def test_a_library_that_goes_on_for_ever_is_ended(monkeypatch):
+    def endless(problem, steps, tol):
+        while True:
+            endless.calls += 1
+            problem.loss(problem.start + 1e-3 * np.sin(endless.calls))
+
+    endless.calls = 0
+    monkeypatch.setattr(constrained, "solver_named", lambda _: endless)
+    found = design.minimize_subject_to(disc, jnp.array([0.3, 0.1]), args=(2.0,), steps=7, rounds=3)
+    assert int(found.status) in (status.STALLED, status.OUT_OF_STEPS)
+    assert found.evaluations <= 1 + 3 * 7 * constrained._TRIALS
+
+
+def point(x, gradient, constraints=(), jacobian=(), code=0):
+    n = len(x)
+    return trials.Point(
+        np.array(x, float),
+        1.0,
+        np.array(gradient, float),
+        np.array(constraints, float),
+        np.array(jacobian, float).reshape(-1, n),
+        code,
+    )
+
+
+def test_conditions_of_a_minimum_by_hand():
+    """One limit ``-x <= 0`` and bounds 0 to 1 on y; sizes 2 and 1."""
+    low, high, size = np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]), np.array([2.0, 1.0])
+
+    def judged(*given):
+        return kkt_conditions(point(*given), (low, high), size, 0.0)
+
+    multipliers, residual = judged([0.0, 0.0], [3.0, 5.0], [0.0], [[-1.0, 0.0]])
+    assert np.allclose(multipliers, [3.0]) and residual < 1e-14
+    # a limit that would have to pull, a bound likewise: 2 times the slope, and the slope
+    assert judged([0.0, 0.0], [-3.0, 5.0], [0.0], [[-1.0, 0.0]])[1] == pytest.approx(6.0)
+    assert judged([0.0, 0.0], [3.0, -5.0], [0.0], [[-1.0, 0.0]])[1] == pytest.approx(5.0)
+    assert judged([0.0, 1.0], [3.0, -5.0], [0.0], [[-1.0, 0.0]])[1] < 1e-14  # the upper bound
+    # a limit that is far from active has no force, one inside of bounds neither
+    assert judged([0.5, 0.0], [3.0, 5.0], [-0.5], [[-1.0, 0.0]])[1] == pytest.approx(6.0)
+    assert judged([0.0, 0.5], [3.0, 5.0], [0.0], [[-1.0, 0.0]])[1] == pytest.approx(5.0)
+    # two that pull against each other share the force; what none can bear is left
+    both = [[-1.0, 0.0], [1.0, 0.0]]
+    assert judged([0.0, 0.5], [0.0, 0.25], [0.0, 0.0], both)[1] == pytest.approx(0.25)
+    failed = kkt_conditions(point([0.0, 0.0], [0.0, 0.0], code=1), (low, high), size, 0.0)
+    assert failed[1] == np.inf
+
+
+def test_trial_points_are_within_bounds_and_never_nan():
+    """What a library sees, and where the problem is evaluated; the last point is kept."""
+    asked = []
+
+    def evaluate(x):
+        asked.append(x.copy())
+        code = status.NOT_CONVERGED if x[0] > 2 else 0
+        values = np.array([x[0] ** 2, x[1] - 1]) if code == 0 else np.full(2, np.nan)
+        return trials.Evaluation(values, np.array([[2 * x[0], 0.0], [0.0, 1.0]]), code)
+
+    own = trials.Trials(
+        evaluate, (np.array([0.1, 0.0]), np.array([3.0, 3.0])), 0.5, lambda _: False
+    )
+    own.begin(own.at(np.array([1.0, 1.0])), np.array([0.1, 3.0]), 2.0, 100)
+    assert own.loss(own.start) == 2.0 and len(asked) == 1
+    assert (own.constraints(own.start) == [0.5]).all() and own.jacobian(own.start)[0, 1] == 3.0
+    assert np.allclose(own.gradient(own.start), [0.4, 0.0])
+    own.loss(np.array([-50.0, 70.0]))
+    assert (asked[-1] == [0.1, 3.0]).all() and own.best.x[0] == 1.0  # a limit is violated there
+    beyond = np.array([25.0, 0.0])
+    assert own.loss(beyond) > 1e9 and own.failures == 1
+    assert (own.constraints(beyond) == [2.5]).all()  # of the last sound point
+    with pytest.raises(trials.RunEnd):
+        own.gradient(beyond)
+    assert own.evaluations == len(asked) == 3
+    own.begin(own.best, np.ones(2), 1.0, 1)
+    own.loss(np.array([1.5, 0.0]))
+    with pytest.raises(trials.RunEnd):
+        own.loss(np.array([1.6, 0.0]))
+
+
+def test_single_precision():
+    """The tolerance is 1e-3 there."""
+    with jax.enable_x64(False):
+        start = jnp.array([0.3, 0.1], jnp.float32)
+        found = design.minimize_subject_to(disc, start, args=(2.0,))
+        assert found.params.dtype == found.loss.dtype == jnp.float32
+    minimum_is_stated(found, 1e-3)
+    assert abs(float(found.loss) + 2 * np.sqrt(5)) < 1e-2
+
+
+def test_progress_is_that_of_accepted_points():
+    told = []
+    found = design.minimize_subject_to(
+        disc, jnp.array([0.3, 0.1]), args=(2.0,), progress=told.append
+    )
+    assert [step.number for step in told] == list(range(len(told)))
+    assert told[-1].gradient_norm == found.kkt_residual < TOL < told[0].gradient_norm
+
+
+def test_a_solver_that_there_is_not(monkeypatch):
+    with pytest.raises(ValueError, match="solver = 'cobyla': expected one of slsqp, trust-constr"):
+        design.minimize_subject_to(disc, jnp.zeros(2), args=(2.0,), solver="cobyla")
+    monkeypatch.setitem(sys.modules, "ipyopt", None)
+    with pytest.raises(ValueError, match=r"solver = 'ipopt': .*pip install 'jaxcable\[ipopt\]'"):
+        solvers.solver_named("ipopt")

@@ -1,0 +1,413 @@
+"""Beams against closed forms, an independent energy and an independent boundary value solver."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from banks import problems
+from scipy.integrate import solve_bvp
+from scipy.spatial.transform import Rotation
+
+import jaxcable as jc
+from jaxcable.common.tree import copy
+from jaxcable.elements import AxialState
+from jaxcable.elements.prestress import element
+
+STEEL = jc.Elastic(210e9)
+BOX = jc.Section.rectangle(0.05, 0.05, STEEL, (10, 10))
+EA, EI = float(BOX.stiffness()[0, 0]), float(BOX.stiffness()[1, 1])
+RNG = np.random.default_rng(5)
+
+
+def chain(n):
+    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
+
+
+def straight(n, length=1.0, section=BOX, supports=None, **options):
+    """A beam along x in n elements, clamped at its start unless told otherwise."""
+    nodes = np.zeros((n + 1, 3))
+    nodes[:, 0] = np.linspace(0, length, n + 1)
+    group = jc.Beams(chain(n), section=section, **options)
+    return jc.Structure(nodes, group, jc.clamped([0]) if supports is None else supports)
+
+
+def in_plane(n_node, clamped=(), pinned=()):
+    """Supports of a structure in the x-z plane: no displacement along y, rotation about y only."""
+    mask = np.zeros((n_node, 6), bool)
+    mask[:, [1, 3, 5]] = True
+    mask[list(clamped)] = True
+    mask[list(pinned), :3] = True
+    return jc.Supports(mask)
+
+
+# --- one element
+
+
+def one_beam(section=BOX, **options):
+    ends = jnp.asarray([[0.3, -0.2, 0.5], [1.1, 0.4, 0.9]])
+    group = element(jc.Beams([[0, 1]], section=section, **options), {})
+    length = jnp.linalg.norm(ends[1] - ends[0])
+    return group, AxialState(length, jnp.zeros(())), ends
+
+
+@pytest.mark.parametrize("degrees", [10, 90, 180, 359, 725])
+def test_a_rigid_motion_of_any_size_gives_no_force(degrees):
+    group, state, ends = one_beam()
+    forces = jax.jit(group.end_forces)
+    for _ in range(5):
+        axis = RNG.normal(size=3)
+        turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis))
+        shift = RNG.normal(size=3)
+        moved = turn.apply(np.array(ends)) + shift - np.array(ends)
+        motion = np.column_stack([moved, np.tile(np.roll(turn.as_quat(), 1), (2, 1))])
+        # displacements of order 3 m: a strain of eps 3 m / 1 m is what rounding leaves of EA
+        assert jnp.abs(forces(state, ends, jnp.asarray(motion))).max() < 20 * 2.2e-16 * EA
+
+
+def independent_energy(ends, u, turns, section_stiffness, torsion, up):
+    """Energy of one element with SciPy's rotations: mean by half the rotation between the ends."""
+    chord = ends[1] - ends[0]
+    length0 = np.linalg.norm(chord)
+    e1 = chord / length0
+    e3 = up - (up @ e1) * e1
+    e3 /= np.linalg.norm(e3)
+    axes = np.stack([e1, np.cross(e3, e1), e3])
+    now = chord + u[1] - u[0]
+    length = np.linalg.norm(now)
+    half = Rotation.from_rotvec(0.5 * (turns[1] * turns[0].inv()).as_rotvec())
+    mean = half * turns[0]
+    a, b = mean.apply(e1), now / length
+    axis = np.cross(a, b)
+    angle = np.arctan2(np.linalg.norm(axis), a @ b)
+    align = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis))
+    frame = align * mean
+    first, second = (axes @ (frame.inv() * turn).as_rotvec() for turn in turns)
+    shortening = (
+        sum(2 * p**2 - p * q + 2 * q**2 for p, q in zip(first[1:], second[1:], strict=True)) / 30
+    )
+    e0 = (length - length0) / length0 + shortening
+    ea, eiy, eiz = np.diag(section_stiffness)
+    bending = sum(
+        ei * 2 / length0 * (p**2 + p * q + q**2)
+        for ei, p, q in zip((eiy, eiz), first[1:], second[1:], strict=True)
+    )
+    return (
+        0.5 * ea * length0 * e0**2 + bending + 0.5 * torsion / length0 * (second[0] - first[0]) ** 2
+    )
+
+
+def test_end_forces_are_differences_of_an_independent_energy():
+    up = np.array([0.2, -0.5, 1.0])
+    soft = jc.Section.rectangle(0.3, 0.2, jc.Elastic(1e3), (4, 4))
+    group, state, ends = one_beam(soft, up=up, torsional_stiffness=0.7)
+    group = copy(group, up=jnp.asarray(up), torsional_stiffness=jnp.asarray(0.7))
+    rigid = Rotation.from_rotvec([2.0, 1.0, -1.5])
+    u = rigid.apply(np.array(ends)) - np.array(ends) + 0.05 * RNG.normal(size=(2, 3))
+    turns = [Rotation.from_rotvec(0.1 * RNG.normal(size=3)) * rigid for _ in (0, 1)]
+    motion = np.column_stack([u, [np.roll(turn.as_quat(), 1) for turn in turns]])
+    forces = np.asarray(group.end_forces(state, ends, jnp.asarray(motion)))
+    stiffness = np.asarray(soft.stiffness())
+
+    def energy(step):
+        moved = u + step[:, :3]
+        spun = [
+            Rotation.from_rotvec(spin) * turn for spin, turn in zip(step[:, 3:], turns, strict=True)
+        ]
+        return independent_energy(np.array(ends), moved, spun, stiffness, 0.7, up)
+
+    h = 1e-5
+    steps = h * np.eye(12).reshape(12, 2, 6)
+    difference = np.array([(energy(s) - energy(-s)) / (2 * h) for s in steps]).reshape(2, 6)
+    # truncation h^2 and rounding eps E/h are both near 1e-9 of forces of order 10
+    assert np.abs(forces - difference).max() < 1e-7 * np.abs(forces).max()
+
+
+# --- large bending
+
+
+def test_a_cantilever_bends_into_a_half_circle():
+    errors = []
+    for n in (5, 10, 20):
+        load = jc.NodalLoads([n], (0, 0, 0.0), moments=(0, -np.pi * EI, 0))
+        solution = jc.solve(straight(n), [jc.Phase(loads=load, increments=10)])
+        assert int(solution.status) == 0
+        tip = np.asarray(solution.positions)[n]
+        errors.append(np.linalg.norm(tip - [0, 0, 2 / np.pi]))
+        assert np.abs(np.asarray(solution.rotation)[n]).argmax() == 2  # half a turn about y
+    assert errors[0] < 6e-5 and errors[2] < 3e-7
+    # chord frames alone are of order 2; the shortening of the bent axis makes it 4 here
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx([4, 4], abs=0.1)
+
+
+def bend(n):
+    """Bathe and Bolourchi's 45-degree bend of radius 100, 1 x 1, E 1e7, G 5e6, J = 1/6."""
+    angle = np.linspace(0, np.pi / 4, n + 1)
+    nodes = 100 * np.column_stack([np.sin(angle), 1 - np.cos(angle), 0 * angle])
+    # four fibres with exactly I = 1/12: at the places of a two-point Gauss rule
+    g = 0.5 / np.sqrt(3)
+    section = jc.Section([-g, g, g, -g], [-g, -g, g, g], [0.25] * 4, jc.Elastic(1e7))
+    group = jc.Beams(chain(n), section=section, torsional_stiffness=5e6 / 6)
+    return jc.Structure(nodes, group, jc.clamped([0]))
+
+
+@pytest.mark.parametrize("sizes", [(8,), pytest.param((4, 8), marks=pytest.mark.slow)], ids=str)
+def test_45_degree_bend(sizes):
+    exact = np.array([47.150, 15.685, 53.475])  # geometrically exact rod, J = 1/6, to 3 decimals
+    tips = []
+    for n in sizes:
+        load = jc.Phase(loads=jc.NodalLoads([n], (0, 0, 600.0)), increments=6)
+        solution = jc.solve(bend(n), [load])
+        assert int(solution.status) == 0
+        tips.append(np.asarray(solution.positions)[n])
+    errors = np.linalg.norm(np.array(tips) - exact, axis=1)
+    assert errors[-1] < 3e-3 * np.linalg.norm(exact)
+    # straight elements on a curved axis; the reference's 3 decimals and shear are 5 % of the error
+    assert (np.abs(np.log2(errors[:-1] / errors[1:]) - 2) < 0.2).all()
+
+
+def rod_reaction(half_span, rise, ea, ei, pushes):
+    """Force that pushes a toggle of two clamped rods down: half of it as a boundary value problem.
+
+    Planar extensible rod: x' = (1+e) cos t, z' = (1+e) sin t, t' = M/EI,
+    M' = (1+e)(H sin t - V cos t) with axial strain e = (H cos t + V sin t)/EA; clamped below,
+    without rotation at the apex.
+    """
+    length = np.hypot(half_span, rise)
+    slope = np.arctan2(rise, half_span)
+    s = np.linspace(0, length, 81)
+    force = np.zeros(2)
+    y = np.stack([s * np.cos(slope), s * np.sin(slope), 0 * s + slope, 0 * s])
+    out = []
+    for push in pushes:
+
+        def rates(s, y, p):
+            cos, sin = np.cos(y[2]), np.sin(y[2])
+            stretch = 1 + (p[0] * cos + p[1] * sin) / ea
+            moment = stretch * (p[0] * sin - p[1] * cos)
+            return np.stack([stretch * cos, stretch * sin, y[3] / ei, moment])
+
+        def ends(a, b, p, push=push):
+            below = [a[0], a[1], a[2] - slope]
+            return np.array([*below, b[0] - half_span, b[1] - rise + push, b[2] - slope])
+
+        found = solve_bvp(rates, ends, s, y, p=force, tol=1e-8)
+        assert found.success
+        s, y, force = found.x, found.y, found.p
+        out.append(-2 * force[1])
+    return np.array(out)
+
+
+def test_a_toggle_is_pushed_through_its_limit_point():
+    half_span, rise, n, steps = 12.943, 0.386, 8, 14  # Williams (1964), inches and pounds
+    x = np.linspace(-half_span, half_span, 2 * n + 1)
+    nodes = np.column_stack([x, 0 * x, rise * (1 - np.abs(x) / half_span)])
+    section = jc.Section.rectangle(0.753, 0.243, jc.Elastic(1.03e7), (1, 40))
+    ends = in_plane(2 * n + 1, clamped=(0, 2 * n))
+    supports = ends + jc.pinned([n])
+    structure = jc.Structure(nodes, jc.Beams(chain(2 * n), section=section), supports)
+
+    @jax.jit
+    def force(depth):
+        move = jc.SupportMovement([n], jnp.stack([0 * depth, 0 * depth, -depth]))
+        end = jc.solve(structure, [jc.Phase(loads=move)])
+        return end.reactions[n, 2], end.status
+
+    pushes = 0.7 * np.arange(1, steps + 1) / steps
+    mine, codes = zip(*(force(depth) for depth in pushes), strict=True)
+    assert not any(codes)
+    stiffness = section.stiffness()
+    peer = rod_reaction(half_span, rise, float(stiffness[0, 0]), float(stiffness[1, 1]), pushes)
+    change = np.diff(-np.array(mine))
+    assert change[0] > 0 and (change < 0).any() and change[-1] > 0  # up, through the limit, up
+    # 8 elements a side; the error is of the elements' shallow local strain
+    assert np.abs(-np.array(mine) - peer).max() < 2e-3 * np.abs(peer).max()
+
+
+# --- buckling and axial force
+
+
+def tangent_of(structure, solution):
+    from jaxcable.common.tree import fill, thaw
+    from jaxcable.mechanics.carry import make_system
+    from jaxcable.spaces.freedoms import number_freedoms
+
+    rows, groups = structure.rows()
+    thawed, arrays = thaw((structure.nodes, groups, solution.last.carry))
+    nodes, groups, carry = fill(thawed, arrays)
+    freedoms = number_freedoms(solution.last.fixed[-1], rows)
+    return make_system(nodes, groups, carry, carry.motion, freedoms).tangent(carry.motion)
+
+
+def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
+    n, length = 4, 4.0
+    mask = in_plane(n + 1).mask.array.copy()
+    mask[[0, n], 2] = mask[0, 0] = True
+    structure = straight(n, length, supports=jc.Supports(mask))
+
+    @jax.jit
+    def lowest(force):
+        load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
+        solution = jc.solve(structure, [jc.Phase(loads=load)])
+        return jnp.linalg.eigvalsh(tangent_of(structure, solution))[0], solution.status
+
+    euler = np.pi**2 * EI / length**2
+    low, high = 0.9 * euler, 1.1 * euler
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        value, code = lowest(middle)
+        assert int(code) == 0
+        low, high = (middle, high) if value > 0 else (low, middle)
+    assert abs(low / euler - 1) < 1e-3
+
+
+def test_axial_stiffness_of_a_frame():
+    """Von Mises truss of beams too thin to bend, pulled up; closed form of two bars."""
+    b, rise, area, up = 1.0, 0.1, 1e-4, 0.05
+    thin = jc.Section([0.0, 0.0], [-1e-7, 1e-7], [area / 2] * 2, jc.Elastic(1e6 / area), None)
+    nodes = np.array([[-b, 0, 0], [0, 0, rise], [b, 0, 0]])
+    hinges = [[False, False], [True, False]]  # else a short piece at the apex would bend
+    group = jc.Beams([[0, 1], [1, 2]], section=thin, torsional_stiffness=1.0, hinges=hinges)
+    structure = jc.Structure(nodes, group, in_plane(3, pinned=(0, 1, 2)))
+    move = jc.SupportMovement([1], (0.0, 0.0, up))
+    solution = jc.solve(structure, [jc.Phase(loads=move, increments=2)])
+    assert int(solution.status) == 0
+    start, length = np.hypot(b, rise), np.hypot(b, rise + up)
+    force = 1e6 * (length - start) / start
+    # no rounding but that of the lengths here
+    assert np.abs(np.asarray(solution.tension) / force - 1).max() < 1e-11
+    pull = 2 * force * (rise + up) / length
+    assert float(solution.reactions[1, 2]) == pytest.approx(pull, rel=1e-9)
+
+
+def test_axial_force_of_a_column_under_its_own_weight():
+    n, length, weight = 3, 6.0, 500.0
+    nodes = np.column_stack([np.zeros((n + 1, 2)), np.linspace(0, length, n + 1)])
+    group = jc.Beams(chain(n), section=BOX, weight=weight)
+    solution = jc.solve(
+        jc.Structure(nodes, group, jc.clamped([0])), [jc.Phase(loads=jc.SelfWeight())]
+    )
+    assert int(solution.status) == 0
+    above = weight * (length - (np.arange(n) + 0.5) * length / n)
+    # the residual at the default tolerance, 1e-10 of the largest force
+    assert np.abs(np.asarray(solution.tension) + above).max() < 1e-9 * above.max()
+    drop = np.cumsum(above * (length / n)) / EA
+    assert np.abs(np.asarray(solution.displacement)[1:, 2] + drop).max() < 1e-7 * drop.max()
+
+
+# --- loads, hinges, mixed structures
+
+
+def test_distributed_load_on_a_clamped_beam():
+    q, length = 1e-3, 2.0
+    structure = straight(2, length, supports=jc.clamped([0, 2]), weight=3.0)
+    loads = [jc.LineLoads((0, 0, -0.4 * q)), jc.SelfWeight((0, 0, -0.2 * q))]
+    solution = jc.solve(structure, [jc.Phase(loads=loads)])
+    assert int(solution.status) == 0
+    # consistent end moments: exact at the nodes, up to the second order of the deflection
+    assert float(solution.displacement[1, 2]) == pytest.approx(-q * length**4 / 384 / EI, rel=1e-9)
+    moments = np.asarray(solution.reaction_moments)[[0, 2], 1]
+    assert np.abs(moments / (q * length**2 / 12) + [1, -1]).max() < 1e-9
+    problems.assert_balanced(solution)
+
+
+def test_three_hinged_arch():
+    n, radius, load = 4, 5.0, 50.0
+    angle = np.linspace(np.pi, 0, 2 * n + 1)
+    nodes = radius * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
+    hinges = np.zeros((2 * n, 2), bool)
+    hinges[n, 0] = True
+    group = jc.Beams(chain(2 * n), section=BOX, hinges=hinges)
+    structure = jc.Structure(nodes, group, in_plane(2 * n + 1, pinned=(0, 2 * n)))
+    phase = jc.Phase(loads=jc.NodalLoads([n, n + 2], (0, 0, -load)), increments=2)
+    solution = jc.solve(structure, [phase])
+    assert int(solution.status) == 0
+    problems.assert_balanced(solution)
+    # statics of the deformed arch: no moment about the crown from either side
+    p, reaction = np.asarray(solution.positions), np.asarray(solution.reactions)
+    left = np.cross(p[0] - p[n], reaction[0])[1]
+    right = np.cross(p[-1] - p[n], reaction[-1])[1]
+    right += np.cross(p[n + 2] - p[n], [0, 0, -load])[1]
+    scale = radius * load
+    assert abs(left) < 1e-8 * scale and abs(right) < 1e-8 * scale  # residual 1e-10 of forces
+    # and the thrust of the undeformed one, to the deflection's part of the rise
+    thrust = load * (radius - radius * np.cos(angle[n + 2])) / 2 / radius + load / 2
+    assert reaction[0, 0] == pytest.approx(thrust, rel=1e-3)
+    assert p.shape == (2 * n + 1, 3)
+
+
+MIXED = jc.Structure(
+    np.array([[0, 0, 0], [0, 0, 1.0], [0, 0, 2.0], [2.0, 0, 0], [-1.0, 1.7, 0], [-1.0, -1.7, 0]]),
+    {
+        "mast": jc.Beams([[0, 1], [1, 2]], section=BOX),
+        "guys": jc.Cables([[3, 2], [4, 2], [5, 2]], axial_stiffness=1e6),
+    },
+    jc.clamped([0]) + jc.pinned([3, 4, 5]),
+)
+MOMENT = jnp.asarray([100.0, 200.0, 300.0])
+
+
+@functools.cache
+def mixed():
+    """The mixed structure, prestressed and loaded with forces and moments at once."""
+    loads = jc.NodalLoads([1, 2], (1e3, 0, 0), moments=MOMENT)
+    return jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)])
+
+
+def test_cables_and_beams_share_nodes():
+    solution = mixed()
+    assert int(solution.status) == 0
+    problems.assert_balanced(solution)
+    p, reaction = np.asarray(solution.positions), np.asarray(solution.reactions)
+    moment = np.cross(p, reaction + np.asarray(solution.load)).sum(0)
+    moment += np.asarray(solution.reaction_moments).sum(0) + 2 * np.asarray(MOMENT)
+    assert np.abs(moment).max() < 1e-8 * 1e4  # the residual, 1e-10 of forces of 1e4 N, over 2 m
+    assert solution.tension["guys"].shape == (3,)
+    assert solution.section_forces["mast"].shape == (2, 3, 6)
+    assert solution.section_forces["guys"] is None
+    turn = np.asarray(solution.rotation)
+    assert (turn[3:] == [1.0, 0, 0, 0]).all()  # cables turn nothing
+    assert np.abs(np.linalg.norm(turn, axis=1) - 1).max() < 1e-15
+
+
+def test_a_scalar_prestress_is_for_cables_and_bars():
+    """Beams beside them are left out; a temperature finds those that expand."""
+    guys, mast = jc.Phase(pretension=1e4).inputs(MIXED)  # in the order of the keys
+    assert mast == {} and guys["pretension"].values.tolist() == [1e4] * 3
+    (alone,) = jc.Phase(pretension=1e4).inputs(straight(2))
+    assert alone["pretension"].values.tolist() == [1e4] * 2
+    warm = jc.replace(
+        MIXED,
+        elements={name: jc.replace(g, expansion=1e-5) for name, g in MIXED.elements.items()},
+    )
+    assert all("temperature" in inputs for inputs in jc.Phase(temperature=5.0).inputs(warm))
+    mast, guys = jc.Phase(pretension={"mast": 1.0, "guys": None}).inputs(MIXED)[::-1]
+    assert guys == {} and mast["pretension"].values.tolist() == [1.0, 1.0]
+
+
+@pytest.mark.slow
+def test_incremental_scheme_takes_beams():
+    phase = jc.Phase(loads=jc.NodalLoads([2], (0, 0, 1.0)), increments=2)
+    solution = jc.solve(straight(2), [phase], jc.Incremental())
+    assert int(solution.status) == 0
+    # a deflection of 3e-6 m: cubic elements are exact, second order effects are 1e-11 of it
+    assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
+
+
+def test_a_nodal_moment_makes_the_tangent_unsymmetric():
+    """A moment that keeps its direction has no potential, and the tangent shows it."""
+    solution = mixed()
+    tangent = jax.jit(lambda: tangent_of(MIXED, solution))()
+    skew = jnp.abs(tangent - tangent.T).max()
+    assert 0 < skew < 1e-2 * jnp.abs(tangent).max()
+
+
+def test_moved_and_turned_support():
+    """A clamp that is turned by 90 degrees takes the whole cantilever along."""
+    turn = jc.SupportMovement([0], (0.1, 0.2, 0.3), rotations=(0.0, 0.0, np.pi / 2))
+    solution = jc.solve(straight(5), [jc.Phase(loads=turn, increments=3)])
+    assert int(solution.status) == 0
+    tip = np.asarray(solution.positions)[5]
+    assert np.abs(tip - [0.1, 1.2, 0.3]).max() < 1e-12
+    assert np.abs(np.asarray(solution.tension)).max() < 1e-12 * EA  # a strain of 1e-12

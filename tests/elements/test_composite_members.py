@@ -1,0 +1,339 @@
+"""Bars and cables of several laws: one spring in series with all of them, slack as a whole."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from banks.laws import CURVES
+
+import jaxcable as jc
+from jaxcable import materials
+from jaxcable.common.tree import copy
+from jaxcable.elements import AxialState
+
+E, FY, HARD = 210e9, 235e6, 0.01
+STEEL = materials.steel(FY, E, HARD)
+SOFT = jc.Elastic(50e9)
+
+# --- by NumPy, written apart: two laws at one strain, one of which yields with kinematic hardening
+
+
+def yielding(strain, memory):
+    """Stress and plastic strain of bilinear steel after a step, by return mapping."""
+    slope = HARD * E
+    kinematic = E * slope / (E - slope)
+    over = E * (strain - memory) - kinematic * memory
+    flow = np.sign(over) * max(0.0, abs(over) - FY) / (E + kinematic)
+    return E * (strain - memory - flow), memory + flow
+
+
+def bisect(function, low, high):
+    """Zero of a function that rises."""
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if function(middle) < 0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+class Cable:
+    """Areas of steel and of an elastic core; slack where both together would be pushed."""
+
+    def __init__(self, steel, core):
+        self.steel, self.core, self.memory = steel, core, 0.0
+
+    def sum(self, strain):
+        return self.steel * yielding(strain, self.memory)[0] + self.core * 50e9 * strain
+
+    def force(self, strain):
+        return max(0.0, self.sum(strain))
+
+    def kept(self, strain):
+        """The strain of the fibres: in a slack cable that at which it went slack."""
+        return strain if self.sum(strain) >= 0 else bisect(self.sum, strain, 1.0)
+
+    def settle(self, strain):
+        self.memory = yielding(self.kept(strain), self.memory)[1]
+
+
+# --- the law
+
+
+SHARES = np.array([0.3, 0.7])
+LAW = materials.Parallel((STEEL, SOFT), SHARES).tension_only()
+
+
+@jax.jit
+def history(law, strains):
+    """Stress, slope of the energy, slack, kept fibre stresses, inverse, and after settling."""
+
+    def step(memory, e):
+        stress, gradient = law.stress_at(e, memory), jax.grad(law.energy_at)(e, memory)
+        settled = law.settle(e, memory)
+        again = law.stress_at(e, settled), law.settle(e, settled) - settled
+        fibres = law.stresses(e, memory)
+        found = law.strain_at(stress, memory)
+        slack = law.is_slack(e, memory)
+        return settled, (stress, gradient, slack, fibres, found, settled, again)
+
+    return jax.lax.scan(step, np.zeros(law.n_memory), strains)[1]
+
+
+def paths():
+    rng = np.random.default_rng(3)
+    out_and_back = np.concatenate(
+        [np.linspace(0, 0.02, 9), np.linspace(0.02, -0.01, 15), np.linspace(-0.01, 0.03, 15)]
+    )
+    yield np.concatenate([out_and_back, rng.uniform(-0.01, 0.045, 81)])
+    yield rng.uniform(-0.002, 0.004, 120)
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_cable_of_two_laws_along_a_path(number):
+    strains = list(paths())[number]
+    got = jax.tree.map(np.asarray, history(LAW, strains))
+    stress, gradient, slack, fibres, found, settled, (again, more) = got
+    cable, expected, kept, memory = Cable(*SHARES), [], [], []
+    for e in strains:
+        expected.append(cable.force(e))
+        kept.append(cable.kept(e))
+        cable.settle(e)
+        memory.append(cable.memory)
+    expected, kept = np.array(expected), np.array(kept)
+    size = 1e-13 * E * 0.05  # rounding of stresses E e, over 120 increments
+    assert np.abs(stress - expected).max() <= size
+    assert np.abs(gradient - expected).max() <= size
+    assert np.abs(again - expected).max() <= size
+    # of the parallel part, which yields alone: E ep = (E - Et) p
+    assert np.abs((1 - HARD) * settled[:, 0] - memory).max() <= 1e-13 * 0.05 / HARD
+    assert np.abs(more).max() <= 1e-17  # what has settled stays
+    # slack exactly where nothing is carried, and often enough
+    assert (slack == (expected == 0))[np.array(strains) != 0].all()  # at rest it is taut
+    assert 10 < slack.sum() < 110
+    assert (stress[slack] == 0).all()
+    # the fibres balance; in a slack cable they keep what they had when it went slack
+    assert np.abs(SHARES @ np.array(fibres) - expected).max() <= 10 * size
+    assert np.abs(fibres[1] - 50e9 * kept).max() <= 10 * size
+    # rounding of a stress over the smallest slope: the core's
+    assert np.abs(found - kept).max() <= 10 * size / 35e9
+
+
+def test_a_slack_cable_keeps_stresses_that_balance():
+    """Pulled past yield and let go: both laws unload along their first slopes to a sum of zero."""
+    pulled, hardened = 0.003, FY + HARD * E * (0.003 - FY / E)
+    back = (0.3 * hardened + 0.7 * 50e9 * pulled) / (0.3 * E + 0.7 * 50e9)
+    assert E * back < 2 * FY  # the steel does not yield the other way
+    _, _, slack, (steel, core), *_ = history(LAW, np.array([pulled, 0.0, -0.02]))
+    assert np.asarray(slack).tolist() == [False, True, True]
+    # rounding of differences of stresses
+    assert np.allclose(steel, [hardened, *[hardened - E * back] * 2], rtol=1e-12)
+    assert np.allclose(core, [50e9 * pulled, *[50e9 * (pulled - back)] * 2], rtol=1e-12)
+    assert float(steel[1]) < 0 < float(core[1])
+
+
+def test_secant_of_a_cable_of_two_laws():
+    """K (u - u0) = f(u) - f(u0), from taut to slack and to longer."""
+    rng = np.random.default_rng(2)
+    group = copy(jc.Cables([[0, 1]], section=two_parts()), links=None)
+    ends = np.array([[0.0, 0, 0], [1.0, 0.5, 0.2]])
+    chord = np.linalg.norm(ends[1])
+    state = AxialState(0.999 * chord, 0.001 * chord, memory=np.array([2e-3]))
+
+    @jax.jit
+    def secant(before, after):
+        """Forces by the secant, their change, and whether the cable is slack before and after."""
+        change = group.end_forces(state, ends, after) - group.end_forces(state, ends, before)
+        by_secant = jnp.tensordot(group.secant(state, ends, before, after), after - before, 2)
+        return by_secant, change, [group.is_slack(state, ends, u) for u in (before, after)]
+
+    slack = []
+    for _ in range(10):
+        found, change, both = secant(*0.01 * rng.normal(size=(2, 2, 3)))
+        # rounding of EA = 11 MN and of force over change of length
+        assert np.abs(found - change).max() < 1e-7
+        slack += map(bool, both)
+    assert any(slack) and not all(slack)
+
+
+# --- cables in a structure
+
+
+def two_parts(steel=STEEL):
+    """Elastic core of 10 mm in a wall of 1 mm."""
+    return jc.Section.composite(
+        [jc.Section.disc(0.01, SOFT, (2, 2)), jc.Section.ring(0.012, 0.001, steel, (1, 6))]
+    )
+
+
+CORE, WALL = np.pi / 4 * 0.01**2, np.pi / 4 * (0.012**2 - 0.01**2)
+ON_X = jc.Supports(np.array([[1, 1, 1], [0, 1, 1], [1, 1, 1]], bool))
+
+
+def beside_a_bar(section, kind=jc.Cables, **options):
+    """A cable and a bar of 1 MN, 5 m each, on one line; the node between them slides."""
+    elements = {"cable": kind([[0, 1]], section=section, **options)}
+    elements["bar"] = jc.Bars([[1, 2]], axial_stiffness=1e6)
+    return jc.Structure([[0.0, 0, 0], [5.0, 0, 0], [10.0, 0, 0]], elements, ON_X)
+
+
+def push(force, **options):
+    return jc.Phase(loads=jc.NodalLoads([1], (force, 0.0, 0.0)), **options)
+
+
+def test_a_cable_of_an_elastic_and_a_yielding_law_carries_no_compression():
+    """1 kN on the bar alone: 5 mm."""
+    structure, phases = beside_a_bar(two_parts()), [push(-1e3)]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    assert float(solution.tension["cable"][0]) == 0.0
+    assert float(solution.displacement[1, 0]) == pytest.approx(-5e-3, rel=1e-9)  # Newton's 1e-10
+    assert np.asarray(solution.phases[0].path.n_slack).tolist() == [1]
+    table = jc.report(structure, solution).tables["slack"]
+    assert [row[:2] for row in table.rows] == [["cable", 0]]
+    distance = float(jc.design.slack_distance(structure, solution)["cable"][0])
+    assert distance == pytest.approx(-1e-3, rel=1e-9)
+    assert np.abs(jc.fibre_stress(structure, solution.phases[0])["cable"]).max() == 0.0
+
+
+@pytest.mark.slow
+def test_pulled_past_yield_let_go_pushed_and_pulled_again():
+    """Every increment against NumPy: displacement, tension, slackness and the sum of the fibres."""
+    section = two_parts()
+    structure = beside_a_bar(section)
+    steps = {1.2e5: 5, -1.6e5: 8, 2.0e5: 6}  # loads of the phases, N, and their increments
+    ends = np.cumsum(list(steps))
+    phases = [push(f, increments=n) for f, n in steps.items()]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    cable, before, seen, e, e0 = Cable(WALL, CORE), 0.0, 0, 0.0, 0.0
+    for phase, end, n in zip(solution.phases, ends, steps.values(), strict=True):
+        stress = np.asarray(jc.fibre_stress(structure, phase)["cable"])[:, 0]
+        for k in range(n):
+            load = before + (end - before) * (k + 1) / n
+
+            def unbalanced(e, cable=cable, load=load):
+                return cable.force(e) + 1e6 * e - load
+
+            e = bisect(unbalanced, -0.5, 0.5)
+            force, path = cable.force(e), phase.path
+            # Newton stops at 1e-10 of forces of 1e5 N; the bar has 1 MN, over its 5 m
+            assert -float(path.tension["bar"][k, 0]) == pytest.approx(1e6 * e, abs=1e-4)
+            assert float(path.displacement[k, 1, 0]) == pytest.approx(5 * (e - e0), abs=1e-9)
+            assert float(path.tension["cable"][k, 0]) == pytest.approx(force, abs=1e-3)
+            assert int(path.n_slack[k]) == (force == 0)
+            assert stress[k] @ np.asarray(section.area) == pytest.approx(force, abs=1e-3)
+            cable.settle(e)
+            seen += force == 0
+        before, e0 = end, e  # displacements of a phase are from its start
+    assert 0 < seen < 10 and cable.memory > 0.01
+
+
+# --- a spring in series
+
+
+def pulled(section, compliance, forces, kind=jc.Bars):
+    """Bars of 2 m side by side, each pulled by its own force."""
+    n = len(forces)
+    nodes = [[x, float(k), 0.0] for k in range(n) for x in (0.0, 2.0)]
+    links = np.arange(2 * n).reshape(n, 2)
+    mask = np.ones((2 * n, 3), bool)
+    mask[1::2, 0] = False
+    group = kind(links, section=section, compliance=compliance)
+    structure = jc.Structure(nodes, group, jc.Supports(mask))
+    loads = jc.NodalLoads(links[:, 1], np.outer(forces, [1.0, 0.0, 0.0]))
+    return structure, jc.solve(structure, jc.Phase(loads=loads))
+
+
+@pytest.mark.parametrize("kind", [jc.Bars, jc.Cables])
+def test_compliance_is_one_spring_beside_two_linear_laws(kind):
+    """Strain N (1 / EA + c); the fibres have that of N / EA alone."""
+    one, two = jc.Elastic(210e9), jc.Elastic(70e9)
+    section = jc.Section.composite(
+        [jc.Section.disc(0.01, one, (2, 2)), jc.Section.ring(0.03, 0.01, two, (1, 6))]
+    )
+    ea = np.pi / 4 * (210e9 * 0.01**2 + 70e9 * (0.03**2 - 0.01**2))
+    forces, springs = np.array([1e4, 3e4]), np.array([5e-8, 1e-8])
+    structure, solution = pulled(section, springs, forces, kind)
+    assert int(solution.status) == 0
+    strain = np.asarray(solution.displacement)[1::2, 0] / 2
+    assert np.allclose(strain, forces * (1 / ea + springs), rtol=1e-9)  # Newton's 1e-10
+    stress = np.asarray(jc.fibre_stress(structure, solution.phases[0]))[-1]
+    assert np.allclose(stress[:, :4], (210e9 * forces / ea)[:, None], rtol=1e-9)
+    assert np.allclose(stress[:, 4:], (70e9 * forces / ea)[:, None], rtol=1e-9)
+
+
+def test_compliance_is_one_spring_beside_a_law_of_points():
+    """Past its corners, in both directions, several bars in one group; the sum by interpolation."""
+    strain, stress = np.array(CURVES["symmetric"][0]), np.array(CURVES["symmetric"][1])
+    section = jc.Section.composite(
+        [
+            jc.Section.disc(0.01, jc.Polygonal(strain, stress), (2, 2)),
+            jc.Section.ring(0.012, 0.001, SOFT, (1, 6)),
+        ]
+    )
+
+    def force(e):
+        return CORE * np.interp(e, strain, stress) + WALL * 50e9 * e
+
+    own = np.array([5e-4, 2e-3, 8e-3, -3e-3])  # strains of the laws
+    forces, springs = force(own), np.array([1e-7, 2e-8, 0.0, 3e-8])
+    structure, solution = pulled(section, springs, forces)
+    assert int(solution.status) == 0
+    got = np.asarray(solution.displacement)[1::2, 0] / 2
+    assert np.allclose(got, own + springs * forces, rtol=1e-8)  # 1e-10 over the smallest slope
+    fibres = np.asarray(jc.fibre_stress(structure, solution.phases[0]))[-1]
+    assert np.allclose(fibres[:, 0], np.interp(own, strain, stress), rtol=1e-8)
+    assert np.allclose(fibres[:, -1], 50e9 * own, rtol=1e-8)
+    # prestress is stated through the same spring
+    stated = jax.jit(structure.elements.strain_at)(forces)
+    assert np.allclose(stated, own + springs * forces, rtol=1e-12)  # rounding over the last slope
+
+
+def test_a_law_that_yields_in_series_with_a_spring():
+    """Law level: past yield and back, virgin and yielded; the end of the curve moves with it."""
+    spring, law = 2e-12, materials.Parallel((STEEL, SOFT), SHARES)
+    soft = law.softened(0.5 * spring).softened(0.5 * spring)
+    own = np.random.default_rng(1).uniform(-0.04, 0.04, 120)
+    cable, memory = Cable(*SHARES), 0.0
+    strains, expected = [], []
+    for e in own:
+        stress = cable.sum(e)
+        memory = yielding(e, memory)[1]
+        cable.memory = memory
+        strains.append(e + spring * stress)
+        expected.append(stress)
+    stress, gradient, slack, _, found, _, (again, _) = history(soft, np.array(strains))
+    size = 1e-13 * E * 0.05  # rounding of stresses E e, over 120 increments
+    assert np.abs(stress - np.array(expected)).max() <= 10 * size
+    assert np.abs(gradient - np.array(expected)).max() <= 10 * size
+    assert np.abs(again - np.array(expected)).max() <= 10 * size
+    assert np.abs(found - np.array(strains)).max() <= 100 * size / 35e9  # the smallest slope
+    assert not np.asarray(slack).any()
+    top = 0.3 * float(STEEL.stress[-1]) + 0.7 * 50e9 * 0.05
+    assert np.allclose(soft.limits, [-0.05 - spring * top, 0.05 + spring * top], rtol=1e-14)
+    modulus = 0.3 * E + 0.7 * 50e9
+    assert float(soft.modulus) == pytest.approx(modulus / (1 + spring * modulus), rel=1e-14)
+    beyond = soft.beyond(0.05 + spring * top * np.array([0.99, 1.01]))
+    assert beyond.tolist() == [False, True]
+
+
+def test_a_spring_beside_a_law_that_falls_is_refused():
+    falling = jc.Polygonal(*CURVES["softening"])
+    section = two_parts(falling)
+    with pytest.raises(ValueError, match=r"compliance: section\.laws\[1\] falls; a spring in"):
+        jc.Bars([[0, 1]], section=section, compliance=1e-8)
+    with pytest.raises(ValueError, match="beside a law of points only in groups of one element"):
+        points = jc.Section.disc(0.01, STEEL)
+        jc.Bars([[0, 1], [1, 2]], section=points, compliance=1e-8)
+
+
+def test_a_spring_in_series_counts_in_the_stiffness_along():
+    """1 / (l / EA + c l) l: the spring has the strain c per force."""
+    given = {"axial_stiffness": 2e5}, {"area": 1e-3, "law": jc.Elastic(2e8)}
+    for stated in given:
+        plain = jc.Bars([[0, 1]], **stated).stiffness_along()
+        soft = jc.Bars([[0, 1]], compliance=5e-6, **stated)
+        np.testing.assert_allclose(plain, [2e5], rtol=1e-15)
+        np.testing.assert_allclose(soft.stiffness_along(), [1e5], rtol=1e-15)
+        strain = 1e-3
+        one = jc.elements.prestress.element(soft, {k: v[0] for k, v in soft.properties().items()})
+        np.testing.assert_allclose(one.force(strain), 1e5 * strain, rtol=1e-14)

@@ -1,0 +1,257 @@
+"""Cables that slide without friction: pulleys, chains of them, closed loops."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.taylor import TIGHT, slope
+from scipy.optimize import brentq
+
+import jaxcable as jc
+
+
+def pulley(load=(0.0, 0.0, -1000.0), stiffness=1e6, length=10.0):
+    """One pulley that hangs freely on a rope between two supports at different heights."""
+    nodes = [[0.0, 0, 0], [3.0, 0, -2.5], [8.0, 0, 1.5]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=stiffness, rest_length=length)
+    structure = jc.Structure(nodes, rope, jc.pinned([0, 2]))
+    return structure, jc.Phase(loads=jc.NodalLoads([1], load))
+
+
+def test_pulley_has_one_tension():
+    """Both pieces pull with the same force, to rounding, and make equal angles with the load.
+
+    Closed form: sin(angle to the vertical) = span / length, T = P / (2 cos(angle)).
+    """
+    structure, phase = pulley()
+    solution = jc.solve(structure, [phase], TIGHT)
+    assert int(solution.status) == 0
+    pulls = np.linalg.norm(solution.reactions[jnp.array([0, 2])], axis=1)
+    tension = float(solution.tension[0])
+    assert pulls == pytest.approx([tension, tension], rel=4e-16)  # two roundings
+    length = 10.0 * (1 + tension / 1e6)
+    assert tension == pytest.approx(500 / np.sqrt(1 - (8 / length) ** 2), rel=1e-12)
+    places = np.asarray(solution.positions)
+    pieces = np.diff(places, axis=0)
+    assert np.linalg.norm(pieces, axis=1).sum() == pytest.approx(length, rel=1e-14)
+    sines = np.abs(pieces[:, 0]) / np.linalg.norm(pieces, axis=1)
+    assert sines == pytest.approx(8 / length, rel=1e-10)
+
+
+def test_three_pulleys():
+    """Free pulleys with P and R on both sides of a fixed one: one tension Q along the whole rope.
+
+    At a free pulley the horizontal parts cancel, so that it hangs in the middle of its bay, and
+    P = 2 Q cos(a), R = 2 Q cos(b) with the angles to the vertical: depth = half bay / tan(angle).
+    The length that this takes under Q, unstressed, is what the rope is given.
+    """
+    half, force = np.array([1.5, 1.0]), 700.0
+    angles = np.arccos(np.array([1000.0, 600.0]) / (2 * force))
+    depth = half / np.tan(angles)
+    expected = np.array([[0.0, 0, 0], [1.5, 0, -depth[0]], [3, 0, 0], [4, 0, -depth[1]], [5, 0, 0]])
+    nodes = expected + np.array([[0, 0, 0], [-0.3, 0, 0.4], [0, 0, 0], [0.3, 0, 0.2], [0, 0, 0]])
+    rest = 2 * np.hypot(half, depth).sum() / (1 + force / 1e6)
+    rope = jc.SlidingCables([[0, 1, 2, 3, 4]], axial_stiffness=1e6, rest_length=rest)
+    mask = np.zeros((5, 3), bool)
+    mask[[0, 2, 4]] = mask[:, 1] = True
+    structure = jc.Structure(nodes, rope, jc.Supports(mask))
+    loads = jc.NodalLoads([1, 3], [[0, 0, -1000.0], [0, 0, -600.0]])
+    solution = jc.solve(structure, [jc.Phase(loads=loads)], TIGHT)
+    assert int(solution.status) == 0
+    # EA/N = 1400 of the rounding of the length
+    assert float(solution.tension[0]) == pytest.approx(force, rel=1e-11)
+    # positions are as exact as the residual of 1e-13 times forces over a stiffness of N/l
+    assert np.asarray(solution.positions) == pytest.approx(expected, abs=1e-11)
+
+
+def test_closed_loop():
+    """A loop round three fixed corners and a node that is pulled out: one tension, equilibrium."""
+    nodes = np.array([[0.0, 0, 0], [2.0, 0, 0], [1.0, 2.0, 0], [1.0, 0.9, 0.5]])
+    loop = jc.SlidingCables([[0, 1, 3, 2, 0]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, loop, jc.pinned([0, 1, 2]))
+    solution = jc.solve(
+        structure,
+        [jc.Phase(prestrain=0.02), jc.Phase(loads=jc.NodalLoads([3], (50.0, 0, 0)))],
+        TIGHT,
+    )
+    assert int(solution.status) == 0
+    p, force = np.asarray(solution.positions), float(solution.tension[0])
+    ways = [p[1] - p[3], p[2] - p[3]]
+    pull = sum(way / np.linalg.norm(way) for way in ways) * force
+    assert pull == pytest.approx([-50.0, 0, 0], abs=1e-8)
+    length = sum(np.linalg.norm(p[j] - p[i]) for i, j in ((0, 1), (1, 3), (3, 2), (2, 0)))
+    rest = float(solution.rest_length[0])
+    assert force == pytest.approx(1e5 * (length / rest - 1), rel=1e-11)
+    assert np.asarray(solution.reactions.sum(0)) == pytest.approx([-50.0, 0, 0], abs=1e-8)
+
+
+def test_ropes_of_different_lengths_fill_up():
+    """A group of a long and a short rope is the same as two groups."""
+    nodes = np.array([[0.0, 0, 0], [1.0, 0, -1], [2.0, 0, 0], [3.0, 0, -1], [4.0, 0, 0]])
+    chains = [[0, 1, 2], [0, 1, 2, 3, 4]]
+    rest = [2.6, 5.3]
+    one = jc.SlidingCables(chains, axial_stiffness=1e4, rest_length=rest)
+    two = [
+        jc.SlidingCables([c], axial_stiffness=1e4, rest_length=r)
+        for c, r in zip(chains, rest, strict=True)
+    ]
+    loads = jc.Phase(loads=jc.NodalLoads([1, 3], (1.0, 0, -80.0)))
+    together, apart = (
+        jc.solve(jc.Structure(nodes, e, jc.pinned([0, 2, 4])), [loads], TIGHT) for e in (one, two)
+    )
+    assert int(together.status) == int(apart.status) == 0
+    assert np.asarray(together.positions) == pytest.approx(np.asarray(apart.positions), abs=1e-12)
+    assert np.asarray(together.tension) == pytest.approx(np.concatenate(apart.tension), rel=1e-12)
+
+
+def test_of_two_nodes_it_is_a_cable():
+    structure, phases = jc.scenes.flat_net()
+    links = structure.elements.links.array
+    same = jc.replace(structure, elements=jc.SlidingCables(links, axial_stiffness=97.97e3))
+    a, b = jc.solve(structure, phases, TIGHT), jc.solve(same, phases, TIGHT)
+    assert int(a.status) == int(b.status) == 0
+    assert jnp.abs(a.displacement - b.displacement).max() < 1e-13
+    assert jnp.abs(a.tension - b.tension).max() < 1e-9
+
+
+def test_jack_pulls_a_running_rope():
+    """Held at its force while it is jacked; anchored, nothing moves."""
+    structure, phase = pulley()
+    jacked = jc.solve(structure, [jc.replace(phase, jacking=800.0), jc.Phase()], TIGHT)
+    assert int(jacked.status) == 0
+    assert jnp.abs(jacked.tension - 800.0).max() < 1e-9
+    assert jnp.abs(jacked.phases[1].displacement).max() < 1e-12
+    exact = 8 / np.sin(np.arccos(1000 / 1600))
+    assert float(jacked.rest_length[0]) == pytest.approx(exact / (1 + 8e-4), rel=1e-12)
+
+
+def test_weight_slides_with_the_rope():
+    """A mass M on a rope over a fixed pulley, down to a support: what hangs where is statics.
+
+    A rope of weight w per length as it hangs pulls with ``M + w (a - b)`` at the support, with the
+    legs a of the mass and b of the support, and with the mean of what it pulls with along its
+    length, ``M + w (a^2 + 2 a b - b^2) / 2 l``, it lengthens: one equation for a. The nodes stand
+    far from there at first.
+    """
+    mass, weight, rest, b, stiffness = 300.0, 40.0, 10.0, 3.0, 2e4
+    nodes = [[0.0, 0, -6.2], [0.0, 0, 0], [0.0, 0, -b]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=stiffness, rest_length=rest, weight=weight)
+    mask = np.ones((3, 3), bool)
+    mask[0, 2] = False
+    structure = jc.Structure(nodes, rope, jc.Supports(mask))
+    loads = [jc.NodalLoads([0], (0, 0, -mass)), jc.SelfWeight()]
+    solution = jc.solve(structure, [jc.Phase(loads=loads)], TIGHT)
+    assert int(solution.status) == 0
+
+    def mean(a):
+        line = weight * rest / (a + b)
+        return mass + line * (a**2 + 2 * a * b - b**2) / (2 * (a + b))
+
+    a = brentq(lambda a: stiffness * ((a + b) / rest - 1) - mean(a), 6.0, 9.0, xtol=1e-14)
+    line = weight * rest / (a + b)
+    assert -float(solution.positions[0, 2]) == pytest.approx(a, rel=1e-12)
+    assert float(solution.tension[0]) == pytest.approx(mean(a), rel=1e-10)  # EA/N of the rounding
+    assert -float(solution.reactions[2, 2]) == pytest.approx(mass + line * (a - b), rel=1e-10)
+    # loads, with the sum of all weight, and balance
+    load = np.asarray(solution.load)
+    assert load[:, 2].sum() == pytest.approx(-mass - weight * rest, rel=1e-13)
+    assert np.asarray(solution.reactions + solution.load)[:, 2].sum() == pytest.approx(0, abs=1e-9)
+    assert -load[0, 2] == pytest.approx(mean(a), rel=1e-10)  # the mass hangs still
+
+
+def test_a_rope_that_balances_over_a_peg_is_unstable():
+    """Legs of equal length of a heavy rope over a peg: whatever sinks goes on sinking."""
+    nodes = [[-0.1, 0, -2.0], [0.0, 0, 0], [0.1, 0, -2.0]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e4, weight=10.0)
+    mask = np.ones((3, 3), bool)
+    mask[[0, 2], 2] = False
+    structure = jc.Structure(nodes, rope, jc.Supports(mask))
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+        solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
+    assert int(solution.status) == 0 and not bool(solution.stable)
+    z = np.asarray(solution.positions[:, 2])
+    assert z[0] == pytest.approx(z[2], rel=1e-9)
+
+
+def test_line_loads_per_initial_length_stay():
+    structure, _ = pulley()
+    load = jc.LineLoads((0, 0, -20.0), per="initial")
+    solution = jc.solve(structure, [jc.Phase(loads=load)], TIGHT)
+    assert int(solution.status) == 0
+    pieces = np.linalg.norm(np.diff(np.asarray(structure.nodes), axis=0), axis=1)
+    share = 0.5 * np.array([pieces[0], pieces.sum(), pieces[1]])
+    assert np.asarray(-solution.load[:, 2]) == pytest.approx(20.0 * share, rel=1e-14)
+
+
+def sliding_weight(weight):
+    structure, phase = pulley()
+    heavy = jc.replace(structure, elements=jc.replace(structure.elements, weight=weight))
+    return jc.solve(heavy, [jc.replace(phase, loads=[phase.loads, jc.SelfWeight()])], TIGHT)
+
+
+PARAMETERS = {
+    "load": (
+        jnp.array([300.0, 0.0, -1000.0]),
+        lambda p: jc.solve(pulley()[0], [pulley(p)[1]], TIGHT),
+    ),
+    "stiffness and length": (
+        jnp.array([1.0, 1.0]),
+        lambda p: jc.solve(pulley(stiffness=1e6 * p[0], length=10 * p[1])[0], [pulley()[1]], TIGHT),
+    ),
+    "nodes": (
+        jnp.asarray(pulley()[0].nodes),
+        lambda p: jc.solve(jc.replace(pulley()[0], nodes=p), [pulley()[1]], TIGHT),
+    ),
+    "weight that slides": (jnp.array([60.0]), lambda p: sliding_weight(p[0])),
+}
+
+
+# the rest, alike, in `make test-all`
+QUICK = ("nodes",)
+NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_taylor(name):
+    p, solve = PARAMETERS[name]
+
+    @jax.jit
+    def value(p):
+        solution = solve(p)
+        return jnp.sum(jnp.sin(jnp.arange(9.0)) * solution.positions.ravel()) + jnp.log(
+            solution.tension[0]
+        )
+
+    assert int(solve(p).status) == 0
+    gradient = jax.jit(jax.grad(value))(p)
+    assert slope(value, p, gradient) == pytest.approx(2, abs=0.1)
+    assert slope(value, p, 1.02 * gradient) < 1.5
+
+
+REFUSED = {
+    "one node": (lambda: jc.SlidingCables([[0]], axial_stiffness=1.0), "at least two nodes"),
+    "node twice": (
+        lambda: jc.SlidingCables([[0, 1], [0, 1, 1, 2]], axial_stiffness=1.0),
+        r"links\[1\] = \[0, 1, 1, 2\]: node 1 twice in succession",
+    ),
+    "same place": (
+        lambda: jc.Structure(
+            [[0.0, 0, 0], [0, 0, 0], [1, 0, 0]],
+            jc.SlidingCables([[0, 1, 2]], axial_stiffness=1.0),
+            jc.pinned([0]),
+        ),
+        r"links\[0\]: its nodes \[0, 1\] coincide",
+    ),
+    "no cable": (lambda: jc.SlidingCables([], axial_stiffness=1.0), "at least one element"),
+    "secant": (
+        lambda: jc.solve(pulley()[0], [pulley()[1]], jc.Incremental(stiffness="secant")),
+        r"elements \(SlidingCables\) has no secant",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    make, message = REFUSED[name]
+    with pytest.raises(ValueError, match=message):
+        make()

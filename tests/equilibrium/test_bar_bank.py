@@ -1,0 +1,98 @@
+"""Random structures with bars: every one converges, and is in equilibrium by statics of its own.
+
+The study `experiments/bar_bank.py` runs more of these scenes; here are some of each kind.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from banks.bar_bank import KINDS, drawn, judged
+
+import jaxcable as jc
+from jaxcable.common.tree import copy
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bars_converge_from_anywhere(kind):
+    steps = []
+    for seed in range(12):
+        one = drawn(kind, seed)
+        result = judged(one, jc.solve(one.structure, one.phases))
+        assert result.code == jc.status.OK and not result.wrong, (seed, one.ratio, result)
+        steps.append(result.steps)
+    # of thousands of increments 99 % take 60 steps or fewer (experiments/results/bar_bank.txt)
+    assert np.concatenate(steps).max() <= 80
+
+
+@pytest.mark.parametrize("kind", ["string", "arm"])
+def test_a_judgement_can_fail(kind):
+    one = drawn(kind, 3)
+    solution = jc.solve(one.structure, one.phases)
+    assert not judged(one, solution).wrong
+    reactions = 1.001 * solution.reactions
+    tension = jax.tree.map(lambda force: 1.001 * force, solution.tension)
+    assert judged(one, copy(solution, reactions=reactions, tension=tension)).wrong
+    assert judged(one, jc.solve(one.structure, one.phases, jc.Newton(max_steps=2))).code == 1
+
+
+@pytest.mark.parametrize("stiffness", 10.0 ** np.arange(4, 15, 2))
+@pytest.mark.parametrize("increments", [1, 20])
+def test_steps_do_not_grow_with_the_stiffness_of_a_bar_that_turns(stiffness, increments):
+    """The bar ends along its load: angle by atan2, length by Hooke's law."""
+    bar = jc.Bars([[0, 1]], axial_stiffness=stiffness)
+    supports = jc.pinned([0]) + jc.restrained([1], "y")
+    structure = jc.Structure([[0.0, 0, 0], [3.0, 0, 0]], bar, supports)
+    load = jc.NodalLoads([1], (1e3, 0.0, -1e4))
+    solution = jc.solve(structure, jc.Phase(loads=load, increments=increments))
+    assert int(solution.status) == jc.status.OK
+    assert int(solution.phases[0].path.iterations.max()) <= 10
+    x, _, z = solution.positions[1]
+    force = np.hypot(1e3, 1e4)
+    # a stiff bar turns freely within the rounding of its length, eps EA, beside the load
+    loose = 1e-9 + 8 * np.finfo(float).eps * stiffness / force
+    assert np.arctan2(z, x) == pytest.approx(np.arctan2(-1e4, 1e3), abs=loose)
+    length = 3 * (1 + force / stiffness)
+    assert np.hypot(x, z) == pytest.approx(length, rel=1e-10 * force / stiffness + 1e-15)
+    assert float(solution.tension[0]) == pytest.approx(force, rel=1e-9 + 1e-15 * stiffness / force)
+
+
+@pytest.mark.parametrize("kind", ["string", "mixed"])
+def test_a_structure_ends_alone_as_in_a_batch(kind):
+    scenes = [drawn(kind, seed, (2, 6)) for seed in range(6)]
+    flat = [jax.tree.flatten((one.structure, one.phases)) for one in scenes]
+    tree = flat[0][1]
+    assert all(other == tree for _, other in flat)
+
+    def run(leaves):
+        solution = jc.solve(*jax.tree.unflatten(tree, leaves))
+        return solution.status, jnp.concatenate(jax.tree.leaves(solution.tension))
+
+    stacked = [np.stack(arrays) for arrays in zip(*(leaves for leaves, _ in flat), strict=True)]
+    codes, tension = jax.vmap(run)(stacked)
+    for k, one in enumerate(scenes):
+        alone = jc.solve(one.structure, one.phases)
+        assert int(alone.status) == int(codes[k]) == jc.status.OK
+        own = np.concatenate(jax.tree.leaves(alone.tension))
+        # both within the tolerance of residuals, 1e-10, and the rounding of lengths, eps EA
+        apart = 1e-8 + 16 * np.finfo(float).eps * one.ratio
+        np.testing.assert_allclose(tension[k], own, rtol=0, atol=apart * np.abs(own).max())
+
+
+def test_derivatives_of_a_string_of_stiff_bars():
+    """The end of a string under one load lies in its direction: its length grows by P l / EA."""
+    rng = np.random.default_rng(5)
+    nodes = np.concatenate([np.zeros((1, 3)), np.cumsum(rng.uniform(0.1, 0.3, (5, 3)), axis=0)])
+    length = np.linalg.norm(np.diff(nodes, axis=0), axis=1)
+    bars = jc.Bars(np.stack([np.arange(5), np.arange(5) + 1], 1), axial_stiffness=1e7)
+    structure = jc.Structure(nodes, bars, jc.pinned([0]))
+
+    def reach(force):
+        load = jc.NodalLoads([5], force * jnp.array([0.6, 0.0, -0.8]))
+        solution = jc.solve(structure, jc.Phase(loads=load))
+        return solution.positions[5] @ jnp.array([0.6, 0.0, -0.8]), solution.status
+
+    (value, code), slope = jax.value_and_grad(reach, has_aux=True)(2.0)
+    assert int(code) == jc.status.OK
+    assert value == pytest.approx(length.sum() * (1 + 2.0 / 1e7), rel=1e-12)
+    assert slope == pytest.approx(length.sum() / 1e7, rel=1e-6)

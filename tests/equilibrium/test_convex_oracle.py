@@ -1,0 +1,176 @@
+"""The independent equilibrium of `convex_oracle` against closed forms."""
+
+import numpy as np
+import pytest
+from oracles.convex_oracle import WIDE, Element, Scene, check, find
+
+
+def scene(nodes, free, elements, load=None, **more):
+    nodes = np.asarray(nodes, float)
+    mask = np.zeros(nodes.shape, bool)
+    mask[list(free)] = True
+    load = np.zeros(nodes.shape) if load is None else np.asarray(load, float)
+    return Scene(nodes, mask, load, elements, **more)
+
+
+@pytest.mark.parametrize("load", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("EA", [1e3, 1e8, 1e12])
+def test_two_cables_carry_a_load_in_their_middle(EA, load):
+    # symmetric: half the load over the sine, with the length that Hooke's law gives
+    two = [Element("cable", (0, 1), EA, WIDE(1.25)), Element("cable", (1, 2), EA, WIDE(1.25))]
+    found = find(
+        scene([(-1, 0, 0), (0, 0, 0), (1, 0, 0)], [1], two, [(0, 0, 0), (0, 0, -load), (0,) * 3])
+    )
+    assert found.found
+    sag = -found.displacement[1, 2]
+    length = np.sqrt(1 + sag**2)
+    N = WIDE(load) / 2 * length / sag
+    assert np.abs(length - WIDE(1.25) * (1 + N / EA)) < 1e-17
+    assert np.abs(np.array(found.tension) / N - 1).max() < 1e-12
+    assert np.abs(found.displacement[1, :2]).max() < 1e-17
+
+
+def test_sliding_rope_hangs_on_an_ellipse():
+    # a stiff rope of length 3 between supports 2 apart: the load slides to the middle
+    rope = [Element("rope", (0, 1, 2), 1e12, WIDE(3))]
+    net = scene([(-1, 0, 0), (0.6, 0, 0), (1, 0, 0)], [1], rope, [(0, 0, 0), (0, 0, -8), (0, 0, 0)])
+    found = find(net)
+    assert found.found
+    assert np.abs(net.nodes[1] + found.displacement[1] - [0, 0, -np.sqrt(1.25)]).max() < 1e-10
+    assert found.tension[0] == pytest.approx(4 * 1.5 / np.sqrt(1.25), rel=1e-10)
+
+
+def test_jack_stresses_a_cable():
+    parts = [Element("cable", (0, 1), 1e6, WIDE(1)), Element("jack", (1, 2), force=5e3)]
+    found = find(scene([(0, 0, 0), (0.5, 0.5, 0), (2, 0, 0)], [1], parts))
+    assert found.found
+    assert found.tension[0] == pytest.approx(5e3, rel=1e-12)
+    assert 0.5 + found.displacement[1, 0] == pytest.approx(1.005, rel=1e-15)
+
+
+def test_what_has_no_equilibrium_is_said():
+    free = [(0, 0, 0), (1, 0, 0)]
+    loose = find(scene(free, [1], [], [(0, 0, 0), (0, 0, 1)]))
+    assert not loose.found and "without end" in loose.why
+    weak = find(scene(free, [1], [Element("jack", (0, 1), force=0.9)], [(0, 0, 0), (0, 0, 1)]))
+    assert not weak.found and "without end" in weak.why
+    met = find(scene(free, [1], [Element("jack", (0, 1), force=0.9)], [(0, 0, 0), (0, 0, 0.5)]))
+    assert not met.found and "together" in met.why
+
+
+def test_lost_forces_and_loose_nodes():
+    slack = [Element("cable", (0, 1), 1e6, WIDE(1)), Element("cable", (1, 2), 1e6, WIDE(1.1))]
+    far = np.zeros((3, 3))
+    far[1] = 3, -4, 5
+    found = find(scene([(0, 0, 0), (1, 0, 0), (2, 0, 0)], [1], slack), far)
+    assert found.found and max(found.tension) < 1e-12
+
+
+def test_check_agrees_with_a_state_in_two_parts():
+    two = [Element("cable", (0, 1), 1e9, WIDE(1.25)), Element("cable", (1, 2), 1e9, WIDE(1.25))]
+    net = scene([(-1, 0, 0), (0, 0, 0), (1, 0, 0)], [1], two, [(0, 0, 0), (0, 0, -1), (0, 0, 0)])
+    found = find(net)
+    high = found.displacement.astype(float)
+    residual, scale = check(net, high, (found.displacement - high).astype(float))
+    assert np.abs(residual).max() < 1e-10 * scale
+    rounded, _ = check(net, high)
+    assert np.abs(residual).max() < np.abs(rounded).max() < 2 * found.floor.max()
+    stated, _ = check(net, high, tension=found.tension)
+    assert np.abs(stated).max() < 1e-15
+
+
+def irvine(F, q, length, EA):
+    """Chord of an elastic catenary in the plane of x and z under q along -z, m."""
+    h, v = F
+    top, low = v + q * length / 2, v - q * length / 2
+    x = h * length / EA + h / q * (np.arcsinh(top / h) - np.arcsinh(low / h))
+    z = v * length / EA + (np.hypot(h, top) - np.hypot(h, low)) / q
+    return np.array([x, 0, z])
+
+
+@pytest.mark.parametrize("EA", [1e2, 1e5, 1e8])
+def test_catenaries_meet_where_irvine_says(EA):
+    # chords by chosen forces; the load at their common node is what balances these
+    left, right = (WIDE(7), WIDE(2)), (WIDE(3), WIDE(-5))
+    q, length = WIDE(4), WIDE(2)
+    a = irvine((left[0], -left[1]), q, length, EA) * [1, 1, -1]
+    b = irvine((right[0], -right[1]), q, length, EA) * [1, 1, -1]
+    spans = [
+        Element("catenary", pair, EA, length, load=(0, 0, -float(q))) for pair in ((0, 1), (1, 2))
+    ]
+    load = np.array([left[0] - right[0], 0, left[1] - right[1] + q * length])
+    net = scene([(0, 0, 0), (0.1, 0.2, 0.3), (0, 0, 0)], [1], spans)
+    net.nodes = np.array([-a, [0, 0, 0], b], WIDE)
+    net.load = np.array([np.zeros(3), load, np.zeros(3)], WIDE)
+    far = np.zeros((3, 3))
+    far[1] = -2, 3, 1
+    found = find(net, far)
+    assert found.found
+    assert np.abs(found.displacement).max() < 1e-15
+    ends = [np.hypot(left[0], left[1] + k * q * length / 2) for k in (-1, 1)]
+    assert found.tension[0] == pytest.approx(np.mean(ends), rel=1e-15)
+
+
+@pytest.mark.parametrize("EA", [1e2, 1e10])
+@pytest.mark.parametrize("load", [0.0, 5.0])
+def test_hanging_catenary_lengthens_by_its_weight(load, EA):
+    one = [Element("catenary", (0, 1), EA, WIDE(3), load=(0, 0, -2))]
+    found = find(scene([(0, 0, 0), (0, 0, -1)], [1], one, [(0, 0, 0), (0, 0, -load)]))
+    assert found.found
+    long = (WIDE(load) * 3 + 3 * WIDE(3) ** 2 / 3) / EA
+    assert -1 + found.displacement[1, 2] == pytest.approx(-3 - long, rel=1e-17)
+
+
+def test_catenary_without_weight_is_a_cable():
+    nodes = [(0, 0, 0), (0.3, 0.5, 0.1), (2, 0, 0)]
+    load = [(0, 0, 0), (1, -3, 2), (0, 0, 0)]
+    cables = [Element("cable", pair, 1e4, WIDE(1.1)) for pair in ((0, 1), (1, 2))]
+    light = [Element("catenary", pair, 1e4, WIDE(1.1), load=(0, 0, 0)) for pair in ((0, 1), (1, 2))]
+    a, b = find(scene(nodes, [1], cables, load)), find(scene(nodes, [1], light, load))
+    assert a.found and b.found
+    assert np.abs(a.displacement - b.displacement).max() < 1e-16
+    assert np.abs(np.array(a.tension) - b.tension).max() < 1e-12
+
+
+def test_prescribed_movement_stresses_a_slack_cable():
+    row = [Element("cable", pair, 1e7, WIDE(1)) for pair in ((0, 1), (1, 2))]
+    moved = np.zeros((3, 3))
+    moved[2, 0] = 2e-3
+    net = scene([(0, 0, 0), (0.9, 0.1, 0), (2, 0, 0)], [1], row, prescribed=moved)
+    found = find(net)
+    assert found.found
+    assert found.tension == pytest.approx([1e4, 1e4], rel=1e-12)
+
+
+def net_of_grid(rng):
+    """Net of 3 by 3 nodes with held corners; stiffness over 8 decades, some cables slack."""
+    nodes = np.array([(i, j, 0.0) for i in range(3) for j in range(3)])
+    nodes += 0.2 * rng.standard_normal(nodes.shape)
+    pairs = [(3 * i + j, 3 * i + j + 1) for i in range(3) for j in range(2)]
+    pairs += [(3 * i + j, 3 * i + 3 + j) for i in range(2) for j in range(3)]
+    strain = 10 ** rng.uniform(-9, -1)
+    EA = 10 ** rng.uniform(0, 4, len(pairs)) * 10 ** rng.uniform(0, 6)
+    elements = []
+    for pair, stiffness in zip(pairs, EA, strict=True):
+        l = np.linalg.norm(nodes[pair[1]] - nodes[pair[0]])
+        slack = rng.random() < 0.25
+        length = WIDE(l) / (1 + strain * rng.uniform(0.2, 1) * (-1 if slack else 1))
+        if rng.random() < 0.2:
+            q = rng.standard_normal(3) * stiffness * strain
+            elements.append(Element("catenary", pair, stiffness, length, load=tuple(q)))
+        else:
+            elements.append(Element("cable", pair, stiffness, length))
+    along = WIDE(sum(np.linalg.norm(nodes[b] - nodes[a]) for a, b in ((3, 4), (4, 5))))
+    elements.append(Element("rope", (3, 4, 5), EA[0], along / (1 + strain)))
+    load = rng.standard_normal(nodes.shape) * np.median(EA) * strain * 10 ** rng.uniform(-4, 1)
+    return scene(nodes, [1, 3, 4, 5, 7], elements, load * (rng.random() < 0.8))
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_energy_has_one_least_value(seed):
+    rng = np.random.default_rng(seed)
+    net = net_of_grid(rng)
+    near, far = find(net), find(net, 10 ** rng.uniform(-1, 1) * rng.standard_normal((9, 3)))
+    assert near.found and far.found
+    gap = np.abs(np.array(near.tension) - far.tension).max()
+    assert gap < 1e-11 * near.scale or near.why == far.why == "all forces are lost"

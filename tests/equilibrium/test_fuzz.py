@@ -1,0 +1,102 @@
+"""Random scenes and random mistakes: a ValueError that names the argument, or an honest status."""
+
+import re
+
+import hypothesis
+import numpy as np
+import pytest
+from banks.fuzz_scenes import RANGES, Recipe, build, outcome
+from banks.mistakes import MISTAKES
+from hypothesis import strategies as st
+from oracles.independent import verdict
+
+import jaxcable as jc
+from jaxcable.common import status
+
+# each shape is a program to compile: these have the rest in them
+SHAPES = [
+    ("net", "float64"),
+    ("net", "float32"),
+    ("mixed", "float64"),
+    ("softening", "float64"),
+    ("memory", "float64"),
+]
+SLOW_SHAPES = [
+    ("mixed", "float32"),
+    ("cut net", "float32"),
+    ("hardening", "float64"),
+    ("hanging", "float64"),
+    ("pushed", "float32"),
+    ("ropes", "float64"),
+    ("released", "float64"),
+]
+
+
+def settings(count):
+    return hypothesis.settings(
+        max_examples=count,
+        derandomize=True,  # the same scenes at every run; `experiments/fuzz.py` has others
+        deadline=None,  # the first of a shape is compiled
+        database=None,
+        suppress_health_check=list(hypothesis.HealthCheck),
+    )
+
+
+def recipes(shapes):
+    numbers = {name: st.floats(low, high) for name, (low, high) in RANGES.items()}
+    seed = st.integers(0, 2**31 - 1)
+    return st.sampled_from(shapes).flatmap(
+        lambda shape: st.builds(
+            Recipe, family=st.just(shape[0]), dtype=st.just(shape[1]), seed=seed, **numbers
+        )
+    )
+
+
+ODD = pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers over many decades
+
+
+@ODD
+@settings(150)
+@hypothesis.given(recipes(SHAPES))
+def test_scenes(recipe):
+    name, defect = outcome(recipe)
+    assert defect is None, f"{name}; {defect}; {recipe}"
+
+
+@ODD
+@pytest.mark.slow
+@settings(300)
+@hypothesis.given(recipes(SLOW_SHAPES))
+def test_scenes_of_other_shapes(recipe):
+    name, defect = outcome(recipe)
+    assert defect is None, f"{name}; {defect}; {recipe}"
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes(name):
+    make, pattern = MISTAKES[name]
+    for seed in range(4):
+        check_mistake(make, pattern, seed)
+
+
+def check_mistake(make, pattern, seed):
+    rng = np.random.default_rng(seed)
+    if pattern is None:
+        assert int(make(rng).status) != status.OK
+        return
+    with pytest.raises(ValueError) as error:
+        make(rng)
+    assert re.search(pattern, str(error.value)), error.value
+
+
+def test_a_corrupted_solution_is_caught():
+    """Control: of a scene that passes, a displacement moved by 1e-4 of itself does not."""
+    recipe = Recipe("net", "float64", 7, 4.0, 0.5, -3.0, 0.0, 0.0, 0.0, 0.0, -1.0)
+    assert outcome(recipe) == ("OK", None)
+    structure, phases = build(recipe)
+    solution = jc.solve(structure, phases)
+    moved = np.asarray(solution.displacement) * (1 + 1e-4)
+    wrong = jc.solve(structure, phases)
+    object.__setattr__(wrong, "displacement", moved)
+    judged = verdict(structure, phases, wrong)
+    assert judged.excess > 1

@@ -1,0 +1,153 @@
+"""Nets whose laws fall: the equilibrium below all peaks is found, or a status says why not."""
+
+import collections
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from banks.fuzz_scenes import outcome, random_recipe
+
+import jaxcable as jc
+from jaxcable import status
+
+STRAIN = np.array([0.0, 0.01, 0.02, 0.04, 0.09])
+STRESS = 1e9 * 0.01 * np.array([0.0, 1.0, 1.4, 1.5, 0.4])
+AREA = 1e-4
+PEAK = AREA * STRESS.max()  # 1 500 N
+
+
+def hanger(force, law=None):
+    """A plumb cable of 2 m with a weight."""
+    law = jc.Polygonal(STRAIN, STRESS) if law is None else law
+    cable = jc.Cables([[0, 1]], area=AREA, law=law)
+    structure = jc.Structure([[0.0, 0, 0], [0.0, 0, -2.0]], cable, jc.pinned([0]))
+    return structure, jc.Phase(loads=jc.NodalLoads([1], jnp.array([0.0, 0.0, -1.0]) * force))
+
+
+@pytest.mark.parametrize("part", [0.1, 0.6, 0.9, 0.97, 0.999])
+def test_a_weight_below_the_peak(part):
+    """By the curve: the strain at which the rising branch has the force, in one increment."""
+    solution = jc.solve(*hanger(part * PEAK))
+    assert int(solution.status) == status.OK
+    strain = np.interp(part * STRESS.max(), STRESS[:4], STRAIN[:4])
+    assert float(solution.displacement[1, 2]) == pytest.approx(-2.0 * strain, rel=1e-9)
+
+
+@pytest.mark.parametrize("part", [1.001, 1.3, 20.0])
+def test_a_weight_above_the_peak(part):
+    """Without equilibrium: above the peak, or beyond the end of the curve, which has failed."""
+    solution = jc.solve(*hanger(part * PEAK))
+    assert int(solution.status) in (status.BEYOND_PEAK, status.MATERIAL_FAILURE)
+    assert np.isnan(solution.tension).all()
+    assert "peak" in jc.describe(status.BEYOND_PEAK)
+
+
+def test_the_peak_is_the_reason_where_steps_end_beyond_it():
+    """A few steps find the strain without a fall; none is left to look on the falling branch."""
+    load = hanger(1.01 * PEAK)
+    codes = [int(jc.solve(*load, jc.Newton(max_steps=k)).status) for k in range(1, 12)]
+    assert status.BEYOND_PEAK in codes and status.OK not in codes
+    assert int(jc.solve(*load).status) == status.MATERIAL_FAILURE  # the curve ends before it rises
+
+
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers over many decades
+def test_random_nets_of_falling_laws_end_with_a_reason():
+    """Load and prestress over decades: an equilibrium, a broken curve, a peak, or rounding."""
+    rng, ended = np.random.default_rng(7), collections.Counter()
+    for _ in range(80):
+        name, wrong = outcome(random_recipe(rng, ["softening"], ["float64"]))
+        assert wrong is None
+        ended[name] += 1
+    assert set(ended) <= {"OK", "MATERIAL_FAILURE", "BEYOND_PEAK", "AT_ROUNDING"}
+    assert ended["OK"] >= 30 and ended["AT_ROUNDING"] <= 2
+
+
+def test_two_cables_share_what_one_cannot_carry():
+    """Beyond the peak of one there is an equilibrium of both: by the sum of two curves."""
+    weak = jc.Polygonal([0.0, 0.01, 0.5], [0.0, 1e7, 0.5e7])
+    strong = jc.Polygonal([0.0, 0.5], [0.0, 5e9])
+    nodes = [[0.0, 0, 0], [0.0, 0, -2.0]]
+    groups = {
+        "weak": jc.Cables([[0, 1]], area=AREA, law=weak),
+        "strong": jc.Cables([[0, 1]], area=AREA / 100, law=strong),
+    }
+    structure = jc.Structure(nodes, groups, jc.pinned([0]))
+    force = 3000.0
+    # weak: 1000 - 500 (e - 0.01) / 0.49; strong: 1e4 e
+    strain = (force - 1000.0 - 500 * 0.01 / 0.49) / (1e4 - 500 / 0.49)
+    assert strain > 0.01
+    load = jc.NodalLoads([1], (0.0, 0.0, -force))
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert int(solution.status) == status.OK
+    assert float(solution.displacement[1, 2]) == pytest.approx(-2.0 * strain, rel=1e-8)
+
+
+def net(force):
+    """A hypar net of the falling law under a load on its free nodes."""
+    grid = np.array([[i, j, 0.1 * (i - 1.5) * (j - 1.5)] for i in range(4) for j in range(4)])
+    index = np.arange(16).reshape(4, 4)
+    links = np.concatenate(
+        [
+            np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], 1),
+            np.stack([index[:-1].ravel(), index[1:].ravel()], 1),
+        ]
+    )
+    cables = jc.Cables(links, area=AREA, law=jc.Polygonal(STRAIN, STRESS))
+    held = [k for k in range(16) if k not in (5, 6, 9, 10)]
+    structure = jc.Structure(grid, cables, jc.pinned(held))
+    load = jc.NodalLoads([5, 6, 9, 10], jnp.array([0.0, 0.0, -1.0]) * force)
+    return structure, [jc.Phase(prestrain=0.005), jc.Phase(loads=load)]
+
+
+def test_a_net_below_the_peak_is_that_of_a_law_that_does_not_fall():
+    """The same with a law that ends at the peak, which is convex and has no falling branch."""
+    structure, phases = net(600.0)
+    solution = jc.solve(structure, phases)
+    rising = jc.Polygonal(STRAIN[:4], STRESS[:4])
+    other = jc.solve(
+        jc.replace(structure, elements=jc.replace(structure.elements, law=rising)), phases
+    )
+    assert int(solution.status) == int(other.status) == status.OK
+    assert float(solution.tension.max()) > 0.7 * PEAK
+    np.testing.assert_allclose(solution.tension, other.tension, rtol=1e-8, atol=1e-8 * PEAK)
+
+
+def test_derivatives_below_the_peak():
+    structure, phases = net(600.0)
+
+    def sag(force):
+        solution = jc.solve(structure, net(force)[1])
+        return solution.displacement[5, 2], solution.status
+
+    (_, code), slope = jax.value_and_grad(sag, has_aux=True)(600.0)
+    assert int(code) == status.OK
+    high, low = (float(sag(600.0 + h)[0]) for h in (0.01, -0.01))
+    assert slope == pytest.approx((high - low) / 0.02, rel=1e-6)
+    assert abs(slope) > 1e-7 and jnp.isnan(jax.grad(lambda f: sag(f)[0])(1e6))
+    del phases
+
+
+def test_strain_at_a_stress_in_float32_and_beyond_the_end():
+    """Small curves keep their digits, and an endless law that rises goes on beyond its end."""
+    strain = (1e-8 * np.array([0.0, 1.0, 2.0, 4.0])).astype(np.float32)
+    stress = np.array([0.0, 10.0, 14.0, 16.0], np.float32)
+    law = jc.Polygonal(strain, stress).tension_only()
+    for target in (2.0, 10.0, 13.0, 15.9):
+        found = float(law.strain_at(np.float32(target)))
+        assert found == pytest.approx(np.interp(target, stress, strain), rel=1e-5)
+    assert np.isnan(law.strain_at(np.float32(17.0)))
+    beyond = float(law.extended().strain_at(np.float32(26.0)))
+    assert beyond == pytest.approx(4e-8 + 10 / 1e9, rel=1e-5)
+
+
+def test_the_law_that_rises_is_the_same_up_to_its_peak():
+    law = jc.Polygonal(np.r_[-0.05, -0.02, STRAIN], np.r_[-0.1e7, -1e7, STRESS])
+    risen = law.risen()
+    inside = np.linspace(-0.02, 0.04, 50)
+    np.testing.assert_allclose(
+        risen.stress_at(inside), law.stress_at(inside), rtol=1e-12, atol=1e-3
+    )
+    outside = np.linspace(-0.05, 0.09, 200)
+    assert (np.diff(risen.stress_at(outside)) > 0).all() and risen.rising
+    assert jc.Polygonal([0.0, 0.1], [0.0, 1.0]).risen().rising

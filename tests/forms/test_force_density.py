@@ -1,0 +1,313 @@
+"""The force density method against closed forms, dense algebra in NumPy and differences."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from banks.problems import INSTALLED as SOLVERS
+from oracles.taylor import slope
+
+import jaxcable as jc
+from jaxcable.forms import force_density
+from jaxcable.forms.force_density import _positions
+
+# compiled anew for each solver, and alike
+FEW = [pytest.param(n, marks=[pytest.mark.slow] if n != SOLVERS[-1] else []) for n in SOLVERS]
+
+
+def chain(n, sag=0.0):
+    """n links between two supports 1 m apart, and the number of its nodes."""
+    x = np.linspace(0, 1, n + 1)
+    nodes = np.column_stack([x**2, sag * np.sin(np.pi * x), 0 * x])  # far from the answer
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    return jc.Structure(nodes, jc.Cables(links, axial_stiffness=1e5), jc.pinned([0, n]))
+
+
+def random_net(seed=0, n=8, negative=False, mask=None):
+    """Bars between random nodes, random force densities and loads."""
+    rng = np.random.default_rng(seed)
+    links = np.array([(i, j) for i in range(n) for j in range(i + 1, n) if (i + j) % 3])
+    held = mask if mask is not None else np.repeat(np.arange(n)[:, None] < 3, 3, axis=1)
+    structure = jc.Structure(
+        rng.normal(size=(n, 3)), jc.Bars(links, axial_stiffness=1e4), jc.Supports(held)
+    )
+    q = rng.uniform(1, 3, len(links))
+    if negative:
+        q[::4] *= -0.3
+    return structure, q, rng.normal(size=(n, 3))
+
+
+def by_dense_algebra(structure, q, load):
+    """The same in NumPy with the incidence matrix, direction by direction."""
+    links, nodes = structure.elements.links.array, np.asarray(structure.nodes)
+    fixed = structure.fixed(structure.supports)
+    C = np.zeros((len(links), len(nodes)))
+    C[np.arange(len(links)), links[:, 0]], C[np.arange(len(links)), links[:, 1]] = 1, -1
+    D, x = C.T @ np.diag(q) @ C, nodes.copy()
+    for axis in range(3):
+        f, s = ~fixed[:, axis], fixed[:, axis]
+        x[f, axis] = np.linalg.solve(D[np.ix_(f, f)], load[f, axis] - D[np.ix_(f, s)] @ x[s, axis])
+    return x
+
+
+def test_constant_force_density_gives_a_harmonic_surface():
+    """z = x^2 - y^2 is harmonic for differences too: the saddle's nodes come back."""
+    structure, _ = jc.scenes.saddle(7, 7)
+    start = np.array(structure.nodes)
+    free = ~np.asarray(structure.fixed(structure.supports))[:, 0]
+    start[free] = 0.0  # coordinates of free nodes do not count
+    elements = structure.elements
+    moved = jc.common.tree.copy(structure, nodes=start)
+    x = force_density(moved, 3.7)
+    assert isinstance(elements, jc.Cables)
+    # rounding of 49 unknowns, condition about 30
+    assert np.abs(x - structure.nodes).max() < 1e-13
+
+
+def test_chain_under_equal_loads_is_an_exact_parabola():
+    n, q, P = 10, 40.0, 3.0
+    load = jc.NodalLoads(np.arange(1, n), (0.0, 0.0, -P))
+    x = np.asarray(force_density(chain(n), q, load))
+    i = np.arange(n + 1)
+    expected = np.column_stack([i / n, 0 * i, -P / (2 * q) * i * (n - i)])
+    assert np.abs(x - expected).max() < 1e-13
+
+
+def test_chain_with_one_load_by_hand():
+    """Two links of q1, q2 with a load: x = (q1 x1 + q2 x2 + p) / (q1 + q2)."""
+    load = jc.NodalLoads([1], (0.5, 0.0, -2.0))
+    x = force_density(chain(2), np.array([3.0, 1.0]), [load])
+    assert np.abs(x[1] - np.array([(1.0 + 0.5) / 4, 0.0, -0.5])).max() < 1e-15
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.parametrize("negative", [False, True])
+def test_against_dense_algebra(solver, negative):
+    structure, q, load = random_net(negative=negative)
+    x = force_density(structure, q, jc.NodalLoads(np.arange(8), load), solver)
+    expected = by_dense_algebra(structure, q, load)
+    # rounding: conditions below 100
+    assert np.abs(x - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_single_components_held(solver):
+    """Each direction has its own unknowns: sliding supports, a node held along one axis."""
+    mask = np.zeros((8, 3), bool)
+    mask[:2] = True
+    mask[2] = [True, False, False]
+    mask[3, 2] = True
+    structure, q, load = random_net(1, mask=mask)
+    x = force_density(structure, q, jc.NodalLoads(np.arange(8), load), solver)
+    expected = by_dense_algebra(structure, q, load)
+    assert np.abs(x - expected).max() < 1e-12 * np.abs(expected).max()
+    assert (np.asarray(x)[mask] == np.asarray(structure.nodes)[mask]).all()
+
+
+def test_result_is_in_equilibrium_in_an_analysis():
+    """Form, pretension q l and loads: the first residual of `solve` is rounding."""
+    structure, _ = jc.scenes.saddle(4, 3)
+    links = structure.elements.links.array
+    q = np.random.default_rng(0).uniform(1e3, 4e3, len(links))
+    load = jc.NodalLoads(np.arange(structure.n_node), (0.0, 10.0, -300.0))
+    formed = jc.replace(structure, nodes=force_density(structure, q, load))
+    solution = jc.solve(formed, jc.Phase(force_density=q, loads=load))
+    assert int(solution.status) == 0 and int(solution.phases[0].path.iterations[0]) == 0
+    assert np.abs(solution.displacement).max() < 1e-12
+
+
+@pytest.mark.parametrize("solver", FEW)
+def test_transformations(solver):
+    """jit, vmap, grad, jvp, jacfwd, jacrev, hessian agree, and with dense algebra in jax."""
+    structure, q, load = random_net(negative=True)
+    nodes, links = jnp.asarray(structure.nodes), structure.elements.links.array
+    free = np.flatnonzero(~structure.fixed(structure.supports)[:, 0])
+    held = np.setdiff1d(np.arange(8), free)
+    C = np.zeros((len(links), 8))
+    C[np.arange(len(links)), links[:, 0]], C[np.arange(len(links)), links[:, 1]] = 1, -1
+    weights = jnp.asarray(np.random.default_rng(5).normal(size=(8, 3)))
+
+    def ours(p):
+        return force_density(
+            jc.replace(structure, nodes=nodes * p[-1]),
+            p[:-2],
+            jc.NodalLoads(np.arange(8), p[-2] * load),
+            solver,
+        )
+
+    def plain(p):
+        D, x = C.T @ (p[:-2, None] * C), nodes * p[-1]
+        right = p[-2] * load[free] - D[np.ix_(free, held)] @ x[held]
+        return x.at[free].set(jnp.linalg.solve(D[np.ix_(free, free)], right))
+
+    def measure(f):
+        return lambda p: jnp.sum(weights * f(p)) ** 2
+
+    p = jnp.append(jnp.asarray(q), jnp.array([1.5, 0.7]))
+    direction = jnp.asarray(np.random.default_rng(6).normal(size=p.shape))
+    batch = jnp.stack([p, 1.1 * p, p + 0.01])
+
+    def everything(f):
+        """Value, Jacobians, tangent, gradient, gradients of a batch, Hessian."""
+        return (
+            f(p),
+            jax.jacfwd(f)(p),
+            jax.jacrev(f)(p),
+            jax.jvp(f, (p,), (direction,))[1],
+            jax.grad(measure(f))(p),
+            jax.vmap(jax.grad(measure(f)))(batch),
+            jax.hessian(measure(f))(p),
+        )
+
+    found, expected = (jax.jit(lambda f=f: everything(f))() for f in (ours, plain))
+    for own, other in zip(found, expected, strict=True):
+        # rounding times a condition below 100, twice
+        assert np.abs(own - other).max() < 1e-11 * np.abs(other).max()
+    assert np.abs(ours(p) - found[0]).max() < 1e-13  # without jit
+
+
+@pytest.mark.parametrize(
+    ("kind", "solver"),
+    [
+        ("q", "dense"),
+        pytest.param("q", "superlu", marks=pytest.mark.slow),
+        ("nodes", "superlu"),
+        pytest.param("loads", "dense", marks=pytest.mark.slow),
+    ],
+)
+def test_taylor(kind, solver):
+    structure, q, load = random_net(2)
+    weights = jnp.asarray(np.random.default_rng(7).normal(size=(8, 3)))
+    start = {"q": q, "nodes": structure.nodes, "loads": load}
+
+    @jax.jit
+    @jax.value_and_grad
+    def f(p):
+        now = start | {kind: p}
+        x = force_density(
+            jc.replace(structure, nodes=now["nodes"]),
+            now["q"],
+            jc.NodalLoads(np.arange(8), now["loads"]),
+            solver,
+        )
+        return jnp.sum(jnp.sin(weights * x)) * 10
+
+    def value(p):
+        return f(p)[0]
+
+    p = jnp.asarray(start[kind])
+    gradient = f(p)[1]
+    assert abs(slope(value, p, gradient) - 2) < 0.1
+    wrong = gradient.at[(-1,) * gradient.ndim].add(1e-2 * jnp.abs(gradient).max())
+    assert slope(value, p, wrong) < 1.5
+
+
+def test_sparse_against_dense():
+    """A net large enough to be banded by default."""
+    structure, _ = jc.scenes.saddle(14, 13)
+    links = structure.elements.links.array
+    q = jnp.asarray(np.random.default_rng(0).uniform(0.5, 2, len(links)))
+
+    def lengths(q, solver):
+        x = force_density(structure, q, None, solver)
+        return jnp.sum((x[links[:, 1]] - x[links[:, 0]]) ** 2)
+
+    both = jax.jit(jax.value_and_grad(lengths), static_argnums=1)
+    expected = both(q, "dense")
+    for solver in [None, *SOLVERS[1:]]:
+        value, gradient = both(q, solver)
+        assert abs(value - expected[0]) < 1e-12 * expected[0]
+        # rounding times a condition of about 200
+        assert np.abs(gradient - expected[1]).max() < 1e-11 * np.abs(expected[1]).max()
+
+
+def test_groups_and_prefixes():
+    structure, _ = jc.scenes.saddle(3, 3)
+    links = structure.elements.links.array
+    both = jc.Structure(
+        structure.nodes,
+        {
+            "rows": jc.Cables(links[:12], axial_stiffness=1e5),
+            "columns": jc.Bars(links[12:], axial_stiffness=1e5),
+        },
+        structure.supports,
+    )
+    x = force_density(both, {"rows": 2.0, "columns": np.full(12, 3.0)})
+    expected = force_density(structure, np.repeat([2.0, 3.0], 12))
+    assert np.abs(x - expected).max() < 1e-14
+
+
+@pytest.mark.parametrize("solver", FEW)
+def test_singular_matrix_is_nan_with_nan_derivatives(solver):
+    """Struts and cables that cancel; beside it in a batch a sound case stays exact."""
+    x = np.array([[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 1.0]])
+    structure = jc.Structure(x, jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e4), jc.pinned([0, 2]))
+
+    @jax.jit
+    def place(q):
+        return force_density(structure, q, None, solver)
+
+    q = jnp.array([1.0, -1.0])
+    assert np.isnan(place(q)[1]).all() and np.isfinite(np.asarray(place(q))[[0, 2]]).all()
+    assert np.isnan(jax.jit(jax.grad(lambda q: place(q)[1, 2]))(q)).all()
+    assert np.isnan(jax.jit(jax.jacfwd(place))(q)[1]).all()
+    batch = jnp.stack([q, jnp.array([1.0, 3.0])])
+    assert np.abs(jax.jit(jax.vmap(place))(batch)[1, 1] - np.array([1.5, 0, 0.75])).max() < 1e-15
+
+    def shared(scale):  # of the second case only
+        return jax.vmap(place)(scale * batch + jnp.array([[0.0, 0], [0, 1.0]]))[1, 1, 2]
+
+    # z = q2 / (q1 + q2) with q2 = 3 s + 1, q1 = s
+    assert abs(jax.jit(jax.grad(shared))(1.0) - (3 * 5 - 4 * 4) / 25) < 1e-14
+    assert np.isnan(place(jnp.array([jnp.nan, 1.0]))[1]).all()
+
+
+def test_changing_numbers_does_not_recompile_and_equal_shapes_share():
+    structure, _ = jc.scenes.saddle(3, 2)
+    load = jc.NodalLoads([4], (0.0, 0.0, -1.0))
+    force_density(structure, 1.0, load)
+    before = _positions._cache_size()
+    force_density(jc.replace(structure, nodes=np.asarray(structure.nodes) * 2), 2.0, load)
+    order = np.random.default_rng(0).permutation(structure.n_node)
+    back = np.argsort(order)
+    renumbered = jc.Structure(
+        np.asarray(structure.nodes)[order],
+        jc.Cables(back[structure.elements.links.array], axial_stiffness=1.0),
+        jc.pinned(back[structure.supports.nodes.array]),
+    )
+    x = force_density(renumbered, np.full(17, 3.0), jc.NodalLoads([7], (0.0, 0.0, 0.0)))
+    assert _positions._cache_size() == before
+    assert np.abs(x[back] - force_density(structure, 1.0)).max() < 1e-14
+
+
+def test_single_precision():
+    structure, q, load = random_net()
+    single = jax.tree.map(lambda v: np.asarray(v, np.float32), structure)
+    x = force_density(single, q, jc.NodalLoads(np.arange(8), load))
+    assert x.dtype == jnp.float32
+    assert np.abs(x - by_dense_algebra(structure, q, load)).max() < 1e-5
+
+
+def test_refused():
+    structure = chain(3)
+    beam = jc.Structure(
+        structure.nodes,
+        jc.Beams([[0, 1], [1, 2], [2, 3]], section=jc.Section.disc(0.1, jc.Elastic(1e9), (2, 2))),
+        jc.clamped([0, 3]),
+    )
+    with pytest.raises(ValueError, match=r"elements \(Beams\) is not made of straight"):
+        force_density(beam, 1.0)
+    with pytest.raises(ValueError, match=r"loads\[0\]: CablePressure is not known before"):
+        force_density(structure, 1.0, jc.CablePressure(1.0, (0, 1, 0)))
+    with pytest.raises(ValueError, match=r"q\[1\] = -1.0: a cable carries tension only"):
+        force_density(structure, np.array([1.0, -1.0, 1.0]))
+    with pytest.raises(ValueError, match="q: element 1 of elements has no force density"):
+        force_density(structure, jc.only([0, 2], 1.0))
+    with pytest.raises(ValueError, match="q: element 0 of elements has no force density"):
+        force_density(structure, None)
+    with pytest.raises(ValueError, match="q: expected a scalar or shape"):
+        force_density(structure, np.ones(4))
+    with pytest.raises(ValueError, match="structure: expected a Structure, got float"):
+        force_density(1.0, 1.0)
+    with pytest.raises(ValueError, match="linear_solver = 'lu'"):
+        force_density(structure, 1.0, linear_solver="lu")

@@ -1,0 +1,404 @@
+"""Self-stress and mechanisms: closed forms, counts, and a simplex with the wrong twist."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.taylor import slope
+from scipy.optimize import brentq
+
+import jaxcable as jc
+from jaxcable import forms
+from jaxcable.scenes import simplex
+
+EPS = np.finfo(float).eps
+
+
+def force_at_nodes(nodes, links, density):
+    """Sum of what members pull, from positions and force densities alone, [n_node, 3], N."""
+    out = np.zeros_like(nodes)
+    for (i, j), q in zip(links, density, strict=True):
+        out[i] += q * (nodes[j] - nodes[i])
+        out[j] += q * (nodes[i] - nodes[j])
+    return out
+
+
+def all_links(structure):
+    return np.concatenate([group.links.array for group in structure.groups])
+
+
+def star(directions, group=jc.Bars):
+    """One free node, in the middle of members to the given points."""
+    points = np.asarray(directions, float)
+    links = [(0, k) for k in range(1, len(points) + 1)]
+    nodes = np.vstack([np.zeros((1, 3)), points])
+    return jc.Structure(nodes, group(links, axial_stiffness=1e6), jc.pinned(range(1, len(nodes))))
+
+
+# --- ranks and kinds
+
+
+@pytest.mark.parametrize(
+    ("directions", "kind", "s", "m"),
+    [
+        ([(1, 0, -1), (-1, 1, -1), (-1, -1, -1)], "I", 0, 0),
+        ([(1, 0, -1), (-1, 1, -1), (-1, -1, -1), (0, 0, 1)], "III", 1, 0),
+        ([(1, 0, 0), (-2, 0, 0)], "IV", 1, 2),
+    ],
+)
+def test_kinds_of_one_node(directions, kind, s, m):
+    found = forms.self_stress(star(directions))
+    assert (found.kind, found.s, found.m) == (kind, s, m)
+    assert found.describe().startswith(f"kind {kind}: ")
+    assert found.m - found.s == 3 - len(directions)  # Maxwell's rule, after Calladine
+    # rounding below, O(1) above: the decision is clear
+    above, below = found.gap
+    assert above > 0.1 and below < 10 * EPS
+
+
+def test_a_hanging_chain_is_of_kind_two():
+    nodes = [(0, 0, 0), (1, 0, -1), (2, 0, -1), (3, 0, 0)]
+    mask = np.zeros((4, 3), bool)
+    mask[[0, 3]] = mask[:, 1] = True
+    links = [(0, 1), (1, 2), (2, 3)]
+    chain = jc.Structure(
+        np.array(nodes, float), jc.Cables(links, axial_stiffness=1.0), jc.Supports(mask)
+    )
+    found = forms.self_stress(chain)
+    assert (found.kind, found.s, found.m, len(found.rigid)) == ("II", 0, 1, 0)
+    # free across its plane, it swings about the line through its supports, and wriggles
+    found = forms.self_stress(jc.replace(chain, supports=jc.pinned([0, 3])))
+    assert (found.kind, found.s, found.m, len(found.rigid)) == ("II", 0, 2, 1)
+
+
+def test_two_links_in_line():
+    """Mechanisms of a stretched string: 2 T / a a unit displacement; compression undoes them."""
+    a, tension = 2.0, 300.0
+    found = forms.self_stress(star([(a, 0, 0), (-a, 0, 0)]))
+    stiffness = found.mechanism_stiffness([tension, tension])
+    assert np.abs(stiffness - 2 * tension / a).max() < 10 * EPS * tension
+    assert found.stiffens([tension, tension]) and not found.stiffens([-tension, -tension])
+    assert not found.stiffens([0.0, 0.0])
+    assert found.unbalanced([tension, tension]) == 0.0
+    # 300 N against 100 N, over the larger one
+    assert found.unbalanced([300.0, 100.0]) == pytest.approx(2 / 3, rel=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_structures(seed):
+    """Every state balances, no mechanism elongates, and the counts follow Maxwell's rule."""
+    rng = np.random.default_rng(seed)
+    nodes = rng.normal(size=(9, 3))
+    pairs = np.array([(i, j) for i in range(9) for j in range(i + 1, 9)])
+    chain = (pairs[:, 1] - pairs[:, 0]) == 1  # that every node is touched
+    more = ~chain & (rng.random(len(pairs)) < 0.15 + 0.1 * seed)
+    links = pairs[chain | more]
+    mask = np.zeros((9, 3), bool)
+    mask[0], mask[1, :2], mask[8, 2] = True, True, True
+    structure = jc.Structure(nodes, jc.Bars(links, axial_stiffness=1.0), jc.Supports(mask))
+    found = forms.self_stress(structure)
+    assert found.m + len(found.rigid) - found.s == (~mask).sum() - len(links)
+    for density in found.force_densities:
+        left = force_at_nodes(nodes, links, density)[~mask]
+        assert np.abs(left).max() < 100 * EPS * np.abs(density).max() * 4
+    for shape in found.mechanisms:
+        apart = np.einsum(
+            "ek,ek->e",
+            nodes[links[:, 1]] - nodes[links[:, 0]],
+            shape[links[:, 1]] - shape[links[:, 0]],
+        )
+        assert np.abs(apart).max() < 100 * EPS and (shape[mask] == 0).all()
+    flat = found.mechanisms.reshape(found.m, 27)
+    # an SVD's vectors are orthonormal to rounding
+    assert np.abs(flat @ flat.T - np.eye(found.m)).max(initial=0.0) < 100 * EPS
+
+
+# --- the simplex
+
+
+@pytest.mark.parametrize(("radius", "height"), [(1.0, 1.5), (0.7, 3.0), (5.0, 2.0)])
+def test_simplex(radius, height):
+    structure, phases = simplex(radius, height)
+    nodes, links = np.asarray(structure.nodes), all_links(structure)
+    found = forms.self_stress(structure)
+    assert (found.s, found.m, len(found.rigid), found.kind) == (1, 1, 0, "IV")
+    density = {kind: own[0] for kind, own in found.force_densities.items()}
+    unit = density["verticals"][0]
+    # an SVD of a matrix of condition 10 gives 1e-15; 1e-12 leaves room for other LAPACKs
+    for name, expected in (("triangles", 1 / np.sqrt(3)), ("verticals", 1.0), ("struts", -1.0)):
+        assert np.abs(density[name] / unit - expected).max() < 1e-12, name
+    # what the scene states is that, and balances every node, with no help from the supports
+    stated = phases[0].force_density
+    order = [k for k in ("struts", "triangles", "verticals") for _ in structure.elements[k].links]
+    row = np.array([stated[k] for k in order])
+    assert np.abs(force_at_nodes(nodes, links, row)).max() < 50 * EPS * np.abs(row).max() * height
+    # the mechanism is a screw: the lower triangle stays, the upper one turns and moves up or down
+    shape, third = found.mechanisms[0], 2 * np.pi / 3
+    turn = np.array(
+        [[np.cos(third), -np.sin(third), 0], [np.sin(third), np.cos(third), 0], [0, 0, 1]]
+    )
+    assert np.abs(shape[:3]).max() < 1e-12 < 0.1 < np.abs(shape[3:]).max()
+    assert np.abs(shape[[4, 5, 3]] - shape[3:] @ turn.T).max() < 1e-12
+    tension = {
+        k: stated[k] * np.linalg.norm(nodes[g.links.array[0, 1]] - nodes[g.links.array[0, 0]])
+        for k, g in structure.elements.items()
+    }
+    assert found.stiffens(tension)
+    assert not found.stiffens(jax.tree.map(lambda t: -t, tension))
+
+
+def test_lengths_change_by_the_square_of_a_mechanism():
+    """First order infinitesimal: lengths from positions alone change with slope 2."""
+    structure, _ = simplex()
+    found = forms.self_stress(structure)
+    nodes, links = np.asarray(structure.nodes), all_links(structure)
+
+    before = np.concatenate(jax.tree.leaves(found.length))
+
+    def change(h):
+        moved = nodes + h * found.mechanisms[0]
+        length = np.linalg.norm(moved[links[:, 1]] - moved[links[:, 0]], axis=1)
+        return np.abs(length - before).max()
+
+    steps = 1e-2 * 0.5 ** np.arange(4)
+    fitted = np.polyfit(np.log(steps), np.log([change(h) for h in steps]), 1)[0]
+    assert abs(fitted - 2) < 0.1
+
+
+def test_only_a_twist_of_30_degrees_has_a_self_stress():
+    def determinant(twist):
+        return np.linalg.det(forms.self_stress(simplex(twist=twist)[0]).matrix)
+
+    root = brentq(determinant, np.radians(20), np.radians(45), xtol=1e-14)
+    assert abs(root - np.pi / 6) < 1e-12  # a simple root of a function with rounding 1e-16
+    wrong, _ = simplex(twist=np.radians(29))
+    found = forms.self_stress(wrong)
+    assert (found.s, found.m, found.kind) == (0, 0, "I")
+    with pytest.raises(ValueError, match="groups: no state of self-stress has equal tensions"):
+        forms.feasible_prestress(wrong, forms.symmetric_groups(wrong, 3))
+    # coordinates known to a tenth of a millimetre need a tolerance, and get one
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(6, 3))
+    rough = jc.replace(wrong, nodes=simplex()[0].nodes + noise)
+    assert forms.self_stress(rough).s == 0 and forms.self_stress(rough, tol=1e-3).s == 1
+
+
+def test_rigid_motions_are_told_from_mechanisms():
+    structure, _ = simplex()
+    for held, left in (([(0, 0)], 5), ([(0, 0), (0, 1), (0, 2)], 3), ([(0, 2), (1, 2), (2, 2)], 3)):
+        mask = np.zeros((6, 3), bool)
+        mask[tuple(np.transpose(held))] = True
+        found = forms.self_stress(jc.replace(structure, supports=jc.Supports(mask)))
+        assert (found.s, found.m, len(found.rigid)) == (1, 1, left)
+        overlap = found.rigid.reshape(left, -1) @ found.mechanisms[0].ravel()
+        assert np.abs(overlap).max() < 100 * EPS
+        assert found.stiffens(forms.feasible_prestress(structure, group=0, tension=-1.0).tension)
+
+
+# --- feasible prestress
+
+
+def test_prestress_of_a_simplex():
+    structure, _ = simplex()
+    groups = forms.symmetric_groups(structure, 3)
+    found = forms.feasible_prestress(structure, groups, tension=500.0)
+    assert found.n_mode == 1 and float(found.unbalanced) < 20 * EPS
+    assert float(found.tension["struts"][0]) == pytest.approx(-500.0, rel=1e-14)
+    # the same from a given group, from groups in a row, and without any groups
+    vertical, strut = int(groups["verticals"][0]), int(groups["struts"][0])
+    given = float(found.tension["verticals"][0])
+    row = np.concatenate([groups[k] for k in ("struts", "triangles", "verticals")])
+    for other in (
+        forms.feasible_prestress(structure, groups, group=vertical, tension=given),
+        forms.feasible_prestress(structure, row, group=strut, tension=-500.0),
+        forms.feasible_prestress(structure, tension=500.0),
+    ):
+        for a, b in zip(
+            jax.tree.leaves(other.tension), jax.tree.leaves(found.tension), strict=True
+        ):
+            assert np.abs(np.asarray(a) - np.asarray(b)).max() < 1e-12 * 500
+
+
+def test_the_best_of_several_states():
+    """Four straight cables, each with a tension of its own: the evenest is all alike."""
+    structure, _ = jc.scenes.flat_net()
+    assert forms.self_stress(structure).s == 4
+    found = forms.feasible_prestress(structure, tension=200.0)
+    assert found.n_mode == 4
+    assert np.abs(np.asarray(found.tension) - 200.0).max() < 1e-9 * 200  # the LP's own tolerance
+    assert float(found.unbalanced) < 1e-9
+    part = forms.feasible_prestress(structure, group=3, tension=50.0)
+    assert np.abs(np.asarray(part.tension) - 50.0).max() < 1e-9 * 50
+
+
+ASIDE = [(1, 0, 1), (-1, 1, 1), (-1, -1, 1), (0.3, 0.2, 1), (0.5, -1, 2)]
+
+
+@pytest.mark.parametrize("n", [4, 5])
+def test_cables_on_one_side_cannot_be_prestressed(n):
+    match = "not in tension in any prestress" if n == 4 else "none of the 2 states"
+    with pytest.raises(ValueError, match=match):
+        forms.feasible_prestress(star(ASIDE[:n], jc.Cables))
+    # bars can, one of them in compression
+    found = forms.feasible_prestress(star(ASIDE[:n]))
+    assert np.asarray(found.tension).min() < 0 and float(found.unbalanced) < 1e-9
+
+
+SIMPLEX, _ = simplex()
+GROUPS = forms.symmetric_groups(SIMPLEX, 3)
+VERTICAL = int(GROUPS["verticals"][0])
+
+
+def group_tensions(nodes, tension=1.0):
+    structure = jc.replace(SIMPLEX, nodes=nodes)
+    return forms.feasible_prestress(structure, GROUPS, group=VERTICAL, tension=tension)
+
+
+@jax.jit
+@jax.value_and_grad
+def there(nodes):
+    """Weighed group tensions of any nodes: the least squares state beside the given tension."""
+    return jnp.array([0.3, -1.0, 0.5, 0.7]) @ group_tensions(nodes).group_tension
+
+
+def test_derivative_by_the_nodes():
+    nodes = jnp.asarray(SIMPLEX.nodes)
+    gradient = there(nodes)[1]
+
+    def traced(nodes):
+        return there(nodes)[0]
+
+    assert abs(slope(traced, nodes, gradient) - 2) < 0.1
+    assert abs(slope(traced, nodes, 1.01 * gradient) - 1) < 0.1  # control: a wrong gradient
+    # linear in the tension that is given
+    by_tension = jax.jit(jax.jacfwd(lambda t: group_tensions(nodes, t).group_tension))(2.0)
+    assert jnp.abs(by_tension - group_tensions(nodes).group_tension).max() < 1e-13
+    # in the shape of a scene: triangle over vertical is l_t / (sqrt(3) l_v), in closed form
+
+    def ratio(height):
+        scaled = nodes * jnp.stack([1.0, 1.0, height / 1.5])[None]
+        return group_tensions(scaled).group_tension[int(GROUPS["triangles"][0])]
+
+    side, chord = np.sqrt(3.0), 2 * np.sin(np.pi / 12)
+    height = 1.5
+    upright = np.hypot(chord, height)
+    expected = -side / np.sqrt(3) / upright**3 * height
+    assert float(ratio(height)) == pytest.approx(side / np.sqrt(3) / upright, rel=1e-13)
+    assert float(jax.jit(jax.grad(ratio))(height)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_traced_nodes_with_several_modes_give_no_numbers():
+    structure, _ = jc.scenes.flat_net()
+
+    def first(nodes):
+        return forms.feasible_prestress(jc.replace(structure, nodes=nodes), group=0).tension[5]
+
+    assert np.isnan(jax.jit(first)(structure.nodes))
+    assert np.isnan(jax.jit(jax.grad(first))(jnp.asarray(structure.nodes))).any()
+    with pytest.raises(ValueError, match="group: must be given where nodes are traced"):
+        jax.jit(lambda n: forms.feasible_prestress(jc.replace(structure, nodes=n)).tension)(
+            structure.nodes
+        )
+    with pytest.raises(ValueError, match="nodes cannot be traced"):
+        jax.jit(lambda n: forms.self_stress(jc.replace(structure, nodes=n)).tensions)(
+            structure.nodes
+        )
+
+
+# --- symmetry
+
+
+def test_symmetric_groups():
+    # upper and lower triangle are images by a turn about a level axis only, which is not asked for
+    assert [len(np.unique(GROUPS[k])) for k in ("triangles", "verticals", "struts")] == [2, 1, 1]
+    assert np.unique(np.concatenate(list(GROUPS.values()))).tolist() == [0, 1, 2, 3]
+    assert len(np.unique(forms.symmetric_groups(SIMPLEX, 1)["struts"])) == 3
+    net, _ = jc.scenes.flat_net()
+    centre = np.asarray(net.nodes)[:, :2].mean(0)
+    # 12 links in whirls of 4; a mirror makes both ends of a cable alike
+    assert len(np.unique(forms.symmetric_groups(net, 4, centre=centre))) == 3
+    assert len(np.unique(forms.symmetric_groups(net, 4, mirror=0.0, centre=centre))) == 2
+    # the mirror alone: two rows are one (3 links), each column's ends alike (2 and 2)
+    assert len(np.unique(forms.symmetric_groups(net, 1, mirror=0.0, centre=centre))) == 7
+
+
+@pytest.mark.parametrize(
+    ("ask", "message"),
+    [
+        (lambda: forms.symmetric_groups(SIMPLEX, 4), r"nodes\[\d\]: its image .* from any node"),
+        (lambda: forms.symmetric_groups(SIMPLEX, 0), "fold = 0"),
+        (
+            lambda: forms.symmetric_groups(
+                jc.replace(
+                    SIMPLEX, elements={**SIMPLEX.elements, "verticals": jc.Cables([[0, 3]], 1.0)}
+                ),
+                3,
+            ),
+            r"links: no element of elements\['verticals'\] joins nodes",
+        ),
+        (
+            lambda: forms.self_stress(jc.scenes.strung_arch(n=8)[0]),
+            r"elements.* \(Beams\) is not made of straight members",
+        ),
+        (
+            lambda: forms.self_stress(jc.replace(SIMPLEX, nodes=SIMPLEX.nodes * np.nan)),
+            r"nodes\[0\] = .*: must be finite",
+        ),
+        (
+            lambda: forms.self_stress(jc.replace(SIMPLEX, supports=jc.pinned(range(6)))),
+            "supports: every freedom is fixed",
+        ),
+        (lambda: forms.feasible_prestress(SIMPLEX, [0, 1]), "groups: expected"),
+        (lambda: forms.feasible_prestress(SIMPLEX, np.zeros(12)), "groups: expected integers"),
+        (
+            lambda: forms.feasible_prestress(SIMPLEX, np.full(12, -1)),
+            r"groups\[0\] = -1: group numbers start at 0",
+        ),
+        (
+            lambda: forms.feasible_prestress(SIMPLEX, 3 * np.eye(12, dtype=int)[0]),
+            "groups: no element is in group 1",
+        ),
+        (lambda: forms.feasible_prestress(SIMPLEX, GROUPS, group=4), "there are groups 0 to 3"),
+        (
+            lambda: forms.feasible_prestress(SIMPLEX, GROUPS, group=VERTICAL, tension=-1.0),
+            "cables would be in compression",
+        ),
+    ],
+)
+def test_refused(ask, message):
+    with pytest.raises(ValueError, match=message):
+        ask()
+
+
+def test_results_are_in_the_shape_of_the_elements():
+    """A list of three groups, not in the order of the kinds: node by node from each group's own."""
+    named, _ = simplex()
+    kinds = ("verticals", "struts", "triangles")
+    structure = jc.Structure(
+        named.nodes,
+        [[named.elements[k] for k in kinds[:2]], named.elements[kinds[2]]],
+        named.supports,
+    )
+    found = forms.self_stress(structure)
+    shape = jax.tree.structure([[0, 0], 0])
+    fields = (found.tensions, found.force_densities, found.length, found.tension_only, found.links)
+    assert all(jax.tree.structure(own) == shape for own in fields)
+    nodes, left = np.asarray(named.nodes), np.zeros((6, 3))
+    (first, second), third = found.force_densities
+    unit = first[0, 0]
+    for kind, own in zip(kinds, (first, second, third), strict=True):
+        links = named.elements[kind].links.array
+        assert own.shape == (1, len(links))
+        left += force_at_nodes(nodes, links, own[0] / unit)
+        # the closed form, as in `test_simplex`
+        expected = {"verticals": 1.0, "struts": -1.0, "triangles": 1 / np.sqrt(3)}[kind]
+        assert np.abs(own[0] / unit - expected).max() < 1e-12
+    assert np.abs(left).max() < 1e-12
+    assert [own.all() for own in jax.tree.leaves(found.tension_only)] == [True, False, True]
+    row = np.concatenate([own[0] for own in jax.tree.leaves(found.tensions)])
+    assert np.linalg.norm(row) == pytest.approx(1.0, rel=1e-14)
+    assert np.abs(found.matrix @ row).max() < 1e-14  # the columns of the matrix, group after group
+    one = jax.tree.map(lambda own: own[0] / unit, found.tensions)
+    assert found.stiffens(one) and found.unbalanced(one) < 1e-14
+    prestress = forms.feasible_prestress(structure, forms.symmetric_groups(structure, 3))
+    ratio = prestress.tension[1] / one[1]
+    assert np.abs(ratio / ratio[0] - 1).max() < 1e-12

@@ -1,0 +1,134 @@
+"""A load of one's own (`own_loads`) goes where the package's own go, without a change in it.
+
+Oracles: the closed integrals of the power law, equilibrium in NumPy, Taylor's theorem.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from extensions.own_loads import PowerLawWind
+from oracles.taylor import slope
+
+import jaxcable as jc
+
+HEIGHT, EXPONENT, AT_TEN = 40.0, 0.32, 50.0  # m, -, N/m
+WIND = PowerLawWind((AT_TEN, 0.0, 0.0), EXPONENT)
+
+
+def mast():
+    """A cantilever of eight beams."""
+    nodes = np.zeros((9, 3))
+    nodes[:, 2] = np.linspace(0.0, HEIGHT, 9)
+    links = np.column_stack([np.arange(8), np.arange(1, 9)])
+    section = jc.Section.ring(0.5, 0.02, jc.Elastic(210e9))
+    return jc.Structure(nodes, jc.Beams(links, section=section), jc.clamped([0]))
+
+
+def mast_with_guys():
+    """A mast of bars between four guys: nodes have displacements only."""
+    around = [[15.0, 0, 0], [0, 15.0, 0], [-15.0, 0, 0], [0, -15.0, 0]]
+    nodes = np.array([[0.0, 0, 0], [0, 0, 12.0], [0, 0, 24.0], *around])
+    guys = [[top, foot] for top in (1, 2) for foot in (3, 4, 5, 6)]
+    elements = {
+        "mast": jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e8),
+        "guys": jc.Cables(guys, axial_stiffness=2e6),
+    }
+    return jc.Structure(nodes, elements, jc.pinned([0, 3, 4, 5, 6]))
+
+
+PRESTRESS = jc.Phase(pretension={"mast": None, "guys": 8e3})
+
+
+def test_shear_and_moment_at_the_foot_are_the_integrals():
+    solution = jc.solve(mast(), jc.Phase(loads=WIND), jc.Newton(tol=1e-12))
+    assert int(solution.status) == 0
+    shear = AT_TEN * 10 / (EXPONENT + 1) * (HEIGHT / 10) ** (EXPONENT + 1)
+    moment = AT_TEN * 100 / (EXPONENT + 2) * (HEIGHT / 10) ** (EXPONENT + 2)
+    # at the ground the power law has no derivative, which its quadrature over 5 m pays for
+    assert float(-solution.reactions[0, 0]) == pytest.approx(shear, rel=2e-4)
+    # the wind acts on the deflected mast, whose top sinks
+    sunk = float(-solution.displacement[-1, 2])
+    assert 0 < sunk < 0.02
+    assert float(-solution.reaction_moments[0, 1]) == pytest.approx(moment, rel=2 * sunk / HEIGHT)
+
+
+def test_equilibrium_of_a_guyed_mast():
+    structure = mast_with_guys()
+    solution = jc.solve(structure, [PRESTRESS, jc.Phase(loads=WIND, increments=2)])
+    assert int(solution.status) == 0
+    force = np.array(solution.load)
+    for name, group in structure.elements.items():
+        links = group.links.array
+        way = np.diff(np.asarray(solution.positions)[links], axis=1)[:, 0]
+        pull = np.asarray(solution.tension[name])[:, None] * way
+        pull /= np.linalg.norm(way, axis=1)[:, None]
+        np.add.at(force, links[:, 0], pull)
+        np.add.at(force, links[:, 1], -pull)
+    assert np.abs(force[[1, 2]]).max() < 1e-9 * 8e3 * 8  # the tolerance of Newton, of eight guys
+    assert float(solution.displacement[2, 0]) > 1e-3
+    by_hand = 2 * AT_TEN * 10 / (EXPONENT + 1) * 2.4 ** (EXPONENT + 1)
+    assert float(solution.load[:, 0].sum()) > by_hand  # guys are blown as well
+
+
+def sway(p):
+    wind = PowerLawWind(p["reference"], p["exponent"])
+    structure = jc.replace(mast_with_guys(), nodes=p["nodes"])
+    phases = [PRESTRESS, jc.Phase(loads=wind)]
+    solution = jc.solve(structure, phases, jc.Newton(tol=1e-13))
+    return 1e3 * jnp.sum(solution.displacement[2]), solution.status
+
+
+AT = {
+    "reference": jnp.array([AT_TEN, 5.0, 0.0]),
+    "exponent": jnp.array(EXPONENT),
+    "nodes": jnp.asarray(mast_with_guys().nodes),
+}
+
+
+@pytest.fixture(scope="module")
+def there():
+    return jax.jit(jax.value_and_grad(sway, has_aux=True))
+
+
+@pytest.mark.parametrize("name", AT)
+def test_taylor(there, name):
+    (_, code), gradient = there(AT)
+    assert int(code) == 0
+
+    def measured(value):
+        return there(AT | {name: value})[0][0]
+
+    size = {"nodes": 0.05, "reference": 5, "exponent": 5}[name]
+    assert abs(slope(measured, AT[name], gradient[name], size) - 2) < 0.1
+    assert abs(slope(measured, AT[name], 1.01 * gradient[name], size) - 1) < 0.1
+
+
+def test_it_is_scaled_combined_and_mapped_over():
+    structure = mast_with_guys()
+    first = jc.solve(structure, PRESTRESS)
+    loads = jc.combine({"wind": WIND, "weight": jc.NodalLoads([2], (0, 0, -1e3))}, [[1, 0], [2, 1]])
+    both = jax.vmap(lambda one: jc.solve(structure, jc.Phase(loads=one), start=first))(loads)
+    assert (np.asarray(both.status) == 0).all()
+    np.testing.assert_allclose(both.load[1, :, 0], 2 * both.load[0, :, 0], rtol=1e-14)
+    np.testing.assert_allclose(both.load[1, 2, 2] - both.load[0, 2, 2], -1e3, rtol=1e-14)
+
+
+def test_files_and_reports_take_it(tmp_path):
+    structure, phases = mast_with_guys(), [PRESTRESS, jc.Phase(loads=WIND)]
+    jc.save_scene(tmp_path / "mast.json", (structure, phases))
+    again = jc.load_scene(tmp_path / "mast.json")
+    assert isinstance(again.phases[1].loads, PowerLawWind)
+    one, other = jc.solve(structure, phases), jc.solve(*again)
+    assert int(one.status) == 0
+    np.testing.assert_array_equal(one.displacement, other.displacement)
+    text = jc.report(structure, one, phases).text()
+    assert "Global equilibrium" in text
+    assert float(jc.energy_balance(structure, phases, one).dead[1]) > 1.0  # J
+
+
+def test_what_it_cannot_blow_at_is_refused():
+    nodes = [[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0]]
+    rope = jc.Structure(nodes, jc.SlidingCables([[0, 1, 2]], 1e5), jc.pinned([0, 2]))
+    with pytest.raises(ValueError, match="elements of two ends only"):
+        jc.solve(rope, jc.Phase(loads=WIND))

@@ -1,0 +1,373 @@
+"""Uniaxial laws: reversible curves, derivatives with respect to points, presets, parallel laws."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from banks.laws import (
+    CABLES,
+    CURVES,
+    ELASTIC,
+    LAWS,
+    SYMMETRIC,
+    E,
+    area_under,
+    curve,
+    evaluate,
+    history,
+    invert,
+    points_of,
+    random_path,
+    rounding,
+    samples,
+    virgin,
+)
+
+import jaxcable as jc
+from jaxcable import materials
+
+# --- reversible curves
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_stress_and_energy_follow_the_curve(name):
+    law, (strain, stress) = LAWS[name], CURVES[name]
+    at = samples(law)
+    got, _, energy, gradient, *_ = evaluate(law, at)
+    assert np.abs(got - curve(strain, stress, at)).max() <= rounding(law)
+    assert np.abs(gradient - got).max() <= rounding(law)
+    scale = np.abs(strain).max()  # the energy is at most this times a stress
+    assert np.abs(energy - area_under(strain, stress, at)).max() <= rounding(law) * scale
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_continued_law_goes_on_with_the_initial_slope(name):
+    law, (strain, stress) = LAWS[name], CURVES[name]
+    at = samples(law)
+    inside = np.clip(at, strain[0], strain[-1])
+    expected = np.interp(at, strain, stress) + float(law.modulus) * (at - inside)
+    if strain[0] == 0:  # slack, not failed
+        expected = np.where(at < 0, 0.0, expected)
+    got, _, energy, gradient, *_ = evaluate(law.extended(), at)
+    assert np.abs(got - expected).max() <= rounding(law)
+    assert np.abs(gradient - got).max() <= rounding(law)
+    beyond = np.where((strain[0] == 0) & (at < 0), 0.0, at - inside)
+    more = (curve(strain, stress, inside) + 0.5 * float(law.modulus) * beyond) * beyond
+    expected = area_under(strain, stress, at) + more
+    assert np.abs(energy - expected).max() <= rounding(law) * np.abs(strain).max()
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_an_end_belongs_to_the_curve_and_the_next_number_does_not(name):
+    law = LAWS[name]
+    strain, stress = points_of(law)
+    side = [0, -1] if strain[0] < 0 else [-1]
+    at_end, *_, beyond = evaluate(law, strain[side])
+    assert np.abs(at_end - stress[side]).max() <= rounding(law)
+    assert not beyond.any()
+    outside, *_, beyond = evaluate(law, np.nextafter(strain[side], 2 * strain[side]))
+    assert (outside == 0).all() and beyond.all()
+    assert evaluate(law, [-1.0])[-1].all() == (strain[0] < 0)  # else slack, not failed
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_slope_at_a_corner_is_that_of_loading(name):
+    """Away from the origin; at the origin that of tension."""
+    law = LAWS[name]
+    strain, stress = points_of(law)
+    slopes = np.diff(stress) / np.diff(strain)
+    corners = strain[1:-1]
+    beyond = np.where(corners < 0, slopes[:-1], slopes[1:])
+    got = evaluate(law, np.append(corners, 0.0))[1]
+    expected = np.append(beyond, slopes[np.searchsorted(strain, 0.0, side="right") - 1])
+    # rounding of sums of slopes
+    assert np.abs(got - expected).max() <= 1e-14 * np.abs(slopes).max() * len(slopes)
+    assert float(law.modulus) == expected[-1]
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_distance_from_a_corner(name):
+    law = LAWS[name]
+    strain, _ = points_of(law)
+    at = samples(law)
+    expected = np.abs(at[:, None] - strain).min(1)
+    # one rounding of a difference
+    assert np.abs(evaluate(law, at)[4] - expected).max() <= 1e-15 * np.abs(strain).max()
+    assert (evaluate(law, strain)[4] == 0).all()
+
+
+@pytest.mark.parametrize("law", [*LAWS.values(), *ELASTIC.values(), *CABLES.values()])
+def test_nothing_cancels_near_the_origin(law):
+    at = np.array([1e-14, -1e-14])
+    strain, stress = points_of(law)
+    zero = np.searchsorted(strain, 0.0)
+    behind = 0.0
+    if strain[0] < 0 and not law.one_sided:
+        behind = stress[zero - 1] / strain[zero - 1]
+    expected = np.array([float(law.modulus), behind]) * at
+    got, _, energy, *_ = evaluate(law, at, virgin(law))
+    # the curve at a strain of 1e-14 is no difference of numbers of the size of its corners
+    assert np.abs(got - expected).max() <= 1e-12 * expected[0]
+    assert np.abs(energy - 0.5 * expected * at).max() <= 1e-12 * 0.5 * expected[0] * at[0]
+
+
+@pytest.mark.parametrize("law", [LAWS["symmetric"], ELASTIC["steel"]])
+def test_nothing_cancels_in_the_inverse_near_the_origin(law):
+    """Strains of small stresses have their own digits, not those of the corners."""
+    stress = np.array([1e-3, -1e-3])
+    expected = stress / float(law.modulus)
+    assert np.abs(invert(law, stress, virgin(law))[0] - expected).max() <= 1e-12 * expected[0]
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_strain_at_is_the_inverse(name):
+    law = LAWS[name]
+    strain, stress = points_of(law)
+    low, high = strain[np.argmin(stress)], strain[np.argmax(stress)]  # the rising branch
+    at = np.random.default_rng(1).uniform(low, high, 300)
+    got, slope = invert(law, curve(strain, stress, at))
+    rising = np.diff(stress) / np.diff(strain)
+    flattest = rising[rising > 0].min()
+    # rounding of the stress over the smallest slope
+    assert np.abs(got - at).max() <= rounding(law) / flattest
+    expected = 1 / evaluate(law, at)[1]
+    assert np.abs(slope - expected).max() <= 1e-10 * expected.max()
+    outside = np.array([stress.min(), stress.max()]) * (1 + 1e-9)
+    outside = outside if strain[0] < 0 else np.array([-1.0, outside[1]])
+    assert np.isnan(invert(law, outside)[0]).all()
+
+
+STEELS = [materials.steel(unloading=way) for way in ("reversible", "elastic")]
+
+
+@pytest.mark.parametrize("law", [*LAWS.values(), *STEELS, materials.strand()])
+def test_a_law_reaches_its_own_capacity(law):
+    """The peak has a strain, whatever way rounding goes."""
+    strain, stress = points_of(law)
+    got, _ = invert(law, [float(v) for v in law.capacity], virgin(law))
+    low = strain[np.argmin(stress)] if strain[0] < 0 else 0.0
+    # rounding of the stress over a slope of a thousandth of the first
+    assert np.abs(got - np.array([low, strain[np.argmax(stress)]])).max() <= 1e-11
+
+
+@pytest.mark.parametrize("law", [*LAWS.values(), *CABLES.values()])
+def test_inverse_at_zero_stress(law):
+    """Strain zero; its slope is that of tension (loading), also of a law that goes slack."""
+    (strain,), (slope,) = invert(law, [0.0], virgin(law))
+    assert strain == 0
+    # one division; a law of two branches may give either side
+    slopes = evaluate(law, [1e-9, -1e-9], virgin(law))[1]
+    assert min(abs(slope * k - 1) for k in slopes) <= 1e-14
+
+
+def test_plateau_is_inverted_to_its_beginning():
+    law = materials.tension_only(E, 400e6, 2e-2)
+    (strain,), _ = invert(law, np.array([400e6]))
+    assert strain == pytest.approx(2e-3, rel=1e-14)
+
+
+@pytest.mark.parametrize("name", ["symmetric", "unsymmetric", "tension-only"])
+def test_softened_law_is_in_series_with_a_spring(name):
+    law, compliance = LAWS[name], 3e-12
+    strain, stress = points_of(law)
+    at = np.random.default_rng(2).uniform(strain[0], strain[-1], 100)
+    pull = curve(strain, stress, at)
+    soft = law.softened(compliance)
+    got = evaluate(soft, at + compliance * pull)[0]
+    assert np.abs(got - pull).max() <= 4 * rounding(soft)
+
+
+def test_rising_is_known_from_the_points():
+    assert [law.rising for law in LAWS.values()] == [True, True, True, False, True]
+    assert all(law.rising for law in [*ELASTIC.values(), *CABLES.values(), jc.Elastic(E)])
+
+
+# --- derivatives with respect to the points
+
+
+def taylor_slope(values, f0, rate, steps):
+    remainder = np.abs(np.asarray(values) - f0 - steps * rate)
+    return np.polyfit(np.log(steps), np.log(remainder), 1)[0]
+
+
+TAYLOR = {
+    "reversible": (CURVES["softening"], "reversible", [-3e-3, -8e-4, 5e-4, 1.6e-3, 4e-3]),
+    "elastic": (SYMMETRIC, "elastic", [-9e-3, 2e-3, 6e-3, 1.1e-2, 1.6e-2]),
+    "strand": (CURVES["tension-only"], "elastic", [8e-3, 1e-2, 1.2e-2, 1.6e-2, 2.1e-2]),
+}
+
+TARGETS = np.array([0.15, 0.75, 0.97])
+
+
+@pytest.mark.parametrize("name", TAYLOR)
+def test_taylor_of_the_points(name):
+    """Stress, energy and inverse; with elastic unloading after loading to 0.6 of the curve."""
+    (strain, stress), unloading, at = TAYLOR[name]
+    strain, stress, at = np.array(strain), np.array(stress), np.array(at)
+    n, top, end = len(strain), stress.max(), strain[-1]
+
+    def measures(change):
+        e, s = strain * (1 + change[:n]), stress * (1 + change[n:])
+        law = jc.Polygonal(e, s, unloading)
+        memory = unloaded = None
+        if law.n_memory:  # the path is part of what is differentiated
+            unused = jnp.zeros((len(at), law.n_memory))
+            memory = law.settle(jnp.full(len(at), 0.6 * end), unused)
+            unloaded = memory[: len(TARGETS)]
+        weights = jnp.arange(1.0, 1.0 + len(at))
+        return jnp.stack(
+            [
+                weights @ law.stress_at(at, memory) / top,
+                weights @ law.energy_at(at, memory) / (top * end),
+                weights[:3] @ law.strain_at(TARGETS * top, unloaded) / end,
+            ]
+        )
+
+    # steps: small against the distance of a corner (2 % of a strain), large against rounding
+    steps = 2e-3 * 0.5 ** np.arange(4)
+    direction = np.random.default_rng(3).normal(size=2 * n)
+    direction[-1] = 1.0  # the entry that is corrupted below
+    changes = np.append(0.0, steps)[:, None] * direction
+    # a row for each of the three: their gradients, as by jax.grad
+    gradients = np.asarray(jax.jit(jax.jacrev(measures))(changes[0]))
+    f0, *values = np.asarray(jax.jit(jax.vmap(measures))(changes))
+    values = np.array(values)
+    for k, quantity in enumerate(["stress", "energy", "inverse"]):
+        slope = taylor_slope(values[:, k], f0[k], gradients[k] @ direction, steps)
+        assert abs(slope - 2) < 0.1, (quantity, slope)
+        # negative control: one entry off by a tenth of the largest
+        wrong = gradients[k].copy()
+        wrong[-1] += 0.1 * np.abs(wrong).max()
+        assert taylor_slope(values[:, k], f0[k], wrong @ direction, steps) < 1.5, quantity
+
+
+def test_laws_work_under_jit_with_traced_points():
+    at = samples(LAWS["unsymmetric"], 50)
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def through(unloading, strain, stress):
+        made = jc.Polygonal(strain, stress, unloading)
+        memory = jnp.zeros((50, made.n_memory)) if made.n_memory else None
+        return made.stress_at(at, memory)
+
+    for unloading, law in (
+        ("reversible", LAWS["unsymmetric"]),
+        ("elastic", ELASTIC["one corner against two"]),
+    ):
+        got = through(unloading, *points_of(law))
+        inside = (at >= law.strain[0]) & (at <= law.strain[-1])
+        expected = curve(*points_of(law), at)
+        assert np.abs(np.where(inside, got, 0.0) - expected).max() <= 4 * rounding(law)
+
+
+# --- presets and parallel laws
+
+
+def test_preset_steel():
+    law = materials.steel(355e6, 205e9, 0.02, ultimate_strain=0.04)
+    top = 355e6 + 0.02 * 205e9 * (0.04 - 355e6 / 205e9)
+    # quotients of the stated numbers
+    assert float(law.modulus) == pytest.approx(205e9, rel=1e-14)
+    assert np.allclose(law.capacity, [-top, top], rtol=1e-15)
+    assert np.allclose(law.limits, [-0.04, 0.04], rtol=0)
+    assert (law.n_memory, materials.steel(unloading="reversible").n_memory) == (1, 0)
+    got = evaluate(law, [-0.03, 1e-3, 0.03])[0]
+    at = 355e6 + 0.02 * 205e9 * (0.03 - 355e6 / 205e9)
+    assert np.allclose(got, [-at, 205e6, at], rtol=1e-13)
+
+
+def test_preset_strand():
+    law = materials.strand()
+    assert float(law.modulus) == pytest.approx(195e9, rel=1e-14)
+    assert np.allclose(law.capacity, [0.0, 1860e6], rtol=1e-15)
+    assert law.limits[0] == -np.inf and law.limits[1] == 0.02 / 0.9
+    # EN 1992-1-1, figure 3.10: f_pk / gamma at the ultimate strain, 0.9 of it at the corner
+    got = evaluate(law, [-0.01, 0.9 * 1860e6 / 195e9, 0.02 / 0.9])[0]
+    assert np.allclose(got, [0.0, 0.9 * 1860e6, 1860e6], rtol=1e-14)
+
+
+def test_preset_tension_only():
+    brittle = materials.tension_only(E, 400e6)
+    assert np.allclose(brittle.capacity, [0.0, 400e6]) and brittle.limits[1] == 2e-3
+    ductile = materials.tension_only(E, 400e6, 0.02)
+    assert np.allclose(evaluate(ductile, [-1.0, 1e-3, 0.02])[0], [0, 200e6, 400e6], rtol=1e-14)
+    endless = materials.tension_only(E)
+    assert float(endless.modulus) == E and evaluate(endless, [0.5])[0] == 0.5 * E
+    assert endless.is_slack(jnp.array([-1e-3, 1e-3])).tolist() == [True, False]
+
+
+def test_linear_law():
+    law = jc.Elastic(E)
+    at = np.array([-1e-3, 0.0, 2e-3])
+    stress, slope, energy, gradient, distance, beyond = evaluate(law, at)
+    assert np.allclose(stress, E * at) and np.allclose(slope, E)
+    assert np.allclose(energy, 0.5 * E * at**2) and np.allclose(gradient, stress)
+    assert np.isinf(distance).all() and not beyond.any()
+    assert np.allclose(invert(law, stress)[0], at, rtol=1e-15)
+    assert float(law.softened(1e-12).stress_at(1.0)) == pytest.approx(1 / (1 / E + 1e-12))
+
+
+SHARES = np.array([0.2, 0.5, 0.3])
+
+TRIO = materials.Parallel((jc.Elastic(10e9), materials.steel(), materials.strand()), SHARES)
+
+
+def test_parallel_law_is_the_weighted_sum():
+    law = TRIO
+    path = random_path(materials.strand(), seed=9)
+    steel, strand = (history(one, path) for one in law.laws[1:])
+    stress, gradient, again, _, memory, _ = history(law, path)
+    expected = 0.2 * 10e9 * path + 0.5 * steel[0] + 0.3 * strand[0]
+    size = rounding(materials.steel())  # the largest of the three
+    assert np.abs(stress - expected).max() <= size
+    assert np.abs(gradient - stress).max() <= size
+    assert np.abs(again - stress).max() <= size
+    assert np.array_equal(memory, np.column_stack([steel[4], strand[4]]))
+    # quotients of the points
+    modulus = 0.2 * 10e9 + 0.5 * 210e9 + 0.3 * 195e9
+    assert float(law.modulus) == pytest.approx(modulus, rel=1e-14)
+    assert law.breaks and law.rising and law.n_memory == 2
+
+
+def test_limits_and_capacity_of_a_parallel_law():
+    """The first end: steel in compression, the strand in tension."""
+    steel, end = materials.steel(), 0.02 / 0.9
+    limits, capacity = jax.jit(lambda law: (law.limits, law.capacity))(TRIO)
+    assert np.allclose(limits, [-0.05, end], rtol=0)
+    beyond = evaluate(TRIO, [-0.051, -0.05, end, 0.023], np.zeros(2))[-1]
+    assert beyond.tolist() == [True, False, False, True]
+    low = -0.2 * 10e9 * 0.05 + 0.5 * steel.stress[0]
+    high = 0.2 * 10e9 * end + 0.5 * np.interp(end, steel.strain, steel.stress) + 0.3 * 1860e6
+    assert np.allclose(capacity, [low, high], rtol=1e-13)
+    endless = materials.Parallel((jc.Elastic(E), jc.Elastic(2 * E)), np.array([0.5, 0.5]))
+    assert not endless.breaks and np.isinf(np.array(endless.capacity)).all()
+
+
+@pytest.mark.parametrize("state", ["virgin", "yielded"])
+def test_inverse_of_a_parallel_law(state):
+    at = np.random.default_rng(10).uniform(-0.04, 0.02, 200)
+    memory = np.zeros(2) if state == "virgin" else history(TRIO, [-0.01])[4][0]
+    stress, *_ = evaluate(TRIO, at, memory)
+    got, _ = invert(TRIO, stress, memory)
+    # rounding of the stress over the smallest slope, 2 GPa
+    assert np.abs(got - at).max() <= 10 * rounding(materials.steel()) / 2e9
+    assert np.isnan(invert(TRIO, [2e9], memory)[0]).all()
+
+
+def test_parallel_law_without_plastic_strains_is_the_first_loading():
+    """As of its parts: `memory=None`."""
+    at = samples(TRIO.laws[2], 100)
+    stress, _, _, gradient, distance, _ = evaluate(TRIO, at)
+    each = [evaluate(law, at) for law in TRIO.laws]
+    size = rounding(materials.steel())
+    assert np.abs(stress - sum(a * v[0] for a, v in zip(SHARES, each, strict=True))).max() <= size
+    assert np.abs(gradient - stress).max() <= size
+    assert np.abs(distance - np.min([v[4] for v in each], axis=0)).max() <= 1e-17  # the same
+
+
+def test_slack_of_a_parallel_law_is_told_strain_by_strain():
+    law = materials.Parallel((materials.strand(), materials.tension_only(E)), np.array([0.5, 0.5]))
+    at = jnp.array([-0.01, 0.01, 0.02])
+    assert law.is_slack(at, jnp.zeros((3, 1))).tolist() == [True, False, False]

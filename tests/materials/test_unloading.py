@@ -1,0 +1,255 @@
+"""Elastic unloading: against three plasticity algorithms and closed forms; inverse after yield."""
+
+import numpy as np
+import pytest
+from banks.laws import (
+    CABLES,
+    ELASTIC,
+    N_PATH,
+    evaluate,
+    history,
+    invert,
+    points_of,
+    random_path,
+    rounding,
+    samples,
+)
+
+from jaxcable import materials
+
+# --- three independent algorithms
+
+
+def return_mapping(E, tangent, yield_stress, strains):
+    """Bilinear kinematic hardening: elastic trial and return in closed form (1D)."""
+    H = E * tangent / (E - tangent)
+    memory, out = 0.0, []
+    for strain in strains:
+        trial = E * (strain - memory)
+        over = trial - H * memory  # back stress H times plastic strain
+        flow = max(0.0, abs(over) - yield_stress) / (E + H)
+        memory += np.sign(over) * flow
+        out.append(E * (strain - memory))
+    return np.array(out)
+
+
+def masing(points, strains):
+    """Masing's rule with memory: a reversal starts the curve at twice its size, loops close."""
+    turning, stress, before, direction, out = [], 0.0, 0.0, 0, []
+    for strain in strains:
+        now = np.sign(strain - before)
+        if direction and now != direction:
+            turning.append((before, stress))
+        while turning:  # a loop that closes is forgotten; the first one closes at its mirror image
+            closes = turning[-2][0] if len(turning) > 1 else -turning[-1][0]
+            if (strain - closes) * now <= 0:
+                break
+            del turning[-2:]
+        if turning:
+            e, s = turning[-1]
+            stress = s + 2 * np.interp((strain - e) / 2, *points)
+        else:
+            stress = np.interp(strain, *points)
+        out.append(stress)
+        before, direction = strain, now
+    return np.array(out)
+
+
+def in_rate_form(points, strains, substeps=50):
+    """Parts that stop at their limits, integrated over small steps of strain."""
+    strain, stress = points
+    zero = int(np.searchsorted(strain, 0.0))
+    slopes = np.diff(stress) / np.diff(strain)
+    sides = [(strain[zero + 1 : -1], slopes[zero:]), (-strain[1:zero][::-1], slopes[:zero][::-1])]
+    n = max(len(corners) for corners, _ in sides)
+    longer = max(sides, key=lambda side: len(side[0]))[1]
+    stiffness, last = -np.diff(longer), longer[-1]
+    top, bottom = (
+        stiffness * np.append(corners, [np.inf] * (n - len(corners))) for corners, _ in sides
+    )
+    part, before, out = np.zeros(n), 0.0, []
+    for strain in strains:
+        for _ in range(substeps):
+            part = np.clip(part + stiffness * (strain - before) / substeps, -bottom, top)
+        before = strain
+        out.append(last * strain + part.sum())
+    return np.array(out)
+
+
+def from_the_largest(points, strains):
+    """Tension only: the curve at a new largest strain, below it a line down to zero."""
+    largest = np.maximum.accumulate(np.maximum(strains, 0.0))
+    slope = points[1][1] / points[0][1]
+    return np.maximum(np.interp(largest, *points) - slope * (largest - strains), 0.0)
+
+
+def cable_path(law, points, seed):
+    """Strains that grow, and go back between by up to twice what it takes to be slack."""
+    rng = np.random.default_rng(seed)
+    grow = 0.98 * points[0][-1] * np.linspace(0.02, 1, N_PATH)
+    back = np.interp(grow, *points) / float(law.modulus) * rng.uniform(0, 2, N_PATH)
+    return np.where(rng.random(N_PATH) < 0.3, grow, grow - back)
+
+
+ORACLES = {
+    "return mapping": (
+        ["steel", "perfectly plastic"],
+        lambda law, path: return_mapping(
+            210e9, 2.1e9 if law is ELASTIC["steel"] else 0.0, 235e6, path
+        ),
+    ),
+    "masing": (
+        ["steel", "four points", "perfectly plastic"],
+        lambda law, path: masing(points_of(law), path),
+    ),
+    "rate form": (list(ELASTIC), lambda law, path: in_rate_form(points_of(law), path)),
+}
+
+
+@pytest.mark.parametrize(
+    ("oracle", "name"), [(o, name) for o, (names, _) in ORACLES.items() for name in names]
+)
+def test_elastic_unloading_over_a_random_path(oracle, name):
+    law = ELASTIC[name]
+    path = random_path(law, seed=4)
+    stress = history(law, path)[0]
+    expected = ORACLES[oracle][1](law, path)
+    assert np.count_nonzero(np.abs(expected - np.interp(path, *points_of(law))) > 1e6) > 50
+    # rounding of stresses E e, added up in 120 increments (of 50 steps in the rate form)
+    steps = 6000 if oracle == "rate form" else 120
+    assert np.abs(stress - expected).max() <= steps * rounding(law) / 10
+
+
+@pytest.mark.parametrize("name", CABLES)
+def test_tension_only_unloading_over_a_random_path(name):
+    law = CABLES[name]
+    strain, stress = points_of(law)
+    points = strain[strain >= 0], stress[strain >= 0]
+    path = cable_path(law, points, seed=5)
+    got, gradient, again, _, _, slack = history(law, path)
+    expected = from_the_largest(points, path)
+    assert np.count_nonzero(expected == 0) > 10
+    assert np.count_nonzero((expected > 0) & (expected < np.interp(path, *points) - 1e6)) > 10
+    assert np.abs(got - expected).max() <= 12 * rounding(law)  # 120 increments
+    assert (got >= 0).all()
+    assert np.array_equal(slack, expected == 0)
+    assert np.abs(gradient - got).max() <= 12 * rounding(law)
+    assert np.abs(again - got).max() <= 12 * rounding(law)
+
+
+# --- along a path, and at the plastic strains it has left
+
+
+@pytest.mark.parametrize("name", ELASTIC)
+def test_consistency_along_a_path(name):
+    """Energy against stress, a settled state against the one it came from, and the inverse."""
+    law = ELASTIC[name]
+    path = random_path(law, seed=6)
+    stress, gradient, again, back, memory, _ = history(law, path)
+    # a part's stress is a difference of strain and plastic strain
+    assert np.abs(gradient - stress).max() <= 10 * rounding(law)
+    assert np.abs(again - stress).max() <= 10 * rounding(law)
+    assert np.count_nonzero(np.any(np.diff(memory, axis=0) != 0, axis=1)) > 20
+    if name != "perfectly plastic":  # on a plateau many strains have one stress
+        slopes = np.diff(law.stress) / np.diff(law.strain)
+        assert np.abs(back - path).max() <= 10 * rounding(law) / slopes.min()
+
+
+@pytest.mark.parametrize("law", [ELASTIC["steel"], ELASTIC["unsymmetric yield"], *CABLES.values()])
+def test_energy_at_given_plastic_strains_starts_from_zero_and_is_convex(law):
+    strain, _ = points_of(law)
+    at = np.linspace(max(strain[0], -0.5 * strain[-1]), strain[-1], 301)
+    memory = history(law, [0.6 * strain[-1]])[4]
+    stress, _, energy, gradient, *_ = evaluate(law, at, memory)
+    assert np.abs(gradient - stress).max() <= 10 * rounding(law)
+    assert (np.diff(stress) >= -10 * rounding(law)).all()
+    # trapezia of a piecewise linear stress err only where a corner lies inside a cell
+    step = at[1] - at[0]
+    trapezia = np.cumsum(0.5 * (stress[1:] + stress[:-1]) * step)
+    missed = 0.25 * float(law.modulus) * step**2 * (2 * law.n_memory + 1)
+    assert np.abs(energy[1:] - energy[0] - trapezia).max() <= missed
+
+
+def test_closed_form_path_of_steel():
+    """Load, unload, yield backwards after twice the yield strain."""
+    law = materials.steel()
+    fy, tangent, e1, e2 = 235e6, 2.1e9, 0.010, 0.002
+    ey = fy / 210e9
+    s1 = fy + tangent * (e1 - ey)
+    reverse = s1 - 210e9 * 2 * ey - tangent * (e1 - 2 * ey - e2)
+    stress, _, _, _, memory, _ = history(law, [e1, e1 - s1 / 210e9, e2])
+    # a few roundings of the stress E e = 2.1 GPa
+    assert np.abs(stress - np.array([s1, 0.0, reverse])).max() <= 1e-5
+    expected = np.array([[e1 - ey], [e1 - ey], [e2 + ey]])
+    assert np.abs(memory - expected).max() <= 1e-16  # one rounding of a strain of 0.01
+    distance = evaluate(law, [e1, e1 - 2 * ey], memory[0])[4]
+    assert distance.max() <= 4e-18  # both are corners, to a rounding of a strain of 0.01
+    beside = [e1 + 1e-9, e1 - 1e-9, e1 - 2 * ey + 1e-9, e1 - 2 * ey - 1e-9]
+    slopes = evaluate(law, beside, memory[0])[1]
+    assert np.allclose(slopes, [tangent, 210e9, 210e9, tangent], rtol=1e-14)
+
+
+def test_closed_form_path_of_a_strand():
+    """Load beyond yield, go slack, reload from the slack strain, go on along the curve."""
+    law = materials.strand()
+    fp, e1 = 0.9 * 1860e6, 0.015
+    ey, end = fp / 195e9, 0.02 / 0.9
+    tangent = (1860e6 - fp) / (end - ey)
+    s1 = fp + tangent * (e1 - ey)
+    slack = e1 - s1 / 195e9
+    path = np.array([e1, slack - 1e-3, slack + 1e-3, -0.01, 0.5 * (e1 + slack), 0.02])
+    expected = np.array([s1, 0, 195e6, 0, 0.5 * s1, fp + tangent * (0.02 - ey)])
+    stress, _, _, _, memory, slack = history(law, path)
+    # a few roundings of the stress E e = 3.9 GPa
+    assert np.abs(stress - expected).max() <= 1e-5
+    # first loading moves it, going slack and back does not; a rounding of a strain of 0.01
+    assert np.abs(memory[:5, 0] - (e1 - ey)).max() <= 1e-16
+    assert memory[5, 0] == pytest.approx(0.02 - ey, rel=1e-14)
+    assert slack.tolist() == [False, True, False, True, False, False]
+
+
+@pytest.mark.parametrize("name", CABLES)
+def test_inverse_of_a_strand_that_has_yielded(name):
+    """From the strain at which it goes slack; zero stress is reached there."""
+    law = CABLES[name]
+    strain, stress = points_of(law)
+    e1 = 0.6 * strain[-1]
+    memory = history(law, [e1])[4][0]
+    slack = e1 - float(np.interp(e1, strain, stress)) / float(law.modulus)
+    at = np.append(slack, np.random.default_rng(8).uniform(slack, strain[-1], 100))
+    pull = evaluate(law, at, memory)[0]
+    got, _ = invert(law, np.append(0.0, pull[1:]), memory)  # the first is zero but for rounding
+    slopes = np.diff(stress) / np.diff(strain)
+    assert np.abs(got - at).max() <= 10 * rounding(law) / slopes.min()
+    assert np.isnan(invert(law, [-1e6], memory)[0]).all()
+
+
+@pytest.mark.parametrize("name", ELASTIC)
+def test_inverse_at_given_plastic_strains_is_nan_beyond_the_ends(name):
+    law = ELASTIC[name]
+    memory = history(law, random_path(law, seed=7, n=10))[4][-1]
+    ends = evaluate(law, points_of(law)[0][[0, -1]], memory)[0]
+    size = np.abs(ends).max()
+    assert np.isnan(invert(law, ends + 1e-9 * size * np.array([-1, 1]), memory)[0]).all()
+    inside, _ = invert(law, ends - 1e-9 * size * np.array([-1, 1]), memory)
+    assert np.isfinite(inside).all()
+
+
+@pytest.mark.parametrize("name", ["steel", "strand"])
+def test_distance_from_a_corner_after_yield(name):
+    """Corners: yield again, yield backwards or go slack, and the ends of the curve."""
+    law = {**ELASTIC, **CABLES}[name]
+    strain, stress = points_of(law)
+    modulus = float(law.modulus)
+    e1 = 0.6 * strain[-1]
+    s1 = np.interp(e1, strain, stress)
+    memory = history(law, [e1])[4][0]
+    if name == "steel":
+        corners = np.array([strain[0], e1 - 2 * 235e6 / modulus, e1, strain[-1]])
+    else:
+        corners = np.array([e1 - s1 / modulus, e1, strain[-1]])
+    at = np.concatenate([samples(law, 300), corners])
+    expected = np.abs(at[:, None] - corners).min(1)
+    got = evaluate(law, at, memory)[4]
+    # a few roundings of a strain
+    assert np.abs(got - expected).max() <= 1e-16

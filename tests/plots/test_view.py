@@ -1,0 +1,251 @@
+"""`plots.view`: the numbers in the page are those of the solution; what it refuses."""
+
+import base64
+import json
+import re
+import zipfile
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcable as jc
+from jaxcable.__main__ import main
+
+jax.config.update("jax_enable_x64", True)
+
+KINDS = {"f": "<f4", "u": "<u4", "b": "u1"}
+SINGLE = 2e-7  # relative, rounding of float32
+
+
+def decoded(page):
+    """The description in a page, and its arrays by name, read independently of the page."""
+    told = json.loads(re.search(r'id="data">(.*?)</script>', page.html, re.S)[1])
+    block = base64.b64decode(re.search(r'id="bytes">(.*?)</script>', page.html, re.S)[1])
+    arrays = {}
+    for name, (kind, offset, shape) in told["arrays"].items():
+        values = np.frombuffer(block, KINDS[kind], count=int(np.prod(shape)), offset=offset)
+        arrays[name] = values.reshape(shape)
+    for column in told["columns"]:
+        arrays[column["label"]] = arrays[column["array"]]
+    return told, arrays
+
+
+def solved(name, **options):
+    structure, phases = getattr(jc.scenes, name)(**options)
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    return structure, phases, solution
+
+
+def test_numbers_are_those_of_the_solution(tmp_path):
+    structure, _, solution = solved("hypar_net")
+    page = jc.plots.view(solution, tmp_path / "net.html", structure=structure, title="a <net>")
+    assert page.path.read_text(encoding="utf-8") == page.html
+    told, arrays = decoded(page)
+    assert told["title"] == "a <net>" and "<title>a &lt;net&gt;</title>" in page.html
+    place = np.array(told["origin"]) + arrays["start"] + arrays["moved"][-1].astype(float)
+    extent = np.ptp(np.asarray(solution.positions), axis=0).max()
+    np.testing.assert_allclose(place, solution.positions, atol=SINGLE * extent)
+    np.testing.assert_allclose(arrays["tension"][-1], solution.tension, rtol=SINGLE)
+    ends = [k for k, shot in enumerate(told["shots"]) if shot["end"]]
+    assert len(ends) == 2 and ends[-1] == len(told["shots"]) - 1
+    for k, phase in zip(ends, solution.phases, strict=True):
+        np.testing.assert_allclose(arrays["tension"][k], phase.tension, rtol=SINGLE)
+    shots = [shot for shot in told["shots"] if shot["phase"] == 2]
+    path = solution.phases[1].path
+    for shot in shots:
+        assert shot["factor"] == pytest.approx(float(path.load_factor[shot["number"] - 1]))
+    assert set(arrays["loaded"]) == set(np.flatnonzero(np.asarray(solution.load).any(axis=1)))
+    for k, phase in enumerate(solution.phases):
+        loads = np.zeros((len(place), 3))
+        loads[arrays["loaded"]] = arrays["load"][k]
+        np.testing.assert_allclose(loads, phase.load, rtol=SINGLE)
+    np.testing.assert_allclose(arrays["rest_length"][1], solution.rest_length, rtol=SINGLE)
+    np.testing.assert_allclose(
+        arrays["reactions"][1], np.asarray(solution.reactions)[arrays["held"]], rtol=1e-6
+    )
+
+
+def test_far_from_the_origin_displacements_keep_their_digits():
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    far = jc.replace(structure, nodes=np.asarray(structure.nodes) + 1e6)
+    solution = jc.solve(far, phases)
+    assert int(solution.status) == 0
+    _, arrays = decoded(jc.plots.view(solution, None))
+    np.testing.assert_allclose(arrays["moved"][-1], solution.displacement, rtol=1e-6, atol=1e-9)
+
+
+def test_only_so_many_increments_and_all_ends():
+    structure, _, solution = solved("hypar_net")
+    for frames in (1, 2, 7):
+        told, arrays = decoded(jc.plots.view(solution, None, structure=structure, frames=frames))
+        assert len(told["shots"]) == max(frames, 2) == len(arrays["moved"])
+        assert [s["end"] for s in told["shots"]].count(True) == 2
+
+
+def test_beams_are_bent_as_their_ends_turn():
+    """A cantilever: the tip's slope is P L^2 / 2 EI, and its diagram of moments a straight line."""
+    length, load = 2.0, 100.0
+    section = jc.Section.rectangle(0.04, 0.1, jc.Elastic(20e9))
+    beam = jc.Beams([[0, 1]], section=section)
+    nodes = [[0.0, 0.0, 0.0], [length, 0.0, 0.0]]
+    structure = jc.Structure(nodes, beam, supports=jc.clamped([0]))
+    phase = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -load)), increments=4)
+    solution = jc.solve(structure, phase)
+    told, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    stiffness = 20e9 * 0.04 * 0.1**3 / 12
+    tip, slope = load * length**3 / (3 * stiffness), load * length**2 / (2 * stiffness)
+    chord = tip / length
+    for k, part in enumerate((0.25, 0.5, 0.75, 1.0)):  # slopes against the chord, times its length
+        expected = part * length * np.array([chord, chord - slope])
+        np.testing.assert_allclose(arrays["bend"][k, 0, :, 2], expected, rtol=1e-4)
+    places = np.linspace(0.0, 1.0, arrays["diagrams"].shape[2])
+    moment = np.abs(arrays["diagrams"][0, 0, :, 4])
+    np.testing.assert_allclose(moment, load * length * (1 - places), rtol=1e-4, atol=1e-3)
+    assert arrays["largest My"][-1] == pytest.approx(load * length, rel=1e-4)
+    assert np.isnan(arrays["largest My"][0]) and told["shots"][0]["factor"] == 0.25
+    np.testing.assert_allclose(arrays["axes"][0, 0], [[0, 1, 0], [0, 0, 1]], atol=1e-3)
+
+
+@pytest.mark.parametrize("points", [3, 5, 8])
+def test_diagrams_at_the_ends_of_phases(points):
+    """Under a load along it: a parabola per phase; and as `section_forces` has them at the end."""
+    length, load = 3.0, np.array([2e3, 3e3])
+    section = jc.Section.rectangle(0.1, 0.3, jc.Elastic(200e9))
+    beam = jc.Beams([[0, 1]], section=section, points=points)
+    ends = jc.restrained([0], "xyz", "x") + jc.restrained([1], "yz")
+    structure = jc.Structure([[0.0, 0, 0], [length, 0, 0]], beam, supports=ends)
+    phases = [jc.Phase(loads=jc.LineLoads((0.0, 0.0, -q))) for q in load]
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    x = length * np.linspace(0.0, 1.0, arrays["diagrams"].shape[2])
+    for found, q in zip(arrays["diagrams"][:, 0], np.cumsum(load), strict=True):
+        largest = q * length**2 / 8
+        expected = q * x * (length - x) / 2  # small displacements: 1e-5 of the length
+        np.testing.assert_allclose(np.abs(found[:, 4]), expected, atol=1e-4 * largest)
+        np.testing.assert_allclose(np.abs(found[:, 2]), np.abs(q * (length / 2 - x)), atol=q)
+    exact = jc.section_forces(structure, solution, len(x))[0]
+    np.testing.assert_allclose(arrays["diagrams"][-1, 0, :, 4], exact[:, 4], atol=1e-4 * largest)
+
+
+def test_diagrams_of_beams_that_turn_far():
+    structure, _, solution = solved("toggle_frame")
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    n = arrays["diagrams"].shape[2]
+    exact = np.concatenate(jax.tree.leaves(jc.section_forces(structure, solution, n)))
+    forces, moments = np.abs(exact[..., :3]).max(), np.abs(exact[..., 3:]).max()
+    error = np.abs(arrays["diagrams"][-1] - exact)  # cubics between the points: `curved._along`
+    assert error[..., :3].max() < 1e-3 * forces and error[..., 3:].max() < 1e-3 * moments
+
+
+def test_catenaries_hang_in_every_phase():
+    structure, phases, solution = solved("suspended_cable")
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    n = arrays["sag"].shape[2] + 2
+    parts = np.linspace(0, 1, n)[1:-1, None]
+    for k in range(len(phases)):
+        alone = jc.solve(structure, phases[: k + 1])
+        curve = np.asarray(jax.tree.leaves(jc.forms.catenary_curves(structure, alone, n))[0])
+        chord = (1 - parts) * curve[:, :1] + parts * curve[:, -1:]
+        np.testing.assert_allclose(arrays["sag"][k], curve[:, 1:-1] - chord, atol=1e-5)
+
+
+def test_slack_cables_and_struts_differ():
+    structure, _, solution = solved("geiger_dome")
+    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    force = np.concatenate([np.asarray(x) for x in jax.tree.leaves(solution.tension)])
+    np.testing.assert_array_equal(arrays["looks"][-1] & 2 != 0, force < 0)
+    assert (force < 0).any()
+
+
+def test_a_failed_analysis_shows_what_converged():
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
+    with pytest.raises(ValueError, match="solution: has no converged increment"):
+        jc.plots.view(jc.solve(structure, phases[1:], jc.Newton(max_steps=1)), None)
+    told, arrays = decoded(jc.plots.view(failed, None, structure=structure))
+    assert [shot["phase"] for shot in told["shots"]] == [1] and "Not to the end" in told["note"]
+    np.testing.assert_allclose(arrays["tension"][0], failed.last.tension, rtol=SINGLE)
+
+
+def test_a_truss_that_snaps_through_shows_its_way_there():
+    """A load beyond the limit: the slider ends within the phase, with the loads of that factor."""
+    structure, phases = jc.scenes.von_mises_truss(rise=0.1, load=500.0)
+    phases = [jc.replace(phases[0], increments=20)]
+    failed = jc.solve(structure, phases, jc.Newton(max_steps=4))
+    last = failed.last
+    assert int(failed.status) != 0 and 0 < float(last.load_factor) < 1
+    told, arrays = decoded(jc.plots.view(failed, None, structure=structure))
+    shot = told["shots"][-1]
+    assert shot["end"] and shot["factor"] == pytest.approx(float(last.load_factor))
+    assert f"load factor {float(last.load_factor):.3g}" in told["note"]
+    load = arrays["load"][-1, list(arrays["loaded"]).index(1), 2]
+    assert load == pytest.approx(-500.0 * shot["factor"], rel=SINGLE)
+
+
+def test_what_is_refused(tmp_path):
+    structure, phases = jc.scenes.flat_net()
+    solution = jc.solve(structure, phases)
+    view = jc.plots.view
+    with pytest.raises(ValueError, match=r"path = .*\.html"):
+        view(solution, tmp_path / "net.png")
+    for frames in (0, 2.5, True):
+        with pytest.raises(ValueError, match="frames = "):
+            view(solution, None, frames=frames)
+    with pytest.raises(ValueError, match="colour = 'stress'"):
+        view(solution, None, colour="stress")
+    with pytest.raises(ValueError, match="structure: its links"):
+        view(solution, None, structure=jc.scenes.hypar_net().structure)
+    with pytest.raises(ValueError, match=r"got State; pass the solution .* solution\.last"):
+        view(solution.last, None)
+    truss = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))
+    for path in (truss, solution.phases[1].path):
+        with pytest.raises(ValueError, match=r"got (Traced)?Path; .* plots\.path"):
+            view(path, None)
+    with pytest.raises(ValueError, match="expected a Solution, got int"):
+        view(3, None)
+    with pytest.raises(ValueError, match="solution: is a batch"):
+        view(jax.tree.map(lambda x: np.stack([x, x]), solution), None)
+
+
+def test_page_needs_nothing_else_and_texts_cannot_break_it():
+    structure, phases = jc.scenes.flat_net()
+    evil = "</script><script>alert(1)</script>"
+    named = jc.replace(structure, elements={evil: structure.elements})
+    page = jc.plots.view(jc.solve(named, phases), None, structure=named, title=evil)
+    assert page.path is None and page.html.count("</script>") == 3
+    for word in ("http://", "https://", "src=", "import("):
+        assert word not in page.html.replace("http://www.w3.org/2000/svg", "")
+    frame = page._repr_html_()
+    assert frame.startswith("<iframe") and "<script" not in frame
+
+
+def test_command_writes_and_opens_it(tmp_path, monkeypatch, capsys):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    scene, out = tmp_path / "net.json", tmp_path / "seen.html"
+    jc.save_scene(scene, jc.scenes.flat_net())
+    assert main(["view", str(scene), "--save", str(out)]) == 0
+    assert opened == [out.resolve().as_uri()] and f"wrote {out}" in capsys.readouterr().out
+    assert main(["view", str(scene), "--save", str(out), "--no-open", "--quiet"]) == 0
+    assert len(opened) == 1 and capsys.readouterr().out == ""
+    assert main(["view", str(scene), "--save", str(tmp_path / "x.png")]) == 2
+    assert "--save" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_wheel_has_the_page_and_the_first_scenes(tmp_path):
+    import subprocess
+    import sys
+    from pathlib import Path
+
+    root = Path(__file__).parents[2]
+    command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(tmp_path)]
+    subprocess.run([*command, str(root)], check=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    for folder in ("plots/viewer", "cli/templates"):
+        for own in (root / "jaxcable" / folder).iterdir():
+            assert f"jaxcable/{folder}/{own.name}" in names

@@ -1,0 +1,67 @@
+"""Figures in README.md and experiments/README.md are those of the result files."""
+
+import ast
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import choose_tests
+import pytest
+
+_PATH = Path(__file__).parents[2] / "experiments" / "claims.py"
+_SPEC = importlib.util.spec_from_file_location("claims", _PATH)
+claims = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(claims)
+
+
+@pytest.mark.parametrize("claim", claims.CLAIMS, ids=lambda own: own.pattern[:40])
+def test_figures_are_those_of_the_results(claim):
+    """`python experiments/claims.py` puts them right."""
+    text = (claims.ROOT / claim.file).read_text()
+    assert claims.corrected(claim, text) == text
+
+
+def test_a_changed_result_is_seen(tmp_path, monkeypatch):
+    """A figure more in a result file, and one less in the text."""
+    for path in claims.RESULTS.glob("*.*"):
+        if path.suffix in (".txt", ".json"):
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    found = json.loads((tmp_path / "first_call.json").read_text())
+    found["flat net"]["plain"]["first"] += 100.0
+    (tmp_path / "first_call.json").write_text(json.dumps(found))
+    monkeypatch.setattr(claims, "RESULTS", tmp_path)
+    text = (claims.ROOT / "README.md").read_text()
+    (own,) = (c for c in claims.CLAIMS if c.pattern.startswith("The first call takes"))
+    assert claims.corrected(own, text) != text
+    with pytest.raises(ValueError, match="0 places match"):
+        claims.corrected(own, text.replace("The first call takes", "The first call needs"))
+
+
+NAMED = re.findall(
+    r"`(tests/[\w/]+\.py)::(\w+)`", (claims.ROOT / "experiments/README.md").read_text()
+)
+
+
+@pytest.mark.parametrize(("file", "name"), NAMED, ids=[name for _, name in NAMED])
+def test_a_test_behind_a_claim_runs_by_default(file, name):
+    """Not marked slow as a whole; single cases of it may be, at larger sizes."""
+    tree = ast.parse((claims.ROOT / file).read_text())
+    found = [n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == name]
+    assert len(found) == 1
+    marks = [ast.unparse(own) for own in found[0].decorator_list]
+    everything = [
+        ast.unparse(n.value) for n in tree.body if ast.unparse(n).startswith("pytestmark")
+    ]
+    assert "pytest.mark.slow" not in marks + everything
+    assert f"{file.removeprefix('tests/')}::{name}" not in choose_tests.left_out()
+
+
+def test_every_row_of_the_validation_names_what_shows_it():
+    text = (claims.ROOT / "experiments/README.md").read_text()
+    table = text.split("| check | result | shown by |")[1].split("\n\n")[0]
+    rows = [row for row in table.splitlines()[2:] if row]
+    assert len(rows) > 30
+    for row in rows:
+        shown = row.rsplit("|", 2)[1]
+        assert re.search(r"`tests/[\w/]+\.py::\w+`|`experiments/\w+\.py`", shown), row

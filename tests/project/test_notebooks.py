@@ -1,0 +1,79 @@
+"""Notebooks: their text sources run, and the notebooks hold the same cells with their outputs.
+
+The first runs in `make test`, the others in `make test-all`.
+"""
+
+import json
+import re
+import time
+from pathlib import Path
+
+import jax
+import matplotlib
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "notebooks"
+SOURCES = sorted(FOLDER.glob("*.py"))
+LIMIT = 60.0  # seconds that a notebook may take on two cores, compilation included
+
+
+def cells(path):
+    """Pairs (kind, text) of a source in the percent format: code and markdown cells in turn."""
+    text = path.read_text()
+    text = re.sub(r"\A# ---\n.*?# ---\n", "", text, flags=re.S)  # the header of jupytext
+    found = []
+    for part in re.split(r"^# %%", text, flags=re.M)[1:]:
+        head, _, body = part.partition("\n")
+        if "[markdown]" in head:
+            lines = [line.removeprefix("#").removeprefix(" ") for line in body.strip().splitlines()]
+            found.append(("markdown", "\n".join(lines)))
+        else:
+            found.append(("code", body.strip()))
+    return found
+
+
+def outputs(path):
+    """The outputs of all code cells of a notebook."""
+    notebook = json.loads(path.read_text())
+    return [out for cell in notebook["cells"] for out in cell.get("outputs", ())]
+
+
+def test_there_are_eight():
+    assert [path.name[:2] for path in SOURCES] == [f"{k:02d}" for k in range(1, 9)]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: p.stem)
+def test_a_notebook_has_the_cells_of_its_source_and_their_outputs(path):
+    notebook = path.with_suffix(".ipynb")
+    kept = json.loads(notebook.read_text())["cells"]
+    assert [(c["cell_type"], "".join(c["source"]).strip()) for c in kept] == cells(path)
+    assert [c["execution_count"] for c in kept if c["cell_type"] == "code"] == list(
+        range(1, 1 + sum(c["cell_type"] == "code" for c in kept))
+    )
+    made = outputs(notebook)
+    assert not [out for out in made if out["output_type"] == "error"]
+    assert any("image/png" in out.get("data", {}) for out in made)  # it shows a picture
+    assert any(out.get("name") == "stdout" for out in made)  # and prints numbers
+    assert notebook.stat().st_size < 1_500_000
+    kind, text = cells(path)[0]
+    assert kind == "markdown" and text.startswith("# ") and "?" in text  # it opens with a question
+    last = [text for kind, text in cells(path) if kind == "code"][-1]
+    assert "assert " in last  # and ends with a checked number
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p if p.name.startswith("01") else pytest.param(p, marks=pytest.mark.slow) for p in SOURCES],
+    ids=lambda p: p.stem,
+)
+@pytest.mark.filterwarnings("ignore:fuse_loops")  # jax has computed in this process
+def test_a_notebook_runs(path, tmp_path, monkeypatch):
+    matplotlib.use("Agg")
+    monkeypatch.chdir(tmp_path)
+    names = {"__name__": "__main__"}
+    begin = time.monotonic()
+    with jax.enable_x64(jax.config.jax_enable_x64):
+        for kind, text in cells(path):
+            if kind == "code":
+                exec(compile(text, str(path), "exec"), names)
+    assert time.monotonic() - begin < 3 * LIMIT  # of a machine that does other work beside it

@@ -1,0 +1,261 @@
+"""The largest force along an element: catenaries by quadrature, and everywhere it is judged."""
+
+import jax
+import jax.numpy as jnp
+import meshio
+import numpy as np
+import pytest
+import scipy.optimize
+from oracles.taylor import slope
+
+import jaxcable as jc
+from jaxcable.cli.solve import highlights
+from jaxcable.common.tree import copy
+from jaxcable.mechanics.elementwise import each
+from jaxcable.plots import members, stages
+
+EA, WEIGHT, STRENGTH = 80e6, 500.0, 1e6
+NODES = np.array([[0.0, 0, 0], [200.0, 0, 300.0], [0.0, 0, 300.0]])
+
+
+def guy(stiffness=EA, weight=WEIGHT, strength=STRENGTH):
+    """A guy up to 300 m, beside a straight cable and a bar, all between supports."""
+    parts = {
+        "guy": jc.Catenaries([[0, 1]], axial_stiffness=stiffness, weight=weight, strength=strength),
+        "mast": jc.Bars([[0, 2]], axial_stiffness=1e9, strength=2e6),
+        "tie": jc.Cables([[1, 2]], axial_stiffness=1e7, weight=10.0),
+    }
+    return jc.Structure(NODES, parts, jc.pinned([0, 1, 2]))
+
+
+def alone(**group):
+    return jc.Structure(NODES[:2], jc.Catenaries([[0, 1]], **group), jc.pinned([0, 1]))
+
+
+HUNG = jc.Phase(
+    sag={"guy": 40.0, "mast": None, "tie": None},
+    pretension={"guy": None, "mast": -1e5, "tie": 2e4},
+    loads=jc.SelfWeight(),
+    increments=2,
+)
+
+
+@pytest.fixture(scope="module")
+def hung():
+    structure = guy()
+    solution = jc.solve(structure, HUNG)
+    assert int(solution.status) == 0
+    return structure, solution
+
+
+def by_quadrature(length, stiffness, weight):
+    """End tensions, N, low and high: places by Gauss's rule along the unstressed length."""
+    points, shares = np.polynomial.legendre.leggauss(200)
+    s, ds = 0.5 * length * (points + 1), 0.5 * length * shares
+
+    def ends(force):
+        v = force[1] + weight * s
+        stretched = (1 + np.hypot(force[0], v) / stiffness) / np.hypot(force[0], v) * ds
+        return np.array([force[0] * stretched.sum(), (v * stretched).sum()])
+
+    found = scipy.optimize.root(lambda f: ends(f) - NODES[1, ::2], [5e4, 1e4], tol=1e-13)
+    assert np.abs(ends(found.x) - NODES[1, ::2]).max() < 1e-9
+    h, v = found.x
+    return np.hypot(h, v), np.hypot(h, v + weight * length)
+
+
+def test_a_guy_of_300_metres(hung):
+    """The top has 0.29 of its strength where the mean of both ends says 0.22."""
+    structure, solution = hung
+    low, high = by_quadrature(float(solution.rest_length["guy"][0]), EA, WEIGHT)
+    # the quadrature of 200 points and its root are good to 1e-12
+    assert float(solution.peak_tension["guy"][0]) == pytest.approx(high, rel=1e-10)
+    assert float(solution.tension["guy"][0]) == pytest.approx((low + high) / 2, rel=1e-10)
+    used = jc.design.utilisation(structure, solution)
+    assert float(used["guy"][0]) == pytest.approx(high / STRENGTH, rel=1e-10)
+    mean = jc.design.utilisation(structure, solution.tension)["guy"][0]
+    assert used["guy"][0] > 0.29 and mean < 0.22
+
+
+def test_inextensible_tension_rises_by_the_weight_of_the_height():
+    """T_top - T_bottom = w h, whatever the sag, from the mean and the peak alone."""
+    structure = guy(stiffness=1e14)
+    solution = jc.solve(structure, HUNG)
+    assert int(solution.status) == 0
+    peak, mean = (float(v["guy"][0]) for v in (solution.peak_tension, solution.tension))
+    # it stretches by 2e5 / 1e14, and 300 m of 1e14 N are known to eps
+    assert 2 * (peak - mean) == pytest.approx(WEIGHT * 300, rel=1e-7)
+
+
+def test_utilisation_of_all_that_has_peaks(hung):
+    structure, solution = hung
+    peak = solution.peak_tension
+    used = jc.design.utilisation(structure, peak)
+    assert used["tie"] is None and float(used["mast"][0]) == pytest.approx(1e5 / 2e6, rel=1e-12)
+    for given in (solution, solution.last, solution.phases[0]):
+        found = jc.design.utilisation(structure, given)
+        assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), found, used))
+    path = jc.design.utilisation(structure, solution.phases[0].path)
+    assert path["guy"].shape == (2, 1) and path["guy"][-1] == used["guy"]
+    batch = jax.tree.map(lambda a: jnp.stack([a, a]), solution)
+    assert jc.design.utilisation(structure, batch)["guy"].shape == (2, 1)
+    with pytest.raises(ValueError, match="tension: has 1 arrays, the structure 3 groups"):
+        jc.design.utilisation(structure, peak["guy"])
+
+
+def test_who_has_one_force_shares_it(hung):
+    """Neither computed nor kept twice: the same arrays, and nothing of it in the program."""
+    _, solution = hung
+    for part in (solution, solution.last, *solution.phases, solution.phases[0].path):
+        for name in ("mast", "tie"):
+            assert part.peak_tension[name] is part.tension[name]
+        assert part.peak_tension["guy"] is not part.tension["guy"]
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    net = jc.solve(structure, phases)
+    assert int(net.status) == 0 and net.peak_tension is net.tension
+    without = jc.solve(alone(axial_stiffness=EA), jc.Phase(pretension=1e4))
+    assert int(without.status) == 0 and without.peak_tension is without.tension
+
+
+def test_failures_have_none():
+    phases = [
+        jc.Phase(sag=40.0, loads=jc.SelfWeight()),
+        jc.Phase(loads=jc.LineLoads((0.0, 0.0, np.nan))),
+    ]
+    solution = jc.solve(alone(axial_stiffness=EA, weight=WEIGHT), phases)
+    assert int(solution.status) == jc.status.NONFINITE
+    assert bool(jnp.isnan(solution.peak_tension).all())
+    assert bool(jnp.isnan(solution.phases[1].path.peak_tension).all())
+    assert float(solution.last.peak_tension[0]) > 1.9e5
+
+
+def test_the_larger_end_tension_differentiates():
+    """Taylor test of the element by chord, stiffness, weight and unstressed length."""
+
+    @jax.jit
+    @jax.value_and_grad
+    def there(p):
+        group = jc.Catenaries([[0, 1]], axial_stiffness=EA * p[1], rest_length=370.0 * p[3])
+        group = copy(group, links=group.links.array)
+        nodes = p[0] * NODES[:2]
+        load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
+        state = copy(group.start(nodes[group.links]), line_load=load)
+        return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
+
+    def peak(p):
+        return there(p)[0]
+
+    p = jnp.ones(4)
+    value, gradient = there(p)
+    assert float(value) == pytest.approx(by_quadrature(370.0, EA, WEIGHT)[1] / 1e6, rel=1e-10)
+    assert slope(peak, p, gradient) == pytest.approx(2, abs=0.1)
+    assert slope(peak, p, 1.02 * gradient) < 1.5
+
+
+@pytest.mark.slow
+def test_utilisation_differentiates():
+    """Taylor test by stiffness, weight and strength."""
+
+    @jax.jit
+    def used(p):
+        stiffness, weight, strength = EA * p[0], WEIGHT * p[1], STRENGTH * p[2]
+        structure = alone(axial_stiffness=stiffness, weight=weight, strength=strength)
+        solution = jc.solve(structure, jc.Phase(sag=40.0, loads=jc.SelfWeight()))
+        return jc.design.utilisation(structure, solution)[0]
+
+    p = jnp.ones(3)
+    gradient = jax.jit(jax.grad(used))(p)
+    assert float(used(p)) == pytest.approx(0.1904, abs=1e-4)
+    assert float(gradient[2]) == pytest.approx(-float(used(p)), rel=1e-12)
+    assert slope(used, p, gradient, 10) == pytest.approx(2, abs=0.1)
+    assert slope(used, p, 1.05 * gradient, 10) < 1.5
+
+
+# --- where strength is judged
+
+
+def test_reports_pictures_and_files_use_it(hung, tmp_path):
+    structure, solution = hung
+    peak, mean = (float(v["guy"][0]) for v in (solution.peak_tension, solution.tension))
+    table = jc.report(structure, solution).tables["members"]
+    (row,) = [row for row in table.rows if row[0] == "guy"]
+    assert row[4] == row[5] == row[7] == peak and row[9] == row[10] == peak / STRENGTH
+    assert "force of a catenary: the larger of the tensions at its two ends" in table.notes
+    batch = jax.tree.map(lambda a: jnp.stack([a, a]), solution)
+    cases = jc.report(structure, solution, cases=batch).tables["members"]
+    assert [row[7] for row in cases.rows] == [row[7] for row in table.rows]
+
+    _, shown, _ = stages.stages_of(solution, structure, colour="utilisation")
+    assert [stage.forces.value[0] for stage in shown] == [peak / STRENGTH] * 2
+    _, shown, _ = stages.stages_of(solution, structure)
+    assert shown[0].forces.value[0] == mean  # coloured by tension it is the mean
+    used = members.Forces(solution.tension, solution.links, structure, "utilisation").value[0]
+    assert used == mean / STRENGTH  # forces as they are
+
+    assert highlights(solution)[1] == f"forces: -100000 to {peak:.6g} N"
+
+    for name in ("r.npz", "r.json"):
+        jc.files.save_result(tmp_path / name, structure, solution)
+        read = jc.files.load_result(tmp_path / name)
+        assert read["peak_tension.guy"] == read["last.peak_tension.guy"] == peak
+        assert read["phase1.peak_tension.guy"][-1] == peak and read["tension.guy"] == mean
+    paths = jc.files.save_result(tmp_path / "r.csv", structure, solution)
+    head, first, *_ = (line.split(",") for line in paths[1].read_text().split("\n"))
+    assert head[-1] == "peak tension (N)" and float(first[-1]) == peak
+    jc.files.save_vtk(tmp_path / "r.vtk", structure, solution)
+    cells = meshio.read(tmp_path / "r.vtk").cell_data
+    assert cells["peak_tension"][0].ravel()[0] == peak and cells["tension"][0].ravel()[0] == mean
+    *_, last = jc.files.save_vtk(tmp_path / "s.vtk", structure, solution, increments=True)
+    assert meshio.read(last).cell_data["peak_tension"][0].ravel()[0] == peak
+
+
+def test_moving_pictures_use_it(hung):
+    from jaxcable.plots.animation import _shots
+
+    structure, solution = hung
+    shots = _shots(solution, NODES, structure, 1.0, "utilisation", 60)
+    path = solution.phases[0].path.peak_tension["guy"]
+    shown = [shot.forces.value[0] for shot in shots]
+    # a quotient of NumPy and one of XLA may differ by a rounding
+    np.testing.assert_allclose(shown, path[:, 0] / STRENGTH, rtol=4e-16)
+
+
+def test_material_for_the_largest_force(hung):
+    _, solution = hung
+    by_hand = sum(
+        abs(float(solution.peak_tension[name][0])) * float(solution.rest_length[name][0])
+        for name in ("guy", "mast", "tie")
+    )
+    # floats in another order
+    assert float(jc.design.material_use(solution, 1e6)) == pytest.approx(by_hand / 1e6, rel=1e-14)
+
+
+@pytest.mark.slow
+def test_traced_paths_have_it():
+    """The same as the increments of an analysis at the same load factors."""
+    nodes = np.array([[0.0, 0, 0], [50, 0, -10], [100, 0, 0]])
+    cable = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=1e7, weight=50.0, rest_length=52.0)
+    structure = jc.Structure(nodes, cable, jc.pinned([0, 2]))
+    phases = [
+        jc.Phase(loads=jc.SelfWeight()),
+        jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -3e3))),
+    ]
+    path = jc.trace_path(structure, phases)
+    solution = jc.solve(structure, phases)
+    assert int(path.status) == int(solution.status) == 0
+    np.testing.assert_allclose(path.peak_tension[-1], solution.peak_tension, rtol=1e-8)  # its tol
+    assert (path.peak_tension > path.tension + 100).all()
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0], ids=["standing", "hanging"])
+def test_columns_have_their_largest_force_at_the_support(up):
+    """Two beams of 2 m and 300 N/m below or above 1 kN: N is -(P + w L) or P + w L at the foot."""
+    nodes = np.array([[0.0, 0, 0], [0, 0, 2 * up], [0, 0, 4 * up]])
+    section = jc.Section.rectangle(0.2, 0.2, jc.Elastic(2e11))
+    column = jc.Beams([[0, 1], [1, 2]], section=section, weight=300.0)
+    loads = [jc.SelfWeight(), jc.NodalLoads([2], [[0.0, 0.0, -1000.0]])]
+    solution = jc.solve(jc.Structure(nodes, column, jc.clamped([0])), jc.Phase(loads=loads))
+    assert int(solution.status) == 0
+    # to the tolerance of the analysis; the supports give way by 1e-6 of a length
+    expected = -up * np.array([2200.0, 1600.0])
+    assert np.asarray(solution.peak_tension) == pytest.approx(expected, rel=1e-8)

@@ -1,0 +1,323 @@
+"""Strains of a section from its forces: random forces, the capacity, derivatives."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.fibres import LONG, REVERSIBLE, SECTIONS, STEEL_YIELD, law_sum, sizes, tangent
+
+import jaxcable as jc
+from jaxcable import materials
+from jaxcable.common import status
+from jaxcable.sections import Section
+
+# --- equilibrium of the section
+
+
+@jax.jit
+def solve(section, target):
+    return section.strains(*target.T)
+
+
+def feasible(section, n=1000, seed=5):
+    """Random strains up to just before the end of the first fibre, most of them small."""
+    rng = np.random.default_rng(seed)
+    y, z = np.asarray(section.y), np.asarray(section.z)
+    size = max(np.abs(y).max(), np.abs(z).max())
+    way = rng.normal(size=(n, 3))
+    way = way / np.linalg.norm(way, axis=1, keepdims=True) / [1, size, size]
+    rate = way[:, :1] + way[:, 1:2] * z - way[:, 2:] * y
+    reach = np.inf
+    parts = np.split(rate, np.cumsum(section.counts)[:-1], axis=1)
+    for law, part in zip(section.laws, parts, strict=True):
+        end = np.where(part > 0, float(law.strain[-1]), float(law.strain[0]))
+        reach = np.minimum(reach, (end / part).min(1))
+    return way * (0.999 * reach * 10 ** rng.uniform(-2.5, 0, n))[:, None]
+
+
+def least_stiffness(section, strains):
+    """Smallest eigenvalue of the tangent relative to that of the unused section, per strain."""
+    y, z, area = (np.asarray(v) for v in (section.y, section.z, section.area))
+    radius = np.sqrt([(area * z**2).sum() / area.sum(), (area * y**2).sum() / area.sum()])
+    lever = np.stack([np.ones_like(y), z / radius[0], -y / radius[1]], axis=1)
+    e = strains @ (lever * [1, *radius]).T
+
+    def least(modulus):
+        return np.linalg.eigvalsh(np.einsum("nf,fi,fj->nij", modulus * area, lever, lever))[:, 0]
+
+    moduli, initial = [], []
+    parts = np.split(e, np.cumsum(section.counts)[:-1], axis=1)
+    for law, part in zip(section.laws, parts, strict=True):
+        slopes = np.diff(law.stress) / np.diff(law.strain)
+        moduli.append(slopes[np.clip(np.searchsorted(law.strain, part) - 1, 0, len(slopes) - 1)])
+        initial.append(np.full_like(part, slopes.max()))
+    return least(np.concatenate(moduli, 1)) / least(np.concatenate(initial, 1))
+
+
+@functools.cache
+def solved(name):
+    """All of one section: 1000 feasible forces, 100 infeasible, the surface twice."""
+    section = SECTIONS[name]
+    strains = feasible(section)
+    inside = law_sum(section, strains)
+    # beyond what all fibres together can carry, whatever the strains
+    outside = 1.01 * inside[:100] / (np.abs(inside[:100]) / sizes(section)).max(1, keepdims=True)
+    surface = jax.jit(lambda s: s.interaction(n_angle=10, n_axial=11))(section)
+    surface = np.stack([np.asarray(v).ravel() for v in surface], axis=1)
+    target = np.concatenate([inside, outside, 0.999 * surface, 1.001 * surface])
+    state = jax.tree.map(np.asarray, solve(section, target))
+    return strains, target, surface, np.stack(state.strain, axis=1), state
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_equilibrium_of_random_forces(name):
+    section = SECTIONS[name]
+    strains, target, _, found, state = solved(name)
+    target, found = target[:1000], found[:1000]
+    assert (state.status[:1000] == status.OK).all()
+    # 64 eps of the forces of all fibres is what the iteration ends at
+    error = np.abs(law_sum(section, found) - target) / sizes(section)
+    assert error.max() <= 1e-10
+    # Strains are no better than the forces over the tangent. Without a stiff part, or with one on
+    # a single line of fibres, a perfectly plastic section has no unique strains at all.
+    y, z = np.asarray(section.y), np.asarray(section.z)
+    e = strains[:, :1] + strains[:, 1:2] * z - strains[:, 2:] * y
+    elastic = (np.abs(e) < STEEL_YIELD) @ np.asarray(section.area) / np.sum(section.area)
+    firm = (elastic >= 0.1) & (least_stiffness(section, strains) > 1e-6)
+    assert firm.sum() > 600
+    size = max(np.abs(y).max(), np.abs(z).max())
+    error = np.abs(found - strains)[firm] * [1, size, size] / STEEL_YIELD
+    assert error.max() <= 1e-10
+    assert (state.steps[:1000] <= 20).all()
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_forces_beyond_the_capacity(name):
+    *_, found, state = solved(name)
+    assert (state.status[1000:1100] == status.BEYOND_CAPACITY).all()
+    assert np.isnan(found[1000:1100]).all()
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_interaction_surface_is_the_limit_of_equilibrium(name):
+    """For laws that rise: a thousandth inside there is equilibrium, a thousandth outside none."""
+    _, _, surface, _, state = solved(name)
+    assert np.isfinite(surface).all() and len(surface) == 110
+    assert (state.status[1100:1210] == status.OK).all()
+    assert (state.status[1210:] == status.BEYOND_CAPACITY).all()
+
+
+def test_interaction_of_a_perfectly_plastic_rectangle():
+    """(N / Np)^2 + |M| / Mp = 1, within the error of fibres that pass through yield."""
+    b, h, n = 0.1, 0.2, 40
+    section = Section.rectangle(b, h, LONG, (1, n))
+    force, about_y, _ = jax.jit(lambda s: s.interaction(n_angle=2, n_axial=41))(section)
+    n_p, m_p = b * h * 235e6, b * h**2 / 4 * 235e6
+    sum_ = (force[:, 0] / n_p) ** 2 + jnp.abs(about_y[:, 0]) / m_p
+    # at the neutral axis one fibre of n is cut: an error of half its share in N, and of its
+    # square in M; N / Np is at most 1
+    assert np.abs(sum_ - 1).max() <= 2 / n
+    assert np.ptp(force[:, 0]) > 1.99 * n_p  # from compression to tension
+
+
+def test_law_without_compression_does_not_bound_compression():
+    section = Section.rectangle(0.1, 0.1, materials.strand(), (2, 2))
+    surface = np.stack(jax.jit(lambda s: s.interaction(n_angle=4, n_axial=5))(section), axis=-1)
+    assert np.isinf(surface[0]).all() and np.isfinite(surface[1:]).all()
+
+
+def test_single_precision_stays_single():
+    section = jax.tree.map(lambda v: jnp.asarray(v, jnp.float32), SECTIONS["steel rectangle"])
+    target = (0.5 * sizes(SECTIONS["steel rectangle"]) * [0.3, 0.5, 0.2]).astype(np.float32)
+    state = jax.jit(lambda s, t: s.strains(*t))(section, target)
+    assert int(state.status) == status.OK
+    assert {v.dtype for v in state.strain} == {jnp.dtype("float32")}
+    strain = np.array([state.strain], float)
+    error = law_sum(SECTIONS["steel rectangle"], strain) - target
+    # 64 eps of float32 is 8e-6
+    assert (np.abs(error) / sizes(SECTIONS["steel rectangle"])).max() <= 2e-5
+
+
+def test_section_without_width_resists_what_it_can():
+    """One column of fibres: no stiffness about z, so neither moment nor derivative there."""
+    section = Section.rectangle(0.1, 0.2, REVERSIBLE, (1, 10))
+
+    @jax.jit
+    def strains(target):
+        state = section.strains(*target)
+        return jnp.stack(state.strain)[:2], state.status
+
+    target = np.array([1e6, 2e5, 0.0])
+    found, code = strains(target)
+    assert int(code) == status.OK
+    got = law_sum(section, np.array([[*found, 0.0]]))[0]
+    assert (np.abs(got - target)[:2] / sizes(section)[:2]).max() <= 1e-12  # 64 eps of the forces
+    assert int(strains(np.array([1e6, 0.0, 1e3]))[1]) != status.OK
+
+
+def test_zero_forces_and_too_few_iterations():
+    section = SECTIONS["steel rectangle"]
+    target = np.stack([np.zeros(3), 0.9 * FORCES * sizes(section)])
+    state = jax.jit(lambda t: section.strains(*t.T, max_steps=1))(target)
+    assert state.status.tolist() == [status.OK, status.SECTION_UNBALANCED]
+    assert state.steps.tolist() == [0, 1]
+    strain = np.stack(state.strain, axis=1)
+    assert (strain[0] == 0).all() and np.isnan(strain[1]).all()
+
+
+# --- derivatives of the strains
+
+
+FORCES = np.array([0.2, 0.55, 0.3])  # parts of the capacities; fibres yield at two corners
+
+
+def parameters(width=0.1, height=0.2):
+    e, s = np.asarray(REVERSIBLE.strain), np.asarray(REVERSIBLE.stress)
+    return {
+        "force": FORCES * sizes(Section.rectangle(width, height, REVERSIBLE, (4, 5))),
+        "width": np.array(width),
+        "height": np.array(height),
+        "strain": e,
+        "stress": s,
+    }
+
+
+def scaled_strains(change):
+    """Strains times (1, height, width) of a rectangle; its 15 parameters are changed by parts."""
+    start = parameters()
+    factor = 1 + change
+    force = start["force"] * factor[:3]
+    width, height = start["width"] * factor[3], start["height"] * factor[4]
+    law = jc.Polygonal(start["strain"] * factor[5:10], start["stress"] * factor[10:])
+    state = Section.rectangle(width, height, law, (4, 5)).strains(*force)
+    strain = jnp.stack(state.strain) * jnp.array([1, start["height"], start["width"]])
+    return strain / STEEL_YIELD, state.status
+
+
+def curvature(change):
+    return scaled_strains(change)[0][1]
+
+
+@jax.jit
+@jax.vmap
+def _forward(change):
+    def twice(change):
+        strain, code = scaled_strains(change)
+        return strain, (strain, code)
+
+    jacobian, (strain, code) = jax.jacfwd(twice, has_aux=True)(change)
+    return strain, jacobian, code
+
+
+def forward(changes):
+    """Strains, their Jacobian and status at up to 30 changes, filled up: one compilation."""
+    filled = changes[np.minimum(np.arange(30), len(changes) - 1)]
+    return tuple(np.asarray(v)[: len(changes)] for v in _forward(filled))
+
+
+@jax.jit
+def backward(change):
+    """Gradient and Hessian of the curvature."""
+
+    def twice(change):
+        return (jax.grad(curvature)(change),) * 2
+
+    second, first = jax.jacfwd(twice, has_aux=True)(change)
+    return first, second
+
+
+START = np.zeros(15)
+
+
+def test_taylor_of_the_strains():
+    """With respect to forces, width, height and all points of the curve."""
+    steps = 1e-4 * 0.5 ** np.arange(4)
+    direction = np.random.default_rng(6).normal(size=15)
+    found, jacobians, codes = forward(np.append(0.0, steps)[:, None] * direction)
+    assert (codes == status.OK).all()
+    jacobian = jacobians[0]
+    # everything moves them but the origin and the ends of the curve in compression and tension
+    assert (np.abs(jacobian).max(0) > 1e-3).sum() >= 9
+    for k in range(3):
+
+        def slope(row, k=k):
+            remainder = np.abs(found[1:, k] - found[0, k] - steps * (row @ direction))
+            return np.polyfit(np.log(steps), np.log(remainder), 1)[0]
+
+        assert abs(slope(jacobian[k]) - 2) < 0.1
+        # negative control: the entry of the largest effect off by a hundredth
+        wrong = jacobian[k].copy()
+        wrong[np.argmax(np.abs(wrong * direction))] *= 1.01
+        assert slope(wrong) < 1.5
+
+
+def test_derivatives_of_the_strains_against_differences():
+    h = 1e-5
+    found = forward(h * np.concatenate([np.eye(15), -np.eye(15)]))[0]
+    difference = (found[:15] - found[15:]).T / (2 * h)
+    (jacobian,) = forward(START[None])[1]
+    # truncation: h^2 = 1e-10 times a third derivative, and rounding 1e-13 / h
+    assert np.abs(difference - jacobian).max() <= 1e-7 * np.abs(jacobian).max()
+    gradient, second = (np.asarray(v) for v in backward(START))
+    # both modes are the same sums, through a matrix of condition 100
+    assert np.abs(gradient - jacobian[1]).max() <= 1e-10 * np.abs(jacobian).max()
+    assert np.abs(second - second.T).max() <= 1e-9 * np.abs(second).max()
+    for direction in np.random.default_rng(7).normal(size=(2, 15)):
+        plus, minus = forward(h * np.stack([direction, -direction]))[1][:, 1]
+        expected = (plus - minus) / (2 * h)
+        assert np.abs(second @ direction - expected).max() <= 1e-6 * np.abs(second).max()
+
+
+def test_strains_are_the_inverse_of_forces():
+    """At a point away from corners the Jacobian is the inverse of the tangent."""
+    section = Section.rectangle(0.1, 0.2, REVERSIBLE, (4, 5))
+    scale = STEEL_YIELD / np.array([1, 0.2, 0.1])
+    (strain,), (jacobian,), _ = forward(START[None])
+    strain = strain * scale
+    y, z = np.asarray(section.y), np.asarray(section.z)
+    e = np.abs(strain[0] + strain[1] * z - strain[2] * y)
+    # far enough from a corner for the steps of all tests above; some fibres yield
+    assert np.abs(e / STEEL_YIELD - 1).min() > 5e-3
+    assert 3 < np.count_nonzero(e > STEEL_YIELD) < 17
+    jacobian = jacobian[:, :3] * scale[:, None] / parameters()["force"]
+    product = jacobian @ np.asarray(tangent(section, strain))
+    # in units of the strains of the tests above: rounding times the condition of the matrix, 100
+    assert np.abs(product / scale[:, None] * scale - np.eye(3)).max() <= 1e-11
+
+
+@pytest.mark.parametrize("shape", ["disc", "tube"])
+def test_derivative_with_respect_to_the_diameter(shape):
+    target = jnp.array([2e5, 8e4, 3e4]) * (1.0 if shape == "disc" else 0.5)
+
+    def of_diameter(d):
+        if shape == "disc":
+            section = Section.disc(d, REVERSIBLE, (4, 4))
+        else:
+            section = Section.ring(d, 0.1 * d, REVERSIBLE, (1, 12))
+        state = section.strains(*target)
+        return state.strain[1], state.status
+
+    f = jax.jit(jax.value_and_grad(of_diameter, has_aux=True))
+    (_, code), slope = f(0.15)
+    h = 1e-6
+    difference = (f(0.15 + h)[0][0] - f(0.15 - h)[0][0]) / (2 * h)
+    assert int(code) == status.OK
+    # truncation (h / d)^2 and rounding eps d / h
+    assert float(slope) == pytest.approx(float(difference), rel=1e-7)
+
+
+def test_failed_states_have_nan_derivatives_and_leave_others_alone():
+    section = SECTIONS["steel rectangle"]
+    good = FORCES * sizes(section)
+    batch = np.stack([good, 5 * good, good])
+
+    @jax.jit
+    @jax.grad
+    def gradient(scale, weights):
+        state = section.strains(*(scale * batch).T)
+        return weights @ jnp.where(jnp.isnan(state.strain[1]) & (weights == 0), 0, state.strain[1])
+
+    every, others = (gradient(1.0, np.array(w)) for w in ([1.0, 1.0, 1.0], [1.0, 0.0, 1.0]))
+    assert np.isnan(every) and np.isfinite(others) and others > 0

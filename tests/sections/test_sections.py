@@ -1,0 +1,271 @@
+"""Forces of a section from its strains: NumPy fibre sums, closed forms, history."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracles.fibres import (
+    LONG,
+    PERFECT,
+    SECTIONS,
+    STEEL_YIELD,
+    composite_cells,
+    forces,
+    law_sum,
+    sizes,
+    tangent,
+)
+
+import jaxcable as jc
+from jaxcable import materials
+from jaxcable.common import status
+from jaxcable.sections import Section
+
+ONE = jc.Elastic(1.0)
+
+# --- forces from strains
+
+
+def test_forces_of_an_elastic_section_are_exact():
+    """Circles by pi d^4 / 64 and parallel axes, whatever the mesh; and its energy."""
+    y, z = 0.05, -0.02
+    section = composite_cells(1).shifted(y, z)
+    parts = [(33e9, 0.28, 0.0), (210e9, 0.3, 0.28)]
+    ea = sum(E * np.pi / 4 * (d**2 - i**2) for E, d, i in parts)
+    ei = sum(E * np.pi / 64 * (d**4 - i**4) for E, d, i in parts)
+    lever = np.array([1.0, z, -y])
+    expected = ea * np.outer(lever, lever) + np.diag([0.0, ei, ei])
+    matrix = tangent(section, np.array([1e-4, 2e-3, -3e-3]))
+    # rounding of sums over 32 fibres
+    assert np.abs(matrix - expected).max() <= 1e-14 * ea
+    assert np.abs(matrix - matrix.T).max() <= 1e-15 * np.abs(matrix).max()
+    assert np.abs(matrix - section.stiffness()).max() <= 1e-15 * np.abs(matrix).max()
+    strains = np.random.default_rng(0).normal(size=(20, 3)) * 1e-3
+    force = strains @ expected
+    assert np.abs(forces(section, strains) - force).max() <= 1e-14 * np.abs(force).max()
+    energy, slope = jax.jit(jax.vmap(jax.value_and_grad(lambda v: section.energy(*v))))(strains)
+    assert np.allclose(energy, 0.5 * np.sum(strains * force, axis=1), rtol=1e-13)
+    assert np.abs(slope - force).max() <= 1e-14 * np.abs(force).max()
+    found, own = jax.jit(lambda v: section.linearized(*v.T))(strains)
+    assert np.abs(found - force).max() <= 1e-14 * np.abs(force).max()
+    assert np.abs(own - expected[None]).max() <= 1e-14 * ea
+
+
+def test_exact_inertia_is_differentiable():
+    """d(EI)/d(diameter) of a tube through its traced dimensions: pi (d^3 - d_i^3) / 16."""
+
+    @jax.jit
+    @jax.grad
+    def slope(d):
+        return Section.ring(d, 0.01, ONE, (1, 6)).stiffness()[1, 1]
+
+    # sums over cells, of which fourth powers cancel to a tenth
+    assert float(slope(0.3)) == pytest.approx(np.pi / 16 * (0.3**3 - 0.28**3), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_forces_of_a_nonlinear_section_are_the_fibre_sum(name):
+    section = SECTIONS[name]
+    strains = np.random.default_rng(1).normal(size=(200, 3)) * [5e-3, 0.1, 0.1]
+    got, expected = forces(section, strains), law_sum(section, strains)
+    # rounding of stresses E e, up to 10 times the yield stress, in sums over some 50 fibres
+    assert np.abs(got - expected).max() <= 1e-13 * np.abs(expected).max()
+    at_zero = tangent(section, np.zeros(3))
+    # the slope at the origin is that of tension; a sum in another order
+    assert np.abs(at_zero - section.stiffness()).max() <= 1e-14 * np.abs(at_zero).max()
+    force, matrices = jax.jit(lambda s, e: s.linearized(*e.T))(section, strains)
+    assert np.abs(force - expected).max() <= 1e-13 * np.abs(expected).max()
+    for strain, own in zip(strains[:5], matrices, strict=False):
+        matrix = np.asarray(tangent(section, strain))
+        assert np.abs(matrix - matrix.T).max() <= 1e-14 * np.abs(at_zero).max()
+        assert np.abs(matrix - own).max() <= 1e-14 * np.abs(at_zero).max()
+
+
+@pytest.mark.parametrize("name", SECTIONS)
+def test_energy_and_its_slope(name):
+    section = SECTIONS[name]
+    strains = np.random.default_rng(2).normal(size=(50, 3)) * [2e-3, 0.05, 0.05]
+
+    @jax.jit
+    @jax.vmap
+    def energy(v):
+        return jax.grad(lambda v: section.energy(*v))(v)
+
+    expected = law_sum(section, strains)
+    assert np.abs(energy(strains) - expected).max() <= 1e-13 * np.abs(expected).max()  # as above
+
+
+def test_fibre_strains_and_stresses_have_a_last_axis_of_fibres():
+    section = SECTIONS["concrete-filled tube"]
+    e0, ky, kz = strains = np.random.default_rng(3).normal(size=(3, 2, 5)) * 1e-3
+
+    @jax.jit
+    def all_of(section, v):
+        return section.fibre_strain(*v), section.fibre_stress(*v), section.forces(*v)
+
+    strain, stress, force = all_of(section, strains)
+    assert strain.shape == stress.shape == (2, 5, section.n_fibre)
+    assert [f.shape for f in force] == [(2, 5)] * 3
+    expected = e0[1, 2] + ky[1, 2] * np.asarray(section.z) - kz[1, 2] * np.asarray(section.y)
+    assert np.abs(strain[1, 2] - expected).max() <= 1e-18  # rounding of strains of 1e-3
+    single = jax.eval_shape(all_of, section, np.zeros(3))
+    assert single[0].shape == single[1].shape == (section.n_fibre,)
+    assert [v.shape for v in single[2]] == [()] * 3
+    virgin = Section.rectangle(1.0, 1.0, materials.steel(), (2, 3)).initial_memory((4,))
+    assert [p.shape for p in virgin] == [(4, 6, 1)]
+
+
+def test_distance_of_the_nearest_fibre_from_a_corner():
+    section = SECTIONS["concrete-filled tube"]
+    strains = np.random.default_rng(4).normal(size=(30, 3)) * [1e-3, 5e-3, 5e-3]
+    got = jax.jit(lambda v: section.corner_distance(*v.T))(strains)
+    y, z = np.asarray(section.y), np.asarray(section.z)
+    e = strains[:, :1] + strains[:, 1:2] * z - strains[:, 2:] * y
+    each = [
+        np.abs(part[:, :, None] - np.asarray(law.strain)).min((1, 2))
+        for law, part in zip(section.laws, np.split(e, [section.counts[0]], axis=1), strict=True)
+    ]
+    assert np.abs(got - np.minimum(*each)).max() <= 1e-17  # roundings of strains of 0.05
+
+
+# --- plasticity in closed form
+
+
+def test_moment_of_an_elastic_plastic_rectangle():
+    """M = My (1.5 - 0.5 (k_y / k)^2), perfectly plastic; second order in the fibre size."""
+    b, h = 0.1, 0.2
+    first = b * h**2 / 6 * 235e6  # moment at first yield
+    ratio = np.array([1.5, 2.0, 3.0, 5.0, 8.0])  # k / k_y
+    exact = first * (1.5 - 0.5 / ratio**2)
+    errors = []
+    for n in (20, 40, 80, 160):
+        section = Section.rectangle(b, h, PERFECT, (1, n))
+        k = ratio * STEEL_YIELD / (h / 2)
+        got = forces(section, np.column_stack([np.zeros(5), k, np.zeros(5)]))
+        assert np.abs(got[:, 0]).max() <= 1e-9 * first / h  # no axial force: rounding
+        # the error of one curvature jumps with the place of the last elastic fibre: their largest
+        errors.append(np.abs(got[:, 1] - exact).max() / first)
+        assert errors[-1] <= 0.5 / (n / 2 * 1.0) ** 2 * ratio.max()
+    assert abs(np.polyfit(np.log([20, 40, 80, 160]), np.log(errors), 1)[0] + 2) < 0.3, errors
+
+
+def test_plastic_moment_of_a_rectangle():
+    """b h^2 s_y / 4: exact for a sum over fibres of which all have yielded."""
+    b, h = 0.1, 0.2
+    section = Section.rectangle(b, h, LONG, (1, 50))
+    # the innermost fibre, h / 100 from the axis, yields at 50 times first yield
+    k = np.array([[0.0, 50.5 * STEEL_YIELD / (h / 2), 0.0]])
+    assert forces(section, k)[0, 1] == pytest.approx(b * h**2 / 4 * 235e6, rel=1e-13)
+
+
+# --- history
+
+
+def kinematic(E, tangent, yield_stress):
+    """State and update of bilinear kinematic hardening by return mapping, for many fibres."""
+    H = E * tangent / (E - tangent)
+
+    def update(strain, memory):
+        over = E * (strain - memory) - H * memory
+        flow = np.maximum(0.0, np.abs(over) - yield_stress) / (E + H)
+        memory = memory + np.sign(over) * flow
+        return E * (strain - memory), memory
+
+    return update
+
+
+CYCLE = 0.05 * np.concatenate(
+    [np.linspace(0, 1, 8)[1:], np.linspace(1, -1, 15)[1:], np.linspace(-1, 0.6, 12)[1:]]
+)
+
+
+def test_moment_cycle_against_a_fibre_simulation():
+    """Both axes and a constant elongation; every increment settles."""
+    section = Section.rectangle(0.1, 0.2, materials.steel(), (3, 8))
+    y, z, area = (np.asarray(v) for v in (section.y, section.z, section.area))
+    strains = np.column_stack([np.full(len(CYCLE), 5e-4), CYCLE, 0.4 * CYCLE])
+
+    def increment(memory, v):
+        force = jnp.stack(section.forces(*v, memory))
+        settled = section.settle(*v, memory)
+        return settled, (force, jnp.stack(section.forces(*v, settled)))
+
+    start = section.initial_memory()
+    _, (got, again) = jax.jit(lambda s: jax.lax.scan(increment, start, s))(strains)
+    update, memory, expected = kinematic(210e9, 2.1e9, 235e6), np.zeros(section.n_fibre), []
+    for e0, ky, kz in strains:
+        stress, memory = update(e0 + ky * z - kz * y, memory)
+        expected.append([(stress * area).sum(), (stress * area) @ z, -(stress * area) @ y])
+    size = sizes(section)
+    # rounding of stresses E e, 5 times yield, over 32 increments
+    assert (np.abs(got - np.array(expected)) / size).max() <= 1e-13
+    assert (np.abs(again - got) / size).max() <= 1e-13
+    # the cycle dissipates: a moment of the other sign is left when the curvature is zero again
+    back = np.argmin(np.abs(CYCLE[10:])) + 10
+    assert got[back, 1] < -0.3 * size[1]
+
+
+def test_strains_at_given_plastic_strains():
+    """Unloading to no force leaves the residual curvature; forces come back with the strains."""
+    section = Section.rectangle(0.1, 0.2, materials.steel(), (3, 8))
+    bent = np.array([5e-4, 0.04, 0.015])
+    update = kinematic(210e9, 2.1e9, 235e6)
+    y, z, area = (np.asarray(v) for v in (section.y, section.z, section.area))
+    stress, memory = update(bent[0] + bent[1] * z - bent[2] * y, np.zeros(section.n_fibre))
+    # of the parallel part, which yields alone: E ep = (E - Et) p
+    state = (jnp.asarray(memory)[:, None] * 210e9 / (210e9 - 2.1e9),)
+
+    @jax.jit
+    def strains(target):
+        found = section.strains(*target, state)
+        return jnp.stack(found.strain), found.status
+
+    target = np.array([(stress * area).sum(), (stress * area) @ z, -(stress * area) @ y])
+    for factor in (1.0, 0.5, 0.0):
+        found, code = strains(factor * target)
+        assert int(code) == status.OK
+        trial, _ = update(found[0] + found[1] * z - found[2] * y, memory)
+        left = np.array([(trial * area).sum(), (trial * area) @ z, -(trial * area) @ y])
+        # 64 eps of the forces of all fibres
+        assert (np.abs(left - factor * target) / sizes(section)).max() <= 1e-12
+    assert 0.5 * bent[1] < found[1] < bent[1]
+
+
+def test_strains_of_a_batch_do_not_forget_the_plastic_strains():
+    """One state for many forces: either taken into account or refused, never ignored."""
+    section = Section.rectangle(0.1, 0.2, materials.steel(), (1, 2))
+    p = 0.01 - STEEL_YIELD  # all fibres pulled to 0.01
+    state = (np.full((2, 1), p),)
+    try:
+        found = jax.jit(lambda t: section.strains(*t, state).strain[0])(
+            np.array([[1e6], [0.0], [0.0]])
+        )
+    except ValueError as error:
+        assert "memory" in str(error)
+    else:
+        # unloading: E e - (E - Et) p = N / A
+        expected = (1e6 / 0.02 + (210e9 - 2.1e9) * p) / 210e9
+        assert float(found[0]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_own_second_moments_of_a_fibre_are_those_of_its_points():
+    """A right triangle as one fibre with its second moments, and as 5 000 points.
+
+    With legs b along y and h along z: I_yy = b h^3 / 36, I_zz = h b^3 / 36 and the product
+    -b^2 h^2 / 72 about its centroid.
+    """
+    b, h, n, law = 0.3, 0.2, 100, jc.Elastic(2e9)
+    area = b * h / 2
+    own = [[b * h**3 / 36, h * b**3 / 36, -(b**2) * h**2 / 72]]
+    one = jc.Section([0.01], [-0.02], [area], law, own=own)
+    i, j = (at.ravel() for at in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    y, z = (i + 0.5) / n * b, (j + 0.5) / n * h
+    share = np.where(i + j < n - 1, 1.0, np.where(i + j == n - 1, 0.5, 0.0)) * b * h / n**2
+    there = share > 0
+    y, z, share = y[there], z[there], share[there]
+    y, z = y - share @ y / area + 0.01, z - share @ z / area - 0.02
+    many = jc.Section(y, z, share, law)
+    apart = np.abs(np.asarray(one.stiffness() - many.stiffness()))
+    bending = float(one.stiffness()[2, 2])
+    assert apart[1:, 1:].max() < 2e-3 * bending  # the points are squares: of second order in 1/n
+    assert abs(float(one.stiffness()[1, 2])) > 0.1 * bending

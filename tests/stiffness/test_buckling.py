@@ -1,0 +1,407 @@
+"""Linear buckling factors: struts by hand, Euler's columns, textbook matrices, SciPy's pencils."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+from oracles.taylor import slope
+
+import jaxcable as jc
+from jaxcable.scenes.snapping import in_plane, solid
+from jaxcable.stiffness import buckling, buckling_factor
+
+# --- a rigid strut, its top between two cables along x
+
+HEIGHT, REACH, EA, TENSION = 2.0, 4.0, 1e6, 8e3
+ALONG = 2 * (EA + TENSION) / REACH * HEIGHT  # 2 EA / L0, L0 = REACH / (1 + TENSION / EA)
+ACROSS = 2 * TENSION / REACH * HEIGHT  # critical loads: lateral stiffness times height, N
+STIFF = 1e12  # EA of the strut: it shortens by 1e-8 of its height
+
+
+def strut():
+    nodes = [[0.0, 0, 0], [0.0, 0, HEIGHT], [-REACH, 0, HEIGHT], [REACH, 0, HEIGHT]]
+    parts = {
+        "cables": jc.Cables([[1, 2], [1, 3]], axial_stiffness=EA, strength=1e5),
+        "strut": jc.Bars([[0, 1]], axial_stiffness=STIFF, strength=1e5),
+    }
+    return jc.Structure(nodes, parts, supports=jc.pinned([0, 2, 3]))
+
+
+STRUT = strut()
+
+
+def prestressed(tension=TENSION):
+    return jc.solve(STRUT, jc.Phase(pretension={"cables": tension, "strut": None}))
+
+
+def pressed(load, reference):
+    force = load * jnp.array([0.0, 0.0, -1.0])
+    return jc.solve(STRUT, jc.Phase(loads=jc.NodalLoads([1], force)), start=reference)
+
+
+def test_a_strut_between_cables():
+    reference = prestressed()
+    for load in (10.0, 2e3, 7.9e3):
+        solution = pressed(load, reference)
+        assert int(reference.status) == int(solution.status) == 0
+        found = buckling_factor(STRUT, solution, reference, n=2)
+        # the cables, 4 m, sink with the strut by 1e-8 of its height; rounding of 10 N in 5e5 N/m
+        np.testing.assert_allclose(load * found.factor, [ACROSS, ALONG], rtol=1e-6)
+        np.testing.assert_allclose(found.shapes[:, 1], [[0, 1, 0], [1, 0, 0]], atol=1e-6)
+        assert (np.asarray(found.shapes)[:, [0, 2, 3]] == 0).all()
+        assert found.factor.shape == (2,) and found.shapes.shape == (2, 4, 3)
+
+
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
+def test_beyond_buckling_and_in_tension():
+    """Straight, though it has buckled: a factor below 1. Pulled, nothing buckles."""
+    reference = prestressed()
+    beyond, pulled = pressed(1.25 * ACROSS, reference), pressed(-2e3, reference)
+    assert int(beyond.status) == int(pulled.status) == 0
+    factor = buckling_factor(STRUT, beyond, reference, n=2).factor
+    np.testing.assert_allclose(factor, [0.8, ALONG / (1.25 * ACROSS)], rtol=1e-6)
+    up = buckling_factor(STRUT, pulled, reference, n=9).factor
+    assert up.shape == (3,) and bool(jnp.isinf(up).all() & (up > 0).all())
+    assert bool(jnp.isinf(buckling_factor(STRUT, reference, reference, n=3).factor).all())
+
+
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
+def test_without_a_reference_prestress_grows_too():
+    """Across the cables 2 N f / l stays above P f / h: what buckles is nothing, or no estimate."""
+    reference = prestressed()
+    held, gone = pressed(2e3, reference), pressed(1.25 * ACROSS, reference)
+    assert int(held.status) == int(gone.status) == 0
+    assert bool(jnp.isinf(buckling_factor(STRUT, held, n=3).factor).all())
+    # neither stands: unstressed it is a mechanism across the cables
+    assert bool(jnp.isnan(buckling_factor(STRUT, gone, n=3).factor).all())
+
+
+@pytest.mark.slow
+def test_derivatives_by_prestress_and_load():
+    """Taylor test, and d log(f) / d log(T, P) = (1, -1) of the closed form."""
+
+    @jax.jit
+    def log_factor(p):
+        reference = prestressed(TENSION * p[0])
+        solution = pressed(2e3 * p[1], reference)
+        found = buckling_factor(STRUT, solution, reference)
+        return jnp.log(found.factor[0]) + 0.0 * jnp.where(solution.status == 0, 0.0, jnp.nan)
+
+    p = jnp.ones(2)
+    gradient = jax.jit(jax.grad(log_factor))(p)
+    np.testing.assert_allclose(gradient, [1.0, -1.0], atol=1e-6)  # 2e-8: the strut shortens
+    assert slope(log_factor, p, gradient, 50) == pytest.approx(2, abs=0.1)
+    assert slope(log_factor, p, 1.02 * gradient, 50) < 1.5
+    batch = jax.vmap(log_factor)(jnp.array([[1.0, 1.0], [1.0, 2.0]]))
+    np.testing.assert_allclose(jnp.exp(batch), [4.0, 2.0], rtol=1e-6)
+
+
+def by_hand(ends, force, stiffness):
+    """Tangent of a bar at one end in x and z: EA / L0 along it, N / l across it, N/m."""
+    length = np.linalg.norm(ends[1] - ends[0])
+    along = np.outer(*[(ends[1] - ends[0])[[0, 2]] / length] * 2)
+    rest = length / (1 + force / stiffness)
+    return stiffness / rest * along + force / length * (np.eye(2) - along)
+
+
+def test_cables_that_went_slack_since():
+    """NaN where stiffness jumps in between; without a reference slack cables are left out."""
+    nodes = [[0.0, 0, 0], [0, 0, 1], [3, 0, 1], [-3, 0, 1]]
+    parts = {
+        "cables": jc.Cables([[1, 2], [1, 3]], axial_stiffness=1e5),
+        "strut": jc.Bars([[0, 1]], axial_stiffness=1e7),
+    }
+    held = np.ones((4, 3), bool)
+    held[1, [0, 2]] = False
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    first = jc.solve(structure, jc.Phase(pretension={"cables": 100.0, "strut": None}))
+    force = np.array([300.0, 0.0, -1e3])
+    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], force)), start=first)
+    assert int(first.status) == int(solution.status) == 0
+    assert sorted(np.asarray(solution.tension["cables"] == 0).tolist()) == [False, True]
+    assert bool(jnp.isnan(buckling_factor(structure, solution, first).factor[0]))
+    factor = buckling_factor(structure, solution).factor[0]
+    taut = int(np.argmax(solution.tension["cables"]))
+    pairs = [([1, 2 + taut], "cables", taut, 1e5), ([0, 1], "strut", 0, 1e7)]
+    before, after = np.zeros((2, 2, 2))
+    for ends, name, k, stiffness in pairs:
+        force = float(solution.tension[name][k])
+        before += by_hand(np.array(nodes)[ends], 0.0, stiffness)
+        after += by_hand(np.asarray(solution.positions)[ends], force, stiffness)
+    roots = scipy.linalg.eig(before, before - after, right=False).real
+    assert float(factor) == pytest.approx(roots[roots > 0].min(), rel=1e-9)  # condition 1e3
+
+
+# --- the truss of von Mises
+
+
+def mises(load, rise=0.1):
+    structure, phases = jc.scenes.von_mises_truss(rise=rise, load=load)
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    return solution, float(buckling_factor(structure, solution).factor[0])
+
+
+def test_a_shallow_truss():
+    """``K_0 / (K_0 - K)`` with K(z) = 2 EA (1/l0 - b^2/l^3); from small loads, sqrt(3) too much."""
+    b, length = 1.0, np.hypot(1.0, 0.1)
+
+    def stiffness(z):
+        return 2e6 * (1 / length - b**2 / np.hypot(b, z) ** 3)
+
+    limit = 381.087190  # closed form in the docstring of the scene
+    estimates = []
+    for load in (1.0, 200.0, 380.0):
+        solution, factor = mises(load)
+        z = float(solution.positions[1, 2])
+        exact = stiffness(0.1) / (stiffness(0.1) - stiffness(z))
+        assert factor == pytest.approx(exact, rel=1e-9)  # 1 N moves it by 1e-4: eps / 1e-4 / 1e-3
+        estimates.append(load * factor / limit)
+    assert estimates[0] > estimates[1] > estimates[2] > 1
+    # the closer to buckling the better; the square root of what is missing
+    assert estimates[2] < 1 + 2 * np.sqrt(1 - 380 / limit)
+    _, factor = mises(1e-5, rise=0.01)
+    # K'(z) at z = h gives 4/6 c h^3, the limit load is 2 / sqrt(27) c h^3; shallow to (h/b)^2
+    ratio = 1e-5 * factor / (2e6 / np.sqrt(27) * 0.01**3)
+    assert ratio == pytest.approx(np.sqrt(3), rel=5e-3)
+
+
+# --- columns
+
+LENGTH, EI = 4.0, 2100.0
+
+
+@functools.cache
+def column(n, kind, share=0.5):
+    """Factor times load over Euler's load, and the matrices' own."""
+    euler = np.pi**2 * EI / ({"free": 2.0, "pinned": 1.0}[kind] * LENGTH) ** 2
+    z = np.linspace(0, LENGTH, n + 1)
+    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
+    # EA = 2e11 N: its shortening by 1e-9 is no part of the result
+    section = solid(1.0, EI / 210e9, 210e9)
+    beams = jc.Beams(links, section=section, torsional_stiffness=1e3, up=(0.0, 1.0, 0.0))
+    mask = np.array(in_plane(n + 1, clamped=[0] if kind == "free" else []).mask)
+    if kind == "pinned":
+        mask[0, :3] = mask[n, 0] = True
+    nodes = np.column_stack([0 * z, 0 * z, z])
+    structure = jc.Structure(nodes, beams, supports=jc.Supports(mask))
+    load = jc.NodalLoads([n], (0.0, 0.0, -share * euler))
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert int(solution.status) == 0
+    found = buckling_factor(structure, solution, n=2)
+    return structure, solution, share * np.asarray(found.factor), np.asarray(found.shapes)
+
+
+def textbook(n, kind):
+    """Buckling loads over Euler's by cubic elements with consistent geometric stiffness."""
+    h = LENGTH / n
+    bend = np.array(
+        [[12, 6 * h, -12, 6 * h], [0, 4 * h * h, -6 * h, 2 * h * h], [0, 0, 12, -6 * h], [0] * 4]
+    )
+    bend[3, 3] = 4 * h * h
+    press = np.array(
+        [[36, 3 * h, -36, 3 * h], [0, 4 * h * h, -3 * h, -h * h], [0, 0, 36, -3 * h], [0] * 4]
+    )
+    press[3, 3] = 4 * h * h
+    K, G = np.zeros((2, 2 * n + 2, 2 * n + 2))
+    for e in range(n):
+        at = slice(2 * e, 2 * e + 4)
+        K[at, at] += EI / h**3 * (np.triu(bend) + np.triu(bend, 1).T)
+        G[at, at] += (np.triu(press) + np.triu(press, 1).T) / (30 * h)
+    free = np.setdiff1d(np.arange(2 * n + 2), [0, 1] if kind == "free" else [0, 2 * n])
+    at = np.ix_(free, free)
+    loads = 1 / scipy.linalg.eigh(G[at], K[at], eigvals_only=True)[::-1]
+    return loads / (np.pi**2 * EI / ({"free": 2.0, "pinned": 1.0}[kind] * LENGTH) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("n", "kind"),
+    [
+        (2, "free"),
+        pytest.param(2, "pinned", marks=pytest.mark.slow),
+        pytest.param(4, "free", marks=pytest.mark.slow),
+        pytest.param(8, "pinned", marks=pytest.mark.slow),
+    ],
+)
+def test_a_column_has_the_factors_of_textbook_matrices(n, kind):
+    _, _, factor, shapes = column(n, kind)
+    # its shortening is 1e-9; tangents by autodiff have eps EA / EI h^2 = 1e-8 at most
+    np.testing.assert_allclose(factor, textbook(n, kind)[:2], rtol=1e-7)
+    side = shapes[0, :, 0]
+    z = np.linspace(0, LENGTH, n + 1)
+    sine = 1 - np.cos(np.pi * z / 2 / LENGTH) if kind == "free" else np.sin(np.pi * z / LENGTH)
+    assert np.allclose(side, sine, atol=3e-3)  # 2e-3 with two elements
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["free", "pinned"])
+def test_columns_converge_to_euler_at_fourth_order(kind):
+    errors = np.array([column(n, kind)[2][0] - 1 for n in (2, 4, 8)])
+    assert (errors > 0).all() and errors[-1] < 5e-5  # cubic fields are too stiff
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert orders == pytest.approx(4, abs=0.15)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*unstable")  # it is, beyond the first buckling load
+def test_a_column_far_beyond_and_in_tension():
+    beyond = column(2, "free", 3.0)[2]
+    np.testing.assert_allclose(beyond, textbook(2, "free")[:2], rtol=1e-7)
+    pulled = column(2, "free", -1.0)[2]
+    assert np.isinf(pulled).all()
+
+
+@pytest.mark.slow
+def test_a_column_with_a_moment_is_taken_as_semi_tangential():
+    structure, solution, _, _ = column(2, "free")
+    turned = jc.NodalLoads([2], (0.0, 0.0, 0.0), moments=(0.0, 10.0, 0.0))
+    solution = jc.solve(structure, jc.Phase(loads=turned), start=solution)
+    assert int(solution.status) == 0
+    mask = np.array(structure.supports.mask)
+    # in its plane the work of a moment is that of one angle
+    factor = buckling_factor(structure, solution).factor[0]
+    assert bool(jnp.isfinite(factor))
+    mask[1:] = False  # free to turn about all axes it has no potential
+    with pytest.warns(jc.InputWarning, match="semi-tangential"):
+        free = buckling_factor(structure, solution, fixed=mask).factor[0]
+    assert 0 < free <= factor * (1 + 1e-9)  # more freedoms, and none of them held
+
+
+# --- the eigenproblem alone
+
+
+def pencil(seed, stable):
+    """Symmetric matrices of 8 unknowns, the first positive definite or not."""
+    rng = np.random.default_rng(seed)
+    basis = rng.normal(size=(8, 8)) + 3 * np.eye(8)
+    before, after = rng.uniform(1, 5, 8), rng.uniform(0.5, 3, 8)
+    if not stable:
+        before[:2] = -1.0, 0.0
+        after[2:4] = 0.3 * before[2:4]  # some that soften
+    return basis @ np.diag(before) @ basis.T, basis @ np.diag(after) @ basis.T
+
+
+@pytest.mark.parametrize("stable", [True, False])
+def test_the_lowest_of_all_roots(stable):
+    """Against all roots of det K(f) = 0 by SciPy's unsymmetric pencil (QZ)."""
+    for seed in range(5):
+        before, after = pencil(seed, stable)
+        factor, modes = buckling._solve(jnp.asarray(before), jnp.asarray(after), 3)
+        roots = scipy.linalg.eig(before, before - after, right=False)
+        roots = np.sort(roots[np.isfinite(roots)].real)
+        wanted = roots[roots > (0.0 if stable else 1.0)][:3]
+        wanted = np.append(wanted, [np.inf] * (3 - len(wanted)))
+        np.testing.assert_allclose(factor, wanted, rtol=1e-8)  # condition 1e3 to 1e5
+        for f, mode in zip(factor, np.asarray(modes).T, strict=True):
+            if np.isfinite(f):
+                left = (before + float(f) * (after - before)) @ mode
+                assert np.abs(left).max() < 1e-8 * np.abs(before @ mode).max() * float(f)
+
+
+@pytest.mark.parametrize("stable", [True, False])
+def test_derivatives_of_a_pencil(stable):
+    """Taylor test by all entries of both matrices, on both sides of which one is stable."""
+    pair = jnp.asarray(np.stack(pencil(3, stable)))
+    size = jnp.max(jnp.abs(pair))
+
+    @jax.jit
+    def lowest(shift):
+        before, after = pair + size * (shift - 1)
+        return jnp.log(buckling._solve(before, after, 1)[0][0])
+
+    start = jnp.ones_like(pair)
+    gradient = jax.jit(jax.grad(lowest))(start)
+    assert bool(jnp.isfinite(gradient).all()) and float(jnp.abs(gradient).max()) > 0.1
+    assert slope(lowest, start, gradient, 0.05) == pytest.approx(2, abs=0.1)
+    assert slope(lowest, start, 1.05 * gradient, 0.05) < 1.5
+
+
+def test_neither_is_stable():
+    bad = -np.eye(3)
+    factor, _ = buckling._solve(jnp.asarray(bad), jnp.asarray(2 * bad), 2)
+    assert bool(jnp.isnan(factor).all())
+
+
+# --- arguments and reports
+
+
+def test_wrong_arguments():
+    reference = prestressed()
+    solution = pressed(2e3, reference)
+    assert int(solution.status) == 0
+    with pytest.raises(ValueError, match="n = 0: expected a whole number of at least 1"):
+        buckling_factor(STRUT, solution, n=0)
+    with pytest.raises(ValueError, match=r"reference: expected a Solution.*got PhaseResult"):
+        buckling_factor(STRUT, solution, reference.phases[0])
+    with pytest.raises(ValueError, match="state: expected a Solution"):
+        buckling_factor(STRUT, solution.phases[0])
+    pressure = jc.Phase(loads=jc.FacePressure([[1, 2, 0]], 1.0))
+    blown = jc.solve(STRUT, pressure, start=reference)
+    assert int(blown.status) == 0
+    with pytest.raises(ValueError, match="state: loads that follow act on it"):
+        buckling_factor(STRUT, blown)
+    with pytest.raises(ValueError, match="reference: loads that follow act on it"):
+        buckling_factor(STRUT, solution, blown)
+
+
+def test_catenaries_under_load_need_a_reference():
+    nodes = [[0.0, 0, 0], [20.0, 0, 10]]
+    guy = jc.Catenaries([[0, 1]], axial_stiffness=1e7, weight=20.0)
+    structure = jc.Structure(nodes, guy, supports=jc.pinned([0, 1]))
+    solution = jc.solve(structure, jc.Phase(sag=0.2, loads=jc.SelfWeight()))
+    assert int(solution.status) == 0
+    with pytest.raises(ValueError, match="reference: missing; catenaries under load"):
+        buckling_factor(structure, solution)
+
+
+@pytest.mark.slow
+def test_a_mast_between_catenaries():
+    """Against the roots of the pencil of both tangents, and below what straight guys hold."""
+    nodes = [[0.0, 0, 0], [0.0, 0, 10], [-20, 0, 0], [20, 0, 0]]
+    parts = {
+        "guys": jc.Catenaries([[2, 1], [3, 1]], axial_stiffness=1e7, weight=20.0),
+        "mast": jc.Bars([[0, 1]], axial_stiffness=1e9),
+    }
+    held = np.ones((4, 3), bool)
+    held[1, [0, 2]] = False
+    structure = jc.Structure(nodes, parts, supports=jc.Supports(held))
+    first = jc.solve(structure, jc.Phase(sag={"guys": 0.2, "mast": None}, loads=jc.SelfWeight()))
+    load = jc.NodalLoads([1], (0.0, 0.0, -1e5))
+    solution = jc.solve(structure, jc.Phase(loads=load), start=first)
+    assert int(first.status) == int(solution.status) == 0
+    factor = buckling_factor(structure, solution, first).factor[0]
+    before, after = (np.asarray(jc.stiffness.tangent_of(structure, s)) for s in (first, solution))
+    roots = scipy.linalg.eig(before, before - after, right=False).real
+    assert float(factor) == pytest.approx(roots[roots > 0].min(), rel=1e-9)  # condition 1e3
+    # taut guys: 2 EA / L cos^2, P f / h of the mast; sag takes most of the rest
+    length = np.hypot(20, 10)
+    bound = 2 * 1e7 / length * (20 / length) ** 2 * 10 / 1e5
+    assert 0.1 * bound < float(factor) < bound
+
+
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
+def test_reports_tell_of_buckling():
+    reference = prestressed()
+    solution = pressed(2e3, reference)
+    assert int(solution.status) == 0
+    plain = jc.report(STRUT, solution)
+    assert not any("buckling" in line for line in plain.summary)
+    note = "utilisation in compression is force over strength, buckling is not in it: see"
+    assert any(own.startswith(note) for own in plain.tables["members"].notes)
+    assert not any(note in own for own in jc.report(STRUT, reference).tables["members"].notes)
+    told = jc.report(STRUT, solution, buckling=reference).summary[-1]
+    start = "buckling: at 4 times what has come since the reference, by linear theory"
+    assert told.startswith(start)
+    moved = jc.replace(solution.last, positions=solution.positions.at[1, 0].add(HEIGHT / 10))
+    leaning = jc.replace(solution, last=moved)
+    told = jc.report(STRUT, leaning, buckling=reference.last).summary[-1]
+    assert told.startswith(start) and told.endswith("turned by 5.7 degrees at most")  # atan 0.1
+    told = jc.report(STRUT, solution, buckling=True).summary[-1]
+    assert told.startswith("buckling: at no multiple of the loads and all forces of this state")
+    beyond = pressed(1.25 * ACROSS, reference)
+    assert int(beyond.status) == 0
+    told = jc.report(STRUT, beyond, buckling=True).summary[-1]
+    assert told.startswith("buckling: no estimate")
