@@ -1,0 +1,127 @@
+"""A dozen structures that tests share, each with a solution that is known apart from the package.
+
+Numbers, loads and phases are a test's own; the shape of the arrays is that of the structure, so
+that a second test of the same shape and phases finds the first one's programs. Nets of a
+publication are `jc.scenes.flat_net`, `hypar_net` and `saddle_net`, with numbers in
+`tests/reference`; a mast and a bridge in stages are `jc.scenes.guyed_mast` and
+`cable_stayed_bridge`.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+import jaxcable as jc
+
+DOWN = np.array([0.0, 0.0, -1.0])
+
+
+class Shape(NamedTuple):
+    """A structure, its node that is loaded, and what is known.
+
+    Attributes:
+        structure: `jc.Structure`.
+        node: the node at which `load` pulls.
+        known: of a downward force P, in N, the drop of the node, in m, and the forces of the
+            elements [n_elem], in N.
+    """
+
+    structure: jc.Structure
+    node: int
+    known: Callable
+
+    def load(self, force, direction=DOWN):
+        """A force on the node, in N; downward, where no other direction is given."""
+        return jc.NodalLoads([self.node], force * np.asarray(direction))
+
+
+def spokes(feet, height=0.0, stiffness=1e5, pretension=0.0, group=jc.Cables):
+    """Straight elements from a ring of supports, of radius 1 m, to a node in the middle.
+
+    By symmetry a downward force P moves it straight down, to where ``n N sin(angle) = P``.
+
+    Args:
+        feet: number of supports.
+        height: of the node above the ring, m.
+        stiffness: EA of each element, N.
+        pretension: in the initial place, N, which sets the unstressed length.
+        group: `jc.Cables` or `jc.Bars`.
+    """
+    angle = 2 * np.pi * np.arange(feet) / feet
+    ring = np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+    nodes = np.vstack([[0.0, 0.0, height], ring])
+    rest = np.hypot(1.0, height) / (1 + pretension / stiffness)
+    links = [[0, k + 1] for k in range(feet)]
+    elements = group(links, axial_stiffness=stiffness, rest_length=np.full(feet, rest))
+
+    def force(drop):
+        return stiffness * (np.hypot(1.0, drop - height) - rest) / rest
+
+    def known(load):
+        def missing(drop):
+            return feet * force(drop) * (drop - height) / np.hypot(1.0, drop - height) - load
+
+        drop = brentq(missing, min(0.0, 2 * height), height + 10.0, xtol=1e-15)
+        return drop, np.full(feet, force(drop))
+
+    return Shape(jc.Structure(nodes, elements, jc.pinned(range(1, feet + 1))), 0, known)
+
+
+def cross(**numbers):
+    """Four cables in a plane that meet in its middle: without stiffness, were there no tension."""
+    return spokes(4, **numbers)
+
+
+def tripod(height=1.0, **numbers):
+    """Three bars on a ring that carry a node by compression; it snaps through under a large load.
+
+    `known` is the solution before that.
+    """
+    shape = spokes(3, height=height, **({"group": jc.Bars} | numbers))
+    rest = np.hypot(1.0, height)
+    stiffness = float(np.max(shape.structure.elements.axial_stiffness))
+
+    def known(load):
+        def thrust(drop):
+            return stiffness * (rest - np.hypot(1.0, height - drop)) / rest
+
+        def missing(drop):
+            return 3 * thrust(drop) * (height - drop) / np.hypot(1.0, height - drop) - load
+
+        # the limit point lies above 2/5 of the height for every rise
+        drop = brentq(missing, 0.0, 0.3 * height, xtol=1e-15)
+        return drop, np.full(3, -thrust(drop))
+
+    return shape._replace(known=known)
+
+
+def chain(pieces=3, stiffness=1e5, weight=0.0, group=jc.Cables):
+    """Elements of 1 m below each other, hung up at the top; the force pulls at the lower end."""
+    nodes = np.stack([np.zeros(pieces + 1), np.zeros(pieces + 1), -np.arange(pieces + 1.0)], 1)
+    links = np.stack([np.arange(pieces), np.arange(pieces) + 1], 1)
+    elements = group(links, axial_stiffness=stiffness, weight=weight)
+
+    def known(load):
+        # lumped weight: half of the own element, and all below it
+        force = load + weight * (pieces - np.arange(pieces) - 0.5)
+        return np.sum(force) / stiffness, force
+
+    return Shape(jc.Structure(nodes, elements, jc.pinned([0])), pieces, known)
+
+
+def cantilever(pieces=4, length=1.0, side=0.01, modulus=210e9):
+    """A square beam, clamped at one end, for forces whose displacements are small.
+
+    `known` gives the drop by bending of the tip, P L^3 / 3 E I, and axial forces, which are none.
+    """
+    nodes = np.stack([length * np.linspace(0, 1, pieces + 1), *np.zeros((2, pieces + 1))], 1)
+    links = np.stack([np.arange(pieces), np.arange(pieces) + 1], 1)
+    section = jc.Section.rectangle(side, side, jc.Elastic(modulus))
+    beams = jc.Beams(links, section=section)
+
+    def known(load):
+        return load * length**3 / (3 * modulus * side**4 / 12), np.zeros(pieces)
+
+    return Shape(jc.Structure(nodes, beams, jc.clamped([0])), pieces, known)
