@@ -1,4 +1,6 @@
-"""Dead loads per length and per area, faces of nets, load combinations."""
+"""Dead loads along elements, on areas and on parts of groups, and derivatives by every kind."""
+
+import functools
 
 import jax
 import jax.numpy as jnp
@@ -7,135 +9,128 @@ import pytest
 from oracles.taylor import TIGHT, slope
 
 import jaxcable as jc
+from jaxcable.common.tree import fill, thaw
 
-SLOPED = np.array([[0.0, 0, 0], [3.0, 0, 4.0], [6.0, 2, 4.0], [9.0, 0, 0]])
-
-
-def sloped(**group):
-    """Three cables of which the first rises 4 m in 5 m; the middle nodes are free."""
-    cables = jc.Cables([[0, 1], [1, 2], [2, 3]], axial_stiffness=1e5, **group)
-    return jc.Structure(SLOPED, cables, jc.pinned([0, 3]))
+# cables from the corners of a sloping square to its middle, in two groups
+SQUARE = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
+HUB = np.array([[k, 4] for k in range(4)])
+SUPPORTED = jc.pinned([0, 1, 2, 3])
 
 
-def nodal(load, **phase):
-    solution = jc.solve(sloped(), [jc.Phase(loads=load, **phase)])
-    assert int(solution.status) == 0
-    return np.asarray(solution.load)
+def hub(nodes=SQUARE, **group):
+    elements = {
+        name: jc.Cables(links, **{"axial_stiffness": 1e5, "weight": 20.0} | group)
+        for name, links in (("front", HUB[:2]), ("back", HUB[2:]))
+    }
+    return jc.Structure(nodes, elements, SUPPORTED)
 
 
-def in_halves(lengths):
-    total = np.zeros(4)
-    for k, length in enumerate(lengths):
-        total[k] += length / 2
-        total[k + 1] += length / 2
+def at_ends(links, amounts, n_node=5):
+    """Half of each element's amount at each of its ends, [n_node]."""
+    total = np.zeros(n_node)
+    np.add.at(total, links, 0.5 * np.asarray(amounts)[:, None])
     return total
 
 
-@pytest.mark.parametrize("per", ["unstressed", "initial", "projected"])
-def test_line_loads_per_length(per):
-    """Of the unstressed length of the moment, the initial chord, or that seen along the force."""
-    initial = np.linalg.norm(np.diff(SLOPED, axis=0), axis=1)
-    plan = np.linalg.norm(np.diff(SLOPED[:, :2], axis=0), axis=1)
-    lengths = {"unstressed": initial / 1.02, "initial": initial, "projected": plan}[per]
-    load = nodal(jc.LineLoads((0, 0, -50.0), per=per), prestrain=0.02)
-    expected = -50.0 * in_halves(lengths)
+CHORD = np.linalg.norm(SQUARE[HUB[:, 1]] - SQUARE[HUB[:, 0]], axis=1)
+PLAN = np.linalg.norm((SQUARE[HUB[:, 1]] - SQUARE[HUB[:, 0]])[:, :2], axis=1)
+REST = CHORD / 1.02
+FACE, DOWN = [[0, 1, 2, 3]], (0.0, 0.0, -50.0)
+BY_HAND = [
+    (jc.SelfWeight(), at_ends(HUB, 20.0 * REST)),
+    (jc.SelfWeight(on="back", elements=jc.only([1])), at_ends(HUB, 20.0 * REST * [0, 0, 0, 1])),
+    (jc.LineLoads(DOWN), at_ends(HUB, 50.0 * REST)),
+    (jc.LineLoads(DOWN, on="back"), at_ends(HUB, 50.0 * REST * [0, 0, 1, 1])),
+    (jc.LineLoads(DOWN, per="initial"), at_ends(HUB, 50.0 * CHORD)),
+    (
+        jc.LineLoads(DOWN, "front", "projected", elements=jc.only([0])),
+        at_ends(HUB, 50.0 * PLAN * [1, 0, 0, 0]),
+    ),
+    # plan area of the square 12 m2, its surface 15 m2: a quarter to each corner
+    (jc.AreaLoads(FACE, DOWN), 50.0 * 12 / 4 * np.array([1, 1, 1, 1, 0])),
+    (jc.AreaLoads([[3, 2, 1, 0]], DOWN), 50.0 * 12 / 4 * np.array([1, 1, 1, 1, 0])),
+    (jc.AreaLoads(FACE, DOWN, per="initial"), 50.0 * 15 / 4 * np.array([1, 1, 1, 1, 0])),
+    (jc.NodalLoads([4, 4], [[0.0, 0, -3], [0, 0, -4]]), np.array([0, 0, 0, 0, 7.0])),
+]
+
+
+def test_loads_go_to_nodes_as_by_hand():
+    """One load a phase: what each adds per unstressed length, chord, plan area, surface."""
+    phases = [jc.Phase(prestrain=0.02), *(jc.Phase(loads=load) for load, _ in BY_HAND)]
+    solution = jc.solve(hub(), phases)
+    assert int(solution.status) == 0
+    loads = np.stack([phase.load for phase in solution.phases])
+    expected = np.cumsum([np.zeros(5), *(own for _, own in BY_HAND)], axis=0)
     # eps of the sums
-    assert load[:, 2] == pytest.approx(expected, rel=1e-14)
-    assert (load[:, :2] == 0).all()
+    np.testing.assert_allclose(-loads[..., 2], expected, rtol=1e-13)
+    assert (loads[..., :2] == 0).all()
+
+
+def forces(load, structure):
+    """Forces of a dead load on the nodes of a structure that nothing has happened to."""
+    groups = fill(*thaw(structure.groups))
+    nodes = jnp.asarray(structure.nodes)
+    states = [group.start(nodes[group.links]) for group in groups]
+    load = fill(*thaw(load.among(structure)))
+    return load.element_forces(groups, states, nodes, nodes.shape, float)
 
 
 def test_a_line_load_along_an_element_has_no_projected_length_and_no_bad_derivative():
-    def total(z):
-        nodes = jnp.asarray(SLOPED).at[1].set(jnp.array([0.0, 0.0, 1.0]) * z)
-        structure = jc.replace(sloped(), nodes=nodes)
-        load = jc.LineLoads((0, 0, -50.0), per="projected")
-        solution = jc.solve(structure, [jc.Phase(prestrain=0.01), jc.Phase(loads=load)])
-        return solution.load[0, 2]
+    def on_top(z):
+        nodes = jnp.asarray(SQUARE).at[4].set(jnp.array([0.0, 0.0, 1.0]) * z)
+        upright = jc.LineLoads(DOWN, "front", "projected", elements=jc.only([0]))
+        return forces(upright, hub(nodes))[4, 2]
 
-    value, rate = jax.jit(jax.value_and_grad(total))(4.0)
+    value, rate = jax.value_and_grad(on_top)(4.0)
     assert float(value) == 0.0 and float(rate) == 0.0
-
-
-@pytest.mark.parametrize("per", ["projected", "initial"])
-def test_area_loads(per):
-    """Snow on a sloping square: plan area; cladding: the surface. A quarter to each corner."""
-    nodes = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 3.0], [0, 4, 3.0], [1.5, 2, 1.5]])
-    cables = jc.Cables([[k, 4] for k in range(4)], axial_stiffness=1e5)
-    structure = jc.Structure(nodes, cables, jc.pinned([0, 1, 2, 3]))
-    load = jc.AreaLoads([[0, 1, 2, 3]], (0, 0, -500.0), per=per)
-    solution = jc.solve(structure, [jc.Phase(prestrain=0.01), jc.Phase(loads=load)])
-    assert int(solution.status) == 0
-    area = {"projected": 12.0, "initial": 15.0}[per]
-    expected = [-500 * area / 4] * 4 + [0.0]
-    assert np.asarray(solution.load[:, 2]) == pytest.approx(expected, rel=1e-14)
 
 
 def test_snow_on_a_saddle_net():
     """All plan area is loaded once; an inner node has a square of the spacing."""
-    structure, phases = jc.scenes.saddle(4, 3, spacing=2.0, rise=0.2)
+    structure, _ = jc.scenes.saddle(4, 3, spacing=2.0, rise=0.2)
     faces = jc.net_faces(structure.nodes, structure.elements.links, border="ends")
-    snow = jc.AreaLoads(faces, (0, 0, -700.0))
-    solution = jc.solve(structure, [phases[0], jc.Phase(loads=snow)])
-    assert int(solution.status) == 0
+    load = forces(jc.AreaLoads(faces, (0, 0, -700.0)), structure)
     # the rectangle of 10 x 8 m without its corners (a triangle of half a mesh each)
-    assert float(solution.load[:, 2].sum()) == pytest.approx(-700 * (80 - 4 * 2), rel=1e-12)
+    assert float(load[:, 2].sum()) == pytest.approx(-700 * (80 - 4 * 2), rel=1e-12)
     inner = np.argmin(np.linalg.norm(np.asarray(structure.nodes)[:, :2] - [4.0, 4.0], axis=1))
-    assert float(solution.load[inner, 2]) == pytest.approx(-700 * 4.0, rel=1e-12)
+    assert float(load[inner, 2]) == pytest.approx(-700 * 4.0, rel=1e-12)
 
 
-def test_faces_of_a_net():
-    """Meshes of a hexagonal star: six triangles inside, all anticlockwise, none outside."""
-    angle = np.arange(6) * np.pi / 3
-    rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    nodes = np.concatenate([rim, [[0.0, 0.0, 0.5]]])
-    faces = jc.net_faces(nodes, [[k, 6] for k in range(6)], border="ends")
-    assert faces.shape == (6, 4) and (faces[:, 2] == faces[:, 3]).all()
-    assert {frozenset(face) for face in faces.tolist()} == {
-        frozenset({k, (k + 1) % 6, 6}) for k in range(6)
-    }
-    corners = nodes[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    assert (normals[:, 2] > 0).all()
-    hexagon = jc.net_faces(rim, [[k, (k + 1) % 6] for k in range(6)])
-    assert hexagon.shape == (4, 4)  # a mesh of six corners in four triangles
-    same = jc.net_faces(nodes, [[k, (k + 1) % 6] for k in range(6)])  # no link touches node 6
-    assert same.tolist() == hexagon.tolist()
-    with pytest.raises(ValueError, match="the same place in plan"):
-        jc.net_faces(np.concatenate([nodes, [[0.0, 0, 3]]]), [*([k, 6] for k in range(6)), [6, 7]])
+def test_projected_loads_on_a_running_rope_go_to_the_pieces_that_have_a_projection():
+    nodes = [[0.0, 0, 0], [0.0, 0, 3.0], [4.0, 0, 3.0]]
+    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e5)
+    structure = jc.Structure(nodes, rope, jc.pinned([0, 1, 2]))
+    load = forces(jc.LineLoads((0, 0, -10.0), per="projected"), structure)
+    assert np.asarray(load[:, 2]) == pytest.approx([0, -20, -20], abs=1e-14)
 
+
+# --- combinations
 
 CASES = {
     "dead": [jc.SelfWeight(), jc.LineLoads((0, 0, -5.0))],
     "snow": jc.LineLoads((0, 0, -40.0), per="projected"),
-    "wind": jc.NodalLoads([1, 2], [[30.0, 0, 0], [20.0, 5.0, 0]]),
+    "wind": jc.NodalLoads([4], (30.0, 5.0, 0)),
 }
-FACTORS = np.array([[1.35, 1.5, 0.9], [1.0, 0.0, 1.5]])
+FACTORS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [1.35, 1.5, 0.9]])
 
 
-@pytest.mark.slow
 def test_combinations_are_a_batch():
-    """Mapped over, they are the analyses of the factored loads one by one."""
-    structure = sloped(weight=3.0)
-    first = jc.solve(structure, [jc.Phase(prestrain=0.02)])
-    loads = jc.combine(CASES, FACTORS)
+    """Each has the factored loads of the cases, and is in equilibrium under them."""
 
-    def analyse(one):
-        return jc.solve(structure, [jc.Phase(loads=one)], start=first, method=TIGHT)
+    def analyse(loads):
+        return jc.solve(hub(), [jc.Phase(prestrain=0.02), jc.Phase(loads=loads)])
 
-    batch = jax.vmap(analyse)(loads)
+    batch = jax.vmap(analyse)(jc.combine(CASES, FACTORS))
     assert (np.asarray(batch.status) == 0).all()
-    for row, tension in zip(FACTORS, batch.tension, strict=True):
-        dead, snow, wind = row
-        by_hand = [
-            jc.SelfWeight((0, 0, -dead)),
-            jc.LineLoads((0, 0, -5.0 * dead)),
-            jc.LineLoads((0, 0, -40.0 * snow), per="projected"),
-            jc.NodalLoads([1, 2], wind * np.array([[30.0, 0, 0], [20.0, 5.0, 0]])),
-        ]
-        single = analyse(by_hand)
-        assert int(single.status) == 0
-        assert jnp.abs(single.tension - tension).max() < 1e-9
-    assert not np.allclose(batch.tension[0], batch.tension[1])
+    load = np.asarray(batch.load)
+    np.testing.assert_allclose(load[0, :, 2], at_ends(HUB, -25.0 * REST), rtol=1e-13)
+    np.testing.assert_allclose(load[2, 4], [30.0, 5.0, 0.0], rtol=1e-13)
+    np.testing.assert_allclose(load[3], np.tensordot(FACTORS[3], load[:3], 1), rtol=1e-13)
+    tension = np.hstack([batch.tension["front"], batch.tension["back"]])
+    way = np.asarray(batch.positions)[:, :4] - np.asarray(batch.positions)[:, 4:]
+    pull = tension[..., None] * way / np.linalg.norm(way, axis=-1, keepdims=True)
+    left = pull.sum(axis=1) + load[:, 4]
+    assert np.abs(left).max() < 1e-9 * 2e3 and np.ptp(tension, axis=0).min() > 1.0  # tol 1e-10
     (alone,) = jc.combine([jc.NodalLoads([1], (1.0, 2.0, 3.0))], [2.0])
     assert alone.forces.tolist() == [2.0, 4.0, 6.0]
 
@@ -161,115 +156,166 @@ def test_every_load_can_be_scaled():
     assert nothing.direction.tolist() == [0, 0, 0] and double.direction[2] == -2.0
 
 
-@pytest.mark.slow
 def test_a_factor_of_zero_has_the_derivative_of_the_load():
     """Loads are linear in their factor; the direction to look along does not vanish with it."""
-    structure = sloped()
+    cases = [
+        jc.LineLoads((0, 10.0, -50.0), per="projected"),
+        jc.AreaLoads([[0, 1, 2]], (0, 5.0, -500.0)),
+    ]
 
-    def loads(factor):
-        cases = [
-            jc.LineLoads((0, 10.0, -50.0), per="projected"),
-            jc.AreaLoads([[0, 1, 2]], (0, 5.0, -500.0)),
-        ]
-        solution = jc.solve(
-            structure, [jc.Phase(prestrain=0.02), jc.Phase(loads=jc.combine(cases, factor))]
-        )
-        return solution.load
+    def total(factors):
+        return sum(forces(load, hub()) for load in jc.combine(cases, factors))
 
     zero, one = jnp.zeros(2), jnp.ones(2)
-    rate = jax.jvp(loads, (zero,), (one,))[1]
-    assert np.asarray(rate) == pytest.approx(np.asarray(loads(one)), rel=1e-12)
-    assert float(jnp.abs(loads(zero)).max()) == 0.0
+    rate = jax.jvp(total, (zero,), (one,))[1]
+    assert np.asarray(rate) == pytest.approx(np.asarray(total(one)), rel=1e-12)
+    assert float(jnp.abs(total(zero)).max()) == 0.0
 
 
-def test_projected_loads_on_a_running_rope_go_to_the_pieces_that_have_a_projection():
-    nodes = [[0.0, 0, 0], [0.0, 0, 3.0], [4.0, 0, 3.0]]
-    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e5)
-    structure = jc.Structure(nodes, rope, jc.pinned([0, 1, 2]))
-    load = jc.LineLoads((0, 0, -10.0), per="projected")
-    solution = jc.solve(structure, [jc.Phase(loads=load)])
-    assert np.asarray(solution.load[:, 2]) == pytest.approx([0, -20, -20], abs=1e-14)
+# --- parts of groups
 
 
-REFUSED = {
-    "per": (lambda: jc.LineLoads((0, 0, 1.0), per="current"), "per = 'current': expected one of"),
-    "area per": (lambda: jc.AreaLoads([[0, 1, 2]], (0, 0, 1.0), per="x"), "per = 'x'"),
-    "area forces": (lambda: jc.AreaLoads([[0, 1, 2]], 1.0), r"forces: expected shape \(3,\)"),
-    "factors": (lambda: jc.combine(CASES, [[1.0, 2.0]]), r"shape \[n_combination, 3\]"),
-    "cases": (lambda: jc.combine([], [[]]), "at least one load case"),
-    "no load": (lambda: jc.combine([3.0], [1.0]), r"cases\[0\]: float is not a load"),
-}
+def test_catenaries_hang_under_loads_on_some_of_them():
+    """The shape, not only the nodes, knows which elements are loaded."""
+    chain = jc.Catenaries([[0, 4], [1, 4], [2, 4]], axial_stiffness=1e5, weight=20.0)
+    structure = jc.Structure(SQUARE, {"all": chain, "rest": jc.Cables([[3, 4]], 1e5)}, SUPPORTED)
+    state = chain.start(jnp.asarray(SQUARE)[chain.links.array])
+    for load, each in ((jc.SelfWeight, 20.0), (functools.partial(jc.LineLoads, DOWN), 50.0)):
+        own = load(on="all", elements=jc.only([1, 2])).among(structure)
+        along = own.per_length(0, chain, state, SQUARE)
+        np.testing.assert_allclose(along[:, 2], [0, -each, -each], rtol=1e-14)
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(name):
-    make, message = REFUSED[name]
-    with pytest.raises(ValueError, match=message):
-        make()
+def test_a_beam_is_bent_by_the_load_on_its_outer_half():
+    """Cantilever of two elements: the root's moment is q times half the length at its lever."""
+    section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(200e9))
+    beams = jc.Beams([[0, 1], [1, 2]], section=section)
+    nodes = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [4.0, 0.0, 0.0]]
+    structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
+    half = jc.LineLoads((0.0, 0.0, -5.0), elements=jc.only([False, True]))
+    solution = jc.solve(structure, jc.Phase(loads=jc.combine([half], [2.0])))
+    assert solution.status == 0
+    # it deflects by 2e-4 of its length: the lever shortens by the square of that
+    moments = np.abs(np.asarray(solution.section_forces)[:, :, 4])
+    assert moments[0, 0] == pytest.approx(10.0 * 2.0 * 3.0, rel=1e-6)
+    assert moments[1, 0] == pytest.approx(10.0 * 2.0 * 1.0, rel=1e-6)
+    assert moments[1, -1] < 1e-6  # the free end, which has no moment only if the load bends it
 
 
-FACES = jc.net_faces(
-    jc.scenes.saddle(2, 2).structure.nodes,
-    jc.scenes.saddle(2, 2)[0].elements.links,
-    border="ends",
-)
-NODES = jnp.asarray(jc.scenes.saddle(2, 2, rise=0.3).structure.nodes)
-
-
-def on_saddle(load, nodes=NODES):
-    structure, phases = jc.scenes.saddle(2, 2, rise=0.3)
-    structure = jc.replace(structure, nodes=nodes)
-    return jc.solve(structure, [phases[0], jc.Phase(loads=load)], TIGHT)
-
-
-PARAMETERS = {
-    "per initial length": (
-        jnp.array([50.0, 10.0, -400.0]),
-        lambda p: on_saddle(jc.LineLoads(p, per="initial")),
-    ),
-    "per projected length": (
-        jnp.array([50.0, 10.0, -400.0]),
-        lambda p: on_saddle(jc.LineLoads(p, per="projected")),
-    ),
-    "per area": (
-        jnp.array([50.0, 10.0, -400.0]),
-        lambda p: on_saddle(jc.AreaLoads(FACES, p)),
-    ),
-    "nodes under cladding": (
-        NODES,
-        lambda p: on_saddle(jc.AreaLoads(FACES, (0, 0, -400.0), per="initial"), p),
-    ),
-    "factors": (
-        jnp.array([1.0, 2.0]),
-        lambda p: on_saddle(
-            jc.combine(
-                [jc.LineLoads((0, 9.0, -99.0), per="projected"), jc.FacePressure(FACES, 100.0)], p
-            )
-        ),
-    ),
-}
-
-
-# the rest, alike, in `make test-all`
-QUICK = ("factors",)
-NAMES = [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in PARAMETERS]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_taylor(name):
-    p, solve = PARAMETERS[name]
+def test_a_form_under_loads_on_some_of_its_cables():
+    """Balance of every free node by NumPy, and the derivative by the load."""
+    nodes = np.array([[0, 0, 3.0], [3, 0, 1.0], [6, 0, 0.0], [9, 0, 1.5], [12, 0, 3.0]])
+    links = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+    structure = jc.Structure(nodes, jc.Cables(links, axial_stiffness=1e6), jc.pinned([0, 4]))
+    load = jc.LineLoads((0.0, 0.0, -30.0), per="initial", elements=jc.only([1]))
 
     @jax.jit
-    def value(p):
-        solution = solve(p)
-        places = solution.displacement.ravel()
-        return 1e3 * jnp.sum(jnp.sin(jnp.arange(len(places))) * places) + jnp.sum(
-            jnp.log(solution.tension)
-        )
+    def found(scale):
+        return jc.force_density(structure, 100.0, jc.combine([load], [scale]))
 
-    assert int(solve(p).status) == 0
-    gradient = jax.jit(jax.grad(value))(p)
-    size = 0.05 if name.startswith("nodes") else 50.0  # a load of 2 %, a place of millimetres
-    assert slope(value, p, gradient, size) == pytest.approx(2, abs=0.1)
-    assert slope(value, p, 1.1 * gradient, size) < 1.5
+    places = np.asarray(found(1.0))
+    pieces = np.diff(places, axis=0)
+    length = np.linalg.norm(pieces, axis=1)
+    down = at_ends(links, 30.0 * length * [0, 1, 0, 0])
+    left = 100.0 * np.diff(pieces, axis=0) - np.outer(down[1:4], [0, 0, 1])
+    # forces of 300 N, to the tolerance 1e-10 of the loads' iteration
+    assert np.abs(left).max() < 1e-6 and down[3] == 0 and places[1, 2] < places[3, 2] - 0.1
+    rate = jax.jvp(found, (1.0,), (1.0,))[1]
+    step = 1e-4
+    both = found(1 + step) - found(1 - step)
+    # central differences: step^2 against rounding over the step
+    np.testing.assert_allclose(rate, both / (2 * step), atol=1e-6)
+
+
+def test_parts_are_kept_in_files(tmp_path):
+    chosen = jc.only([1])
+    loads = [
+        jc.SelfWeight(on="back", elements=chosen),
+        jc.LineLoads(DOWN, on="back", elements=chosen),
+    ]
+    jc.save_scene(tmp_path / "a.json", (hub(), [jc.Phase(loads=loads)]))
+    again = jc.load_scene(tmp_path / "a.json")[1][0].loads
+    assert [load.elements.elements.array.tolist() for load in again] == [[1], [1]]
+    assert [load.on for load in again] == ["back", "back"]
+
+
+def test_elements_do_not_compile_anew():
+    """Which elements are loaded is data of the program, not the program."""
+    one, two = (
+        jc.SelfWeight(on="back", elements=jc.only(chosen)).among(hub()) for chosen in ([0], [0, 1])
+    )
+    assert jax.tree.structure(one) == jax.tree.structure(two)
+    assert jnp.sum(two.part[0]) == 2
+
+
+# --- derivatives: all kinds of loads on a pyramid
+
+TOP = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0.1, 0.05, 0.5]])
+FACES = [[k, (k + 1) % 4, 4] for k in range(4)]
+P = {
+    "nodes": jnp.asarray(TOP),
+    "unstressed length": jnp.array([1.04, 1.05, 1.05, 1.06]),
+    "forces": jnp.array([5.0, 10.0, -40.0]),
+    "pressure of faces": jnp.array([100.0, 200.0, 300.0, 250.0]),
+    "pressure of cables": jnp.array([100.0, 80.0]),
+    "axis": jnp.array([0.1, -1.0, 0.05]),
+    "factors": jnp.ones(9),
+}
+ONLY_FACES = P["factors"].at[:].set(0.0).at[5].set(1.0)
+
+
+@jax.jit
+@functools.partial(jax.value_and_grad, has_aux=True)
+def top(p):
+    """A sum of places and logarithms of tensions, and the solution."""
+    rest, force = p["unstressed length"], p["forces"]
+    elements = {
+        "front": jc.Cables(HUB[:2], axial_stiffness=1e4, rest_length=rest[:2], weight=20.0),
+        "back": jc.Cables(HUB[2:], axial_stiffness=1e4, rest_length=rest[2:], weight=20.0),
+    }
+    cases = [
+        jc.SelfWeight(),
+        jc.LineLoads(force, on="back"),
+        jc.LineLoads(force, per="projected"),
+        jc.LineLoads(force, per="initial"),
+        jc.AreaLoads(FACES, force),
+        jc.FacePressure(FACES, p["pressure of faces"]),
+        jc.AreaLoads(FACES, force, per="initial"),
+        jc.CablePressure(p["pressure of cables"], p["axis"], on="front"),
+        jc.CablePressure(p["pressure of cables"], p["axis"], on="back", per="unstressed"),
+    ]
+    phase = jc.Phase(loads=jc.combine(cases, p["factors"]))
+    structure = jc.Structure(p["nodes"], elements, SUPPORTED)
+    solution = jc.solve(structure, phase, TIGHT)
+    logarithms = sum(jnp.sum(jnp.log(t)) for t in solution.tension.values())
+    return jnp.sum(jnp.array([0.5, 1.0, 2.0]) * solution.positions[4]) + logarithms, solution
+
+
+@pytest.mark.parametrize("name", P)
+def test_taylor(name):
+    """Tangents are unsymmetric: the adjoint solves with the transposed matrix."""
+    (_, solution), gradient = top(P)
+    assert int(solution.status) == 0
+    assert min(float(t.min()) for t in solution.tension.values()) > 1.0
+
+    def value(p):
+        return top(P | {name: p})[0][0]
+
+    size = {"nodes": 1.0, "unstressed length": 1.0}.get(name, 50.0)  # loads change by 2 %
+    assert slope(value, P[name], gradient[name], size) == pytest.approx(2, abs=0.1)
+    assert slope(value, P[name], 1.1 * gradient[name], size) < 1.5
+
+
+def test_pressed_pyramid():
+    """The top gets p/3 of the base area, whatever its height: 4 N h / l = p A / 3, A = 2."""
+    even = {"pressure of faces": np.full(4, 300.0), "unstressed length": np.full(4, 1.05)}
+    (_, solution), _ = top(P | even | {"factors": ONLY_FACES})
+    assert int(solution.status) == 0
+    assert np.asarray(solution.load[4]) == pytest.approx([0, 0, 300 * 2 / 3], abs=1e-11)
+    low, high = 0.0, 5.0
+    for _ in range(100):
+        h = 0.5 * (low + high)
+        length = np.hypot(1, h)
+        force = 1e4 * max(length / 1.05 - 1, 0)
+        low, high = (h, high) if 4 * force * h / length < 200 else (low, h)
+    assert np.asarray(solution.positions[4]) == pytest.approx([0, 0, h], abs=1e-10)

@@ -154,16 +154,20 @@ def test_meshes_that_are_not_convex():
     assert covered(hall, faces) == pytest.approx(outline(hall[:6]), rel=1e-14)
 
 
-def test_refused():
-    nodes, links, _ = tent(2)
-    with pytest.raises(ValueError, match="border = 'hull': expected None, 'ends' or 'links'"):
-        jc.net_faces(nodes, links, border="hull")
-    with pytest.raises(ValueError, match="they enclose no mesh"):
-        jc.net_faces([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]], [[0, 1], [1, 2]])
-    spiral = [(2, 2), (0, 2), (0, 0), (4, 0), (4, 4), (-2, 4), (-2, 1)]
-    spiral = np.array([(*place, 0.0) for place in spiral])
-    with pytest.raises(ValueError, match=r"free end 0 to 6 would cross \[1, 2\]"):
-        jc.net_faces(spiral, [[k, k + 1] for k in range(6)], border="ends")
+def test_meshes_of_a_hexagonal_star():
+    """Six triangles inside, none outside; without its spokes one mesh of six corners."""
+    angle = np.arange(6) * np.pi / 3
+    rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    nodes = np.concatenate([rim, [[0.0, 0.0, 0.5]]])
+    faces = jc.net_faces(nodes, [[k, 6] for k in range(6)], border="ends")
+    assert faces.shape == (6, 4) and (faces[:, 2] == faces[:, 3]).all()
+    expected = {frozenset({k, (k + 1) % 6, 6}) for k in range(6)}
+    assert {frozenset(face) for face in faces.tolist()} == expected
+    assert covered(nodes, faces) == pytest.approx(outline(rim), rel=1e-13)
+    around = [[k, (k + 1) % 6] for k in range(6)]
+    hexagon = jc.net_faces(rim, around)
+    assert hexagon.shape == (4, 4)  # in four triangles
+    assert jc.net_faces(nodes, around).tolist() == hexagon.tolist()  # no link touches node 6
 
 
 def octagons(*links):
@@ -179,21 +183,3 @@ def test_a_part_inside_a_mesh_is_covered_once():
     assert covered(nodes, quiet(nodes, links)) == pytest.approx(outline(nodes[:8]), rel=1e-13)
     with pytest.raises(ValueError, match=r"with node 8 lies inside a mesh .* with node 0; join"):
         jc.net_faces(*octagons())
-
-
-SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-ROUND = [[0, 1], [1, 2], [2, 3], [3, 0]]
-REFUSED = [
-    (lambda: jc.net_faces(SQUARE, [*ROUND, [0, 2], [1, 3]]), "links: some cross in plan"),
-    (lambda: jc.net_faces(SQUARE, ROUND, largest=5), "largest = 5: expected 3 or 4 corners"),
-    (lambda: jc.net_faces(SQUARE, [*ROUND, [1, 5]]), r"links\[4\] = \[1, 5\]: .* nodes 0 to 3"),
-    (lambda: jc.net_faces(SQUARE, [0, 1, 2, 3]), r"links: expected shape \[n, 2\]"),
-    (lambda: jc.net_faces(SQUARE, [[0.0, 1.0]]), "links: expected integers, got float64"),
-    (lambda: jc.net_faces(SQUARE, [[0, -1]]), r"links\[0\] = .* node numbers start at 0"),
-]
-
-
-@pytest.mark.parametrize(("make", "text"), REFUSED, ids=[text[:30] for _, text in REFUSED])
-def test_what_is_no_net_is_refused_by_name(make, text):
-    with pytest.raises(ValueError, match=text):
-        make()
