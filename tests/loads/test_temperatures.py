@@ -84,35 +84,37 @@ def test_statements_shortenings_jacks_and_new_elements_between_changes():
     cold, heat = np.full(4, 5.0), np.zeros(4)  # L at the reference temperature, a sum(dt)
     there = np.ones(4, bool)
 
-    def stated(k, force):
-        cold[k] = 5.0 / (1 + force / EA) / (1 + heat[k])
+    def state(force, *which):
+        for k in which:
+            cold[k] = 5.0 / (1 + force / EA) / (1 + heat[k])
 
-    for number, phase in enumerate(solution.phases):
-        if number == 0:
-            there[2] = False
-            for k in (0, 1, 3):
-                stated(k, 1e5)
-            heat[there] += ALPHA * 60
-        if number == 1:
-            cold[:2] -= 1e-3 / (1 + heat[:2])
-        if number == 2:
-            there[2], cold[2], heat[2] = True, 5.0, 0.0
-            heat[there] -= ALPHA * 25
-        if number == 3:
-            stated(0, 7e4)
-            there[3] = False
-        if number == 4:
-            stated(1, 9e4)
-        if number == 5:
-            cold[0] -= 5e-4 / (1 + heat[0])
-            heat[there] += ALPHA * 40
-        if number == 6:
-            there[3], cold[3], heat[3] = True, 5.0, 0.0
-            heat[there] += ALPHA * 10
-        if number == 7:
-            heat[there] -= ALPHA * 85
+    def cut(length, *which):
+        for k in which:
+            cold[k] -= length / (1 + heat[k])
+
+    def come(k):
+        there[k], cold[k], heat[k] = True, 5.0, 0.0
+
+    def go(k):
+        there[k] = False
+
+    def warm(change):
+        heat[there] += ALPHA * change
+
+    steps = (
+        lambda: (go(2), state(1e5, 0, 1, 3), warm(60)),
+        lambda: cut(1e-3, 0, 1),
+        lambda: (come(2), warm(-25)),
+        lambda: (state(7e4, 0), go(3)),
+        lambda: state(9e4, 1),
+        lambda: (cut(5e-4, 0), warm(40)),
+        lambda: (come(3), warm(10)),
+        lambda: warm(-85),
+    )
+    for step, phase in zip(steps, solution.phases, strict=True):
+        step()
         expected = np.where(there, EA * (5.0 / (cold * (1 + heat)) - 1), 0.0)
-        np.testing.assert_allclose(phase.tension, expected, atol=1e-6, err_msg=f"phase {number}")
+        np.testing.assert_allclose(phase.tension, expected, atol=1e-6)
     # heat has no weight; the jack had taken in what it weighs from then on as before
     np.testing.assert_allclose(heat, ALPHA * np.array([0.0, 0.0, -60.0, -75.0]), atol=1e-18)
     table = jc.report(structure, solution).tables["cutting_list"]
