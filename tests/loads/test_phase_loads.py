@@ -109,6 +109,12 @@ CASES = {
 }
 
 
+def names(cases):
+    """Names of cases, of which some are slow."""
+    quick = ("beams", "freed", "stages")
+    return [pytest.param(name, marks=[] if name in quick else pytest.mark.slow) for name in cases]
+
+
 @functools.lru_cache
 def solved(name):
     structure, phases = CASES[name]()[:2]
@@ -117,7 +123,7 @@ def solved(name):
     return solution
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", names(CASES))
 def test_loads_of_every_end_are_in_balance_with_reactions(name):
     """Of the whole structure, whatever is inside; and they change from phase to phase."""
     loads = [np.asarray(phase.load) for phase in solved(name).phases]
@@ -128,7 +134,7 @@ def test_loads_of_every_end_are_in_balance_with_reactions(name):
     assert max(np.abs(a - b).max() for a, b in itertools.pairwise(loads)) > 1.0
 
 
-@pytest.mark.parametrize("name", ["beams", "pressure", "freed", "stages"])
+@pytest.mark.parametrize("name", names(["beams", "pressure", "freed", "stages"]))
 def test_sums_by_hand(name):
     by_hand = CASES[name]()[2]
     for k, phase in enumerate(solved(name).phases):
@@ -142,6 +148,7 @@ def test_phases_that_failed_have_none():
     assert np.isfinite(failed.phases[0].load).all() and np.isnan(failed.phases[1].load).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pressure", "stages"])
 def test_taylor_at_the_end_of_a_phase(name):
     """Of the loads of a phase in the middle, by places of nodes."""

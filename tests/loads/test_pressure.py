@@ -277,6 +277,7 @@ def test_cantilever_under_a_pressure_per_unstressed_length():
     )
 
 
+@pytest.mark.slow
 def test_ring_under_pressure():
     """N = -p R cos(pi/n) in the middles of chords, exactly: half a ring between two of them.
 

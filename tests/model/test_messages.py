@@ -93,6 +93,7 @@ print(len(count(form, nodes)))
 """
 
 
+@pytest.mark.slow
 def test_float32_by_accident():
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     environment.pop("JAX_ENABLE_X64", None)
@@ -225,6 +226,7 @@ CASES = [GOOD, (-1e3, 1.0, 10.0, 1e-10), (1e3, -1.0, 10.0, 1e-10), (1e3, 1.0, -1
 CASES.append((1e3, 1.0, 10.0, 1e3))
 
 
+@pytest.mark.slow
 def test_a_case_with_a_bad_number_fails_alone():
     """In a batch: nothing of it is a number, and what the others share keeps its gradient."""
     (total, solved), gradient = moved(1.0, jnp.array(CASES).T)

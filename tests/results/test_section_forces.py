@@ -1,5 +1,8 @@
 """Section forces along beams, axial strain and neutral axes: an independent stiffness method."""
 
+import functools
+import operator
+
 import numpy as np
 import pytest
 from oracles import stiffness_method as oracle
@@ -24,26 +27,6 @@ def beam(n, end, supports, section=BOX, **options):
     return jc.Structure(nodes, jc.Beams(chain(n), section=section, **options), supports)
 
 
-def of_oracle(structure, held, load, loads=None, stiffness=STIFFNESS, hinges=None):
-    """The same by the stiffness method: solution and section forces [n_elem, n, 6]."""
-    links = structure.elements.links.array
-    hinges = np.zeros((len(links), 2, 3), bool) if hinges is None else hinges
-    members = [
-        oracle.Member(
-            *pair,
-            D=stiffness,
-            GJ=GJ,
-            up=(0.0, 0.3, 1.0),
-            load=load,
-            joints=np.where(hinges[k], 0.0, np.inf),
-        )
-        for k, pair in enumerate(links.tolist())
-    ]
-    nodal = np.zeros((structure.n_node, 6)) if loads is None else loads
-    found = oracle.solve_frame(structure.nodes, members, held, nodal)
-    return found, np.stack([found.internal(k, PLACES) for k in range(len(links))])
-
-
 def hold(node, along="", about=""):
     """Supports as the oracle states them."""
     axes = dict(zip("xyz", np.eye(3), strict=True))
@@ -58,37 +41,70 @@ ENDS = {
     "clamped": ("xyz", "xyz", "xyz", "xyz"),
     "forks": ("xyz", "x", "yz", "x"),
     "pin and torsion": ("xyz", "xz", "yz", "z"),
+    "hinged": ("xyz", "xyz", "xyz", "xyz"),  # in the middle, where it has one
+    "column": ("xyz", "xyz", "", ""),  # leaning, under its own weight
 }
+CASES = [(name, n) for name in ENDS for n in (1, 2, 8)]
 
 
-FIRST = [("cantilever", 1), ("forks", 2)]  # the others take as long to compile
+@functools.lru_cache
+def linear_frame():
+    """All cases side by side in one frame: first elements, package's and independent results.
 
-
-# all in linear theory: loads so small that second-order effects are below 1e-10 of the first
-@pytest.mark.parametrize(
-    ("name", "n"),
-    [
-        pytest.param(name, n, marks=[pytest.mark.slow] if (name, n) not in FIRST else [])
-        for name in ENDS
-        for n in (1, 2, 8)
-    ],
-)
-def test_forces_along_a_beam_in_linear_theory(name, n):
-    along, about, along_end, about_end = ENDS[name]
-    end = np.array([6.0, 0.0, 0.0])
-    supports = jc.restrained([0], along, about)
-    held = hold(0, along, about)
-    if along_end:
-        supports = supports + jc.restrained([n], along_end, about_end)
-        held = held + hold(n, along_end, about_end)
-    structure = beam(n, end, supports)
-    q = 1e-6 * np.array([0.4, 0.7, -1.0])
-    solution = jc.solve(structure, jc.Phase(loads=jc.LineLoads(q)))
+    Loads are so small that second-order effects are below 1e-10 of the first.
+    """
+    nodes, links, ups, weights, hinges = [], [], [], [], []
+    supports, held, members, firsts = [], [], [], {}
+    q, weight = 1e-6 * np.array([0.4, 0.7, -1.0]), 1e-5
+    for number, (name, n) in enumerate(CASES):
+        along, about, along_end, about_end = ENDS[name]
+        leans = name == "column"
+        first, firsts[name, n] = len(nodes), len(links)
+        start = np.array([0.0, 10.0 * number, 0.0])
+        end = start + ([1.0, 0.5, 6.0] if leans else [6.0, 0.0, 0.0])
+        nodes += [*np.linspace(start, end, n + 1)]
+        supports.append(jc.restrained([first], along, about))
+        held += hold(first, along, about)
+        if along_end:
+            supports.append(jc.restrained([first + n], along_end, about_end))
+            held += hold(first + n, along_end, about_end)
+        for k in range(n):
+            joints = np.zeros((2, 3), bool)
+            joints[0, 1:] = name == "hinged" and 2 * k == n  # bending released, torsion kept
+            up = (1.0, 0.0, 0.0) if leans else (0.0, 0.3, 1.0)
+            load = np.array([0.0, 0.0, -weight]) if leans else q
+            pair = first + k, first + k + 1
+            joined = np.where(joints, 0.0, np.inf)
+            members.append(
+                oracle.Member(*pair, D=STIFFNESS, GJ=GJ, up=up, load=load, joints=joined)
+            )
+            links.append(pair)
+            ups.append(up)
+            weights.append(weight * leans)
+            hinges.append(joints)
+    beams = jc.Beams(
+        links, section=BOX, torsional_stiffness=GJ, up=ups, weight=weights, hinges=np.array(hinges)
+    )
+    structure = jc.Structure(nodes, beams, functools.reduce(operator.add, supports))
+    lying = jc.only(np.array(weights) == 0)
+    phase = jc.Phase(loads=[jc.SelfWeight(), jc.LineLoads(q, elements=lying)])
+    solution = jc.solve(structure, phase, jc.Newton(tol=1e-13))
     assert int(solution.status) == 0
+    exact = oracle.solve_frame(np.array(nodes), members, held, np.zeros((len(nodes), 6)))
     forces = np.asarray(jc.section_forces(structure, solution, PLACES))
-    _, exact = of_oracle(structure, held, q)
-    size = np.linalg.norm(q) * 36.0  # q L^2
-    assert np.abs(forces - exact).max() < 1e-9 * size
+    peaks = np.asarray(solution.peak_tension)
+    return firsts, forces, peaks, np.stack([exact.internal(k, PLACES) for k in range(len(links))])
+
+
+@pytest.mark.parametrize(("name", "n"), CASES)
+def test_forces_along_a_beam_in_linear_theory(name, n):
+    firsts, forces, peaks, exact = linear_frame()
+    own = slice(firsts[name, n], firsts[name, n] + n)
+    size = 1e-5 if name == "column" else 1.3e-6  # force per length, N/m
+    assert np.abs(exact[own]).max() > size
+    assert np.abs(forces[own] - exact[own]).max() < 1e-9 * size * 36.0  # q L^2
+    if name == "column":  # N with its wL/2, the largest at the lower end
+        assert np.abs(peaks[own] - exact[own, 0, 0]).max() < 1e-9 * size * 6.0
 
 
 def test_the_root_of_a_cantilever_in_one_element():
@@ -109,73 +125,6 @@ def test_the_root_of_a_cantilever_in_one_element():
     # the bent axis is shorter, to second order: 2e-8 of the bending stress
     apart = stress - 18.0 * np.asarray(section.z) / inertia
     assert np.abs(apart).max() < 1e-7 * 1.8 / inertia
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [1, 2])
-def test_forces_of_its_own_weight_along_a_leaning_column(n):
-    """N with its wL/2, and what of the weight acts across."""
-    end = np.array([1.0, 0.5, 6.0])
-    weight = 1e-5
-    structure = beam(n, end, jc.clamped([0]), weight=weight, up=(1.0, 0.0, 0.0))
-    solution = jc.solve(structure, jc.Phase(loads=jc.SelfWeight()))
-    assert int(solution.status) == 0
-    forces = np.asarray(jc.section_forces(structure, solution, PLACES))
-    members = [
-        oracle.Member(k, k + 1, D=STIFFNESS, GJ=GJ, up=(1.0, 0.0, 0.0), load=(0, 0, -weight))
-        for k in range(n)
-    ]
-    held = hold(0, "xyz", "xyz")
-    found = oracle.solve_frame(structure.nodes, members, held, np.zeros((n + 1, 6)))
-    exact = np.stack([found.internal(k, PLACES) for k in range(n)])
-    assert np.abs(forces - exact).max() < 1e-9 * weight * 36.0
-    assert np.abs(np.asarray(solution.peak_tension) - exact[:, 0, 0]).max() < 1e-9 * weight * 6.0
-
-
-@pytest.mark.slow
-def test_a_continuous_beam_on_cables():
-    """Four spans on hangers and rigid ends, a hinge in the last span: an independent solution."""
-    n, load = 4, np.array([0.0, 1e-4, -1e-3])
-    nodes = np.zeros((n + 1, 3))
-    nodes[:, 0] = [0.0, 3.0, 7.0, 10.0, 12.0]
-    tops = nodes[1:-1] + np.array([[0.0, 0.0, 5.0]])
-    hangers = np.column_stack([np.arange(1, n), n + 1 + np.arange(n - 1)])
-    hinges = np.zeros((n, 2, 3), bool)
-    hinges[3, 0, 1:] = True  # bending released, torsion kept
-    held = jc.restrained([0], "xyz", "x") + jc.restrained([n], "yz", "x")
-    held = held + jc.restrained(np.arange(1, n), "y") + jc.pinned(n + 1 + np.arange(n - 1))
-    structure = jc.Structure(
-        np.vstack([nodes, tops]),
-        {
-            "girder": jc.Beams(chain(n), section=BOX, torsional_stiffness=GJ, hinges=hinges),
-            "hangers": jc.Cables(hangers, axial_stiffness=4e6),
-        },
-        held,
-    )
-    # enough that the hangers do not go slack, too little to matter to second order
-    phases = [jc.Phase(loads=jc.LineLoads(load, on="girder"))]
-    solution = jc.solve(structure, phases)
-    assert int(solution.status) == 0
-    forces = np.asarray(jc.section_forces(structure, solution, PLACES)["girder"])
-    members = [
-        oracle.Member(
-            k, k + 1, D=STIFFNESS, GJ=GJ, load=load, joints=np.where(hinges[k], 0.0, np.inf)
-        )
-        for k in range(n)
-    ]
-    members += [
-        oracle.Member(*pair, EA=4e6, axial=True, up=(1.0, 0.0, 0.0)) for pair in hangers.tolist()
-    ]
-    supports = hold(0, "xyz", "x") + hold(n, "yz", "x")
-    for k in range(1, n):
-        supports += hold(k, "y") + hold(n + k, "xyz")
-    found = oracle.solve_frame(structure.nodes, members, supports, np.zeros((2 * n, 6)))
-    exact = np.stack([found.internal(k, PLACES) for k in range(n)])
-    # second order: deflections of 2e-6 m on 4 m
-    assert np.abs(forces - exact).max() < 1e-5 * 1e-3 * 16.0
-    assert np.abs(forces[3, 0, 4]) < 1e-9 * 1e-3 * 16.0  # at the hinge
-    tension = np.asarray(solution.tension["hangers"])
-    assert np.abs(tension - [-found.end_forces[n + k, 0] for k in range(n - 1)]).max() < 1e-8
 
 
 def test_a_column_of_an_unsymmetric_section_under_force_and_moment():
@@ -205,16 +154,14 @@ def test_a_column_of_an_unsymmetric_section_under_force_and_moment():
 # --- neutral axes off the axis of the nodes
 
 
-@pytest.mark.parametrize("n", [1, pytest.param(2, marks=pytest.mark.slow)])
-def test_a_cantilever_with_its_axis_at_the_edge(n):
+def test_a_cantilever_with_its_axis_at_the_edge():
     """Before there was a linear axial strain: 0.81, 0.95, 0.99 of it with 1, 2, 4 elements."""
     b, h, E, length = 0.1, 0.2, 30e9, 2.0
     section = jc.Section.rectangle(b, h, jc.Elastic(E)).shifted(z=h / 2)
-    structure = beam(n, (length, 0, 0), jc.clamped([0]), section=section)
-    structure = beam(n, (length, 0, 0), jc.clamped([0]), section=section, up=(0.0, 0.0, 1.0))
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([n], (0.0, 0.0, -1.0))))
+    structure = beam(1, (length, 0, 0), jc.clamped([0]), section=section, up=(0.0, 0.0, 1.0))
+    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -1.0))))
     assert int(solution.status) == 0
-    found = float(solution.displacement[n, 2])
+    found = float(solution.displacement[1, 2])
     exact = oracle.offset_cantilever(-1.0, 0.0, length, E * b * h, E * b * h**3 / 12, h / 2)[1]
     # second order in a deflection of 1e-7 m, and the rounding of lengths of 2 m
     assert found == pytest.approx(exact, rel=1e-7)
@@ -269,10 +216,7 @@ def bent_by(force, tip, length, n=201):
     ("force", "n", "error"),
     [
         (0.0, 1, 2e-3),
-        pytest.param(0.0, 2, 2e-3, marks=pytest.mark.slow),
-        pytest.param(-200e3, 1, 3e-2, marks=pytest.mark.slow),
         pytest.param(-200e3, 2, 1e-2, marks=pytest.mark.slow),
-        pytest.param(-200e3, 4, 5e-3, marks=pytest.mark.slow),
     ],
 )
 def test_a_cracked_cantilever(force, n, error):
@@ -302,7 +246,7 @@ def test_forces_along_converge_at_second_order_or_better_for_large_displacements
     )
     assert rod.success
     errors = []
-    for n in (2, 4, 8):
+    for n in (2, 4):
         structure = beam(n, (length, 0, 0), jc.clamped([0]), up=(0.0, 0.0, 1.0))
         load = jc.LineLoads((0.0, 0.0, -q))
         solution = jc.solve(structure, jc.Phase(loads=load, increments=4))
@@ -316,4 +260,4 @@ def test_forces_along_converge_at_second_order_or_better_for_large_displacements
         apart = (forces.reshape(-1, 6)[:, [0, 2, 4]] - exact) / scale
         errors.append(np.abs(apart).max())
     rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert errors[-1] < 2e-3 and (rates > 1.8).all(), (errors, rates)
+    assert errors[-1] < 8e-3 and (rates > 1.8).all(), (errors, rates)  # 2e-3 of 8 elements, times 4
