@@ -343,8 +343,8 @@ def test_a_hinge_about_one_axis_turns_far():
 
 
 def mast(supports, law=LAW):
-    """A guyed tube of two pieces."""
-    scene = jc.scenes.guyed_mast(levels=1, per_level=2, law=law, increments=(1, 1))
+    """A guyed tube in two storeys."""
+    scene = jc.scenes.guyed_mast(levels=2, per_level=1, law=law, increments=(1, 1))
     anchors = jc.pinned(np.arange(3, scene.structure.n_node))
     return jc.replace(scene.structure, supports=anchors + supports), scene.phases
 

@@ -41,7 +41,7 @@ ENDS = {
     "clamped": ("xyz", "xyz", "xyz", "xyz"),
     "forks": ("xyz", "x", "yz", "x"),
     "pin and torsion": ("xyz", "xz", "yz", "z"),
-    "hinged": ("xyz", "xyz", "xyz", "xyz"),  # in the middle, where it has one
+    "hinged": ("xyz", "xyz", "yz", "xyz"),  # in the middle, where it has a node
     "column": ("xyz", "xyz", "", ""),  # leaning, under its own weight
 }
 CASES = [(name, n) for name in ENDS for n in (1, 2, 8)]
