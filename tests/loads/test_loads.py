@@ -114,6 +114,7 @@ CASES = {
 FACTORS = np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [1.35, 1.5, 0.9]])
 
 
+@pytest.mark.slow
 def test_combinations_are_a_batch():
     """Each has the factored loads of the cases, and is in equilibrium under them."""
 

@@ -81,6 +81,7 @@ def test_a_pressed_cable_is_a_circular_arc():
     assert np.asarray(solution.reactions.sum(0)) == pytest.approx([0, 0, -400.0], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_pressure_goes_on_following_in_later_analyses():
     """Under a dead load it has the directions of the new chords: p (axis x chord) on each."""
     structure, first = pressed_arch()
@@ -96,6 +97,7 @@ def test_pressure_goes_on_following_in_later_analyses():
     assert np.asarray(solution.load) == pytest.approx(expected, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_newton_converges_quadratically():
     """The residual after k steps, from near the equilibrium: its digits double.
 
@@ -267,6 +269,7 @@ def test_cantilever_under_a_pressure_that_follows_converges_at_the_fourth_order(
     assert np.log2(errors(2)[0] / errors(4)[0]) > 3.7
 
 
+@pytest.mark.slow
 def test_cantilever_under_a_pressure_per_unstressed_length():
     """Its resultant is larger than that on an arc by (kappa l)^2 / 24 of itself: second order."""
     x, z, _ = elastica(PRESSURE, "unstressed")

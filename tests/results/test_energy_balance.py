@@ -301,6 +301,7 @@ def test_imbalance_of_a_scene_is_of_second_order(name):
     assert_of_second_order(coarse, fine, solution, bounds, starts)
 
 
+@pytest.mark.slow
 def test_increments_that_drift_are_of_second_order_too():
     """`Incremental` with one correction leaves equilibrium by the fourth order only."""
     method = jc.Incremental(corrections=1)
