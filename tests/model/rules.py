@@ -4,10 +4,11 @@ A row has a good and a bad number for one rule. Known, the bad one is a ValueErr
 message; traced, it is a status or NaN, while the good one passes both ways.
 """
 
-from typing import Any, NamedTuple
+import re
 
 import jax.numpy as jnp
 import numpy as np
+from messages import rows
 
 import jaxcable as jc
 from jaxcable import design, forms
@@ -87,11 +88,11 @@ def through_origin(v):
     return curve([-1e-3, 1e-3], v)
 
 
-def of_stresses(unloading):
+def of_stresses(unloading="reversible"):
     return lambda v: curve([-1e-3, -5e-4, 0.0, 1e-3, 2e-3], v, unloading)
 
 
-STRESS = [-5e5, -5e5, 0.0, 1e6, 1e6]
+STRAIN, STRESS = [0.0, 1e-3, 2e-3], [-5e5, -5e5, 0.0, 1e6, 1e6]
 
 
 def fibres(v):
@@ -150,6 +151,10 @@ def unstrained(structure):
     return State(zero, structure.nodes, None, None, zero, zero, 0, 1.0, carry, (fixed,), **named)
 
 
+def along(v):
+    return jc.section_forces(frame(), unstrained(frame()), v)
+
+
 def swinging(v):
     structure = net(weight=1.0)
     state = unstrained(structure)
@@ -187,223 +192,154 @@ def prestressed(v):
     return forms.feasible_prestress(PRISM, groups, group=verticals, tension=v).group_tension
 
 
+def scaled(v):
+    return spread(v, jnp.ones(2), "scale", positive=True)
+
+
+def tolerated(v):
+    return jnp.where(is_tolerance(tolerance(v, 1e-3)), 1.0, jnp.nan)
+
+
+def adjusted(v):
+    return design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v)
+
+
+def scattered(v):
+    return design.scatter(jnp.eye(2), v)[0]
+
+
+def used(v):
+    return design.material_use(STRESSED, v)
+
+
+width = width_of
 STRESSED = jc.solve(net(), jc.Phase(pretension=1.0))
 
 
-class Row(NamedTuple):
-    """A rule: of what, the message, a function of the number, a good number and a bad one."""
+def read(table):
+    """Rules by row: file, argument, pattern of the message, function, good number, bad one."""
+    found = []
+    for part in re.split(r"^## ", table.strip(), flags=re.M)[1:]:
+        file, _, body = part.partition("\n")
+        for call, message in rows(body):
+            argument, _, pattern = message.lstrip("^").partition(":\\ ")
+            function, *numbers = eval(call, globals())
+            found.append((file, argument, pattern, function, *(numbers or (1.0, -1.0))))
+    return found
 
-    argument: str
-    message: str
-    run: Any
-    good: Any = 1.0
-    bad: Any = -1.0
 
-
-RULES = {
-    "elements/straight.py": [
-        Row("axial_stiffness", "ss.* = 0.0: must be pos", of_cables("axial_stiffness"), 1.0, 0.0),
-        Row("area", r"area\[0\] = -1.0", of_cables("area", law=jc.Elastic(1e3))),
-        Row("rest_length", r"rest_length\[0\] = 0.0", of_cables("rest_length"), 1.0, 0.0),
-        Row("strength", r"strength\[0\] = -1.0", of_cables("strength")),
-        Row("weight", r"weight\[0\] = -1.0: must not be negative", of_cables("weight")),
-        Row("compliance", r"compliance\[0\] = -1.0: must not", of_cables("compliance")),
-        Row(
-            "compliance",
-            "section.laws.* falls",
-            softened,
-            [-1e9, 0.0, 1e6, 2e6],
-            [-1e9, 0.0, 1e6, 5e5],
-        ),
-    ],
-    "elements/beam.py": [
-        *(
-            Row(name, f"{name}.* = -1.0", of_beams(name))
-            for name in ("torsional_stiffness", "rest_length", "strength", "weight")
-        ),
-        Row(
-            "springs",
-            r"springs\[0, 0, 0\] = -1.0: must not",
-            of_beams("springs", hinges=[[True, False]] * 2),
-        ),
-        Row("springs", r"hinges\[0\]: both ends", spun, 1.0, 0.0),
-        Row("up", r"up\[0\].*must not be along the element", of_beams("up"), AXIS, (5.0, 0.0, 1.0)),
-    ],
-    "elements/sliding.py": [
-        Row("nodes", r"links\[0\]: its nodes \[0, 1\] coincide", rope, 1.0, JOINED)
-    ],
-    "model/structure.py": [
-        Row(
-            "nodes",
-            r"links\[0\] = \[0, 1\]: zero length",
-            lambda v: code(net(NODES * v)),
-            1.0,
-            JOINED,
-        )
-    ],
-    "materials/elastic.py": [
-        Row("E", f"E = {bad}: Young's", lambda v: code(net(area=1.0, law=jc.Elastic(v))), 1.0, bad)
-        for bad in (-1.0, 0.0)
-    ],
-    "materials/points.py": [
-        *(
-            Row("strain", message, of_strains, [0.0, 1e-3, 2e-3], bad)
-            for message, bad in {
-                r"strain\[2\] = inf: must be finite": [0.0, 1e-3, np.inf],
-                r"strain\[2\] = 0.001: must be above strain\[1\]": [0.0, 1e-3, 1e-3],
-                "strain: goes from 0.001": [1e-3, 2e-3, 3e-3],
-            }.items()
-        ),
-        *(
-            Row("stress", message, of_stresses(unloading), STRESS, bad)
-            for message, unloading, bad in (
-                (r"stress\[2\] = 5.0: at zero", "reversible", [-1e6, -5e5, 5.0, 1e6, 1e6]),
-                ("slope at the origin, -1e", "reversible", [-1e6, -5e5, 0.0, -1e6, 1e6]),
-                (r"stress\[4\] = -1.0: of the other", "reversible", [-1e6, -5e5, 0, 1e6, -1.0]),
-                (r"stress\[3\]: elastic .* concave", "elastic", [-5e5, -5e5, 0.0, 1e6, 3e6]),
-                (r"stress\[3\]: elastic .* concave", "elastic", [-5e5, -5e5, 0.0, 1e6, 5e5]),
-                ("segment 0 from the origin has", "elastic", [-6e5, -6e5, 0.0, 1e6, 1e6]),
-            )
-        ),
-        Row("stress", "has 500000 Pa at zero strain", through_origin, [-1e6, 1e6], [-1e6, 2e6]),
-    ],
-    "materials/presets.py": [Row("_positive", "yield_stress = -1.0", drawn_steel, 1e8)],
-    "sections/section.py": [Row("area", r"area\[0\] = -1.0", fibres, [1.0, 1.0], [-1.0, 1.0])],
-    "sections/shapes.py": [
-        Row("_positive", "diameter = -1", lambda v: jc.Section.disc(v, LAW).area),
-        Row("_within", "0.6: twice", lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6),
-    ],
-    "sections/torsion.py": [Row("thickness", "thickness = -1.0", thickness)],
-    "sections/composites.py": [Row("torsion", "torsion = -1.0", composed)],
-    "analysis/prestress_rules.py": [
-        *(
-            Row("value_rules", rf"{name}\[0\] = {bad}: .*{text}", stated(name), good, bad)
-            for name, text, good, bad in (
-                ("rest_length", "must be positive", 1.0, -1.0),
-                ("prestrain", "must be above -1", 0.1, -1.0),
-                ("pretension", "a cable carries tension only", 1.0, -1.0),
-                ("force_density", "", 1.0, -1.0),
-                ("jacking", "", 100.0, -100.0),
-            )
-        ),
-        Row("value_rules", r"sag\[0\] = -0.1", stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1),
-        *(
-            Row(
-                "capacity_rules",
-                rf"{name}\[1\] = 1000001.0: above what its law",
-                stated(name, area=1.0, law=LAW),
-                1e6,
-                1000001.0,
-            )
-            for name in ("pretension", "jacking")
-        ),
-        Row("span_rules", r"sag\[0\]: the nodes of the element lie", plumb, 1.0, 0.0),
-    ],
-    "loads/pressure.py": [Row("axis", "axis: is zero", pressed, AXIS, (0, 0, 0))],
-    "equilibrium/newton.py": [
-        Row("tol", "tol = -1.0: must be pos", of_method(jc.Newton, "tol"), 1e-9, -1.0),
-        Row("tol", "tol = 1.0: relative to", of_method(jc.Newton, "tol"), 1e-9, 1.0),
-        *(
-            Row("max_steps", f"max_steps = {text}", of_method(jc.Newton, "max_steps"), 3.0, bad)
-            for text, bad in (("0.0: must be pos", 0.0), ("2.5: expected a whole", 2.5))
-        ),
-    ],
-    "equilibrium/incremental.py": [
-        Row("tol", "tol = nan", of_method(jc.Incremental, "tol"), 0.1, np.nan)
-    ],
-    "paths/run.py": [
-        Row("until", "until = -1.0", of_path("until")),
-        Row("down_to", "down_to = 1.0", of_path("down_to"), -1.0, 1.0),
-        Row("step", "step = -0.1", of_path("step"), 0.1, -0.1),
-        Row("largest", "largest = -0.1", of_path("largest"), 0.1, -0.1),
-        Row("tol", "tol = -1e-09", of_path("tol"), 1e-9, -1e-9),
-    ],
-    "stiffness/vibration.py": [
-        Row("gravity", "gravity.* = -1.0", swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]),
-        Row("masses", "masses.* = -1.0", swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]),
-    ],
-    "results/internal_forces.py": [
-        Row(
-            "places",
-            r"places\[0\] = 1.5",
-            lambda v: jc.section_forces(frame(), unstrained(frame()), v),
-            [0.5],
-            [1.5],
-        )
-    ],
-    "forms/relaxation.py": [
-        Row("tension", "tension.* = -1.0", relaxed, [5.0, 1.0, 1e-9], [-1.0, 1.0, 1e-9]),
-        Row("rest_length", "rest_length.* = -1.0", relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]),
-        Row("tol", "tol.* = -1.0", relaxed, [5.0, 1.0, 1e-9], [5.0, 1.0, -1.0]),
-    ],
-    "forms/prescribed.py": [
-        Row("_pulling", r"tension\[0\] = -1.0", formed("tension")),
-        Row("_pulling", r"stress\[0\] = -1.0", formed("stress", area=1.0, law=jc.Elastic(1e3))),
-        Row("statements", r"length\[0\] = -1.0", formed("length")),
-    ],
-    "forms/force_density.py": [
-        Row("force_density", r"q\[0\] = -1.0", lambda v: jc.force_density(net(), v, PULL))
-    ],
-    "forms/hanging.py": [
-        Row("hanging_chain", "sag = -1.0", chain, [0.1, 1.0, 1e6], [-1.0, 1.0, 1e6]),
-        Row("hanging_chain", "weight = -1.0", chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]),
-        Row("hanging_chain", "axial_stiffness = -1.0", chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]),
-        Row("second", "first, second: the ends lie above", hung_to, (1.0, 0.0, 0.2), (0, 0, 0.2)),
-    ],
-    "forms/feasible.py": [Row("tension", r"tension = -1.0: with group \d so", prestressed)],
-    "design/box.py": [
-        Row(
-            "fill",
-            r"scale\[1\] = -1.0",
-            lambda v: spread(v, jnp.ones(2), "scale", positive=True),
-            [1.0, 1.0],
-            [1.0, -1.0],
-        )
-    ],
-    "design/arguments.py": [
-        Row(
-            "tol",
-            "tol = 1.0",
-            lambda v: jnp.where(is_tolerance(tolerance(v, 1e-3)), 1.0, jnp.nan),
-            0.5,
-            1.0,
-        ),
-        Row("width", "width = 0.0: must be positive", width_of, 0.1, 0.0),
-    ],
-    "design/targets.py": [
-        Row("value", "value = nan", lambda v: design.Target("tension", v).value, 1.0, np.nan),
-        Row("within", "in = 0.0", lambda v: design.Target("tension", within=v).within, 1.0, 0.0),
-    ],
-    "design/influence.py": [
-        *(
-            Row(
-                "rcond",
-                f"rcond = {bad}: must",
-                lambda v: design.adjustment(jnp.eye(2), jnp.ones(2), rcond=v),
-                0.1,
-                bad,
-            )
-            for bad in (1.0, -1.0)
-        ),
-        Row(
-            "tolerance",
-            r"tolerance\[1\] = -1.0: must not be negative",
-            lambda v: design.scatter(jnp.eye(2), v)[0],
-            [1.0, 1.0],
-            [1.0, -1.0],
-        ),
-    ],
-    "design/objectives.py": [
-        Row(
-            "material_use",
-            f"stress = {bad}: must be positive",
-            lambda v: design.material_use(STRESSED, v),
-            1.0,
-            bad,
-        )
-        for bad in (-1.0, 0.0)
-    ],
-}
+# of a file: function, good and bad number (1 and -1 where none are given)  # argument: message
+RULES = read("""
+## elements/straight.py
+of_cables("axial_stiffness"), 1.0, 0.0  # axial_stiffness: axial_stiffness[0] = 0.0: must be pos
+of_cables("area", law=jc.Elastic(1e3)),  # area: area[0] = -1.0
+of_cables("rest_length"), 1.0, 0.0  # rest_length: rest_length[0] = 0.0
+of_cables("strength"),  # strength: strength[0] = -1.0
+of_cables("weight"),  # weight: weight[0] = -1.0: must not be negative
+of_cables("compliance"),  # compliance: compliance[0] = -1.0: must not
+softened, [-1e9, 0.0, 1e6, 2e6], [-1e9, 0.0, 1e6, 5e5]  # compliance: section.laws...falls
+## elements/beam.py
+of_beams("torsional_stiffness"),  # torsional_stiffness: torsional_stiffness... = -1.0
+of_beams("rest_length"),  # rest_length: rest_length... = -1.0
+of_beams("strength"),  # strength: strength... = -1.0
+of_beams("weight"),  # weight: weight... = -1.0
+of_beams("springs", hinges=[[True, False]] * 2),  # springs: springs[0, 0, 0] = -1.0: must not be
+spun, 1.0, 0.0  # springs: hinges[0]: both ends
+of_beams("up"), AXIS, (5.0, 0.0, 1.0)  # up: up[0]...must not be along the element
+## elements/sliding.py
+rope, 1.0, JOINED  # nodes: links[0]: its nodes [0, 1] coincide
+## model/structure.py
+lambda v: code(net(NODES * v)), 1.0, JOINED  # nodes: links[0] = [0, 1]: zero length
+## materials/elastic.py
+lambda v: code(net(area=1.0, law=jc.Elastic(v))),  # E: E = -1.0: Young's modulus must be positive
+lambda v: code(net(area=1.0, law=jc.Elastic(v))), 1.0, 0.0  # E: E = 0.0: Young's
+## materials/points.py
+of_strains, STRAIN, [0.0, 1e-3, np.inf]  # strain: strain[2] = inf: must be finite
+of_strains, STRAIN, [0.0, 1e-3, 1e-3]  # strain: strain[2] = 0.001: must be above strain[1]
+of_strains, STRAIN, [1e-3, 2e-3, 3e-3]  # strain: strain: goes from 0.001
+of_stresses(), STRESS, [-1e6, -5e5, 5.0, 1e6, 1e6]  # stress: stress[2] = 5.0: at zero strain
+of_stresses(), STRESS, [-1e6, -5e5, 0.0, -1e6, 1e6]  # stress: ...slope at the origin, -1e
+of_stresses(), STRESS, [-1e6, -5e5, 0.0, 1e6, -1.0]  # stress: stress[4] = -1.0: of the other sign
+of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 3e6]  # stress: stress[3]: ...concave
+of_stresses("elastic"), STRESS, [-5e5, -5e5, 0.0, 1e6, 5e5]  # stress: stress[3]: ...concave
+of_stresses("elastic"), STRESS, [-6e5, -6e5, 0.0, 1e6, 1e6]  # stress: ...segment 0 from the origin
+through_origin, [-1e6, 1e6], [-1e6, 2e6]  # stress: ...the curve has 500000 Pa at zero strain
+## materials/presets.py
+drawn_steel, 1e8, -1.0  # _positive: yield_stress = -1.0
+## sections/section.py
+fibres, [1.0, 1.0], [-1.0, 1.0]  # area: area[0] = -1.0
+## sections/shapes.py
+lambda v: jc.Section.disc(v, LAW).area,  # _positive: diameter = -1
+lambda v: jc.Section.ring(1.0, v, LAW).area, 0.1, 0.6  # _within: thickness = 0.6: twice
+## sections/torsion.py
+thickness,  # thickness: thickness = -1.0
+## sections/composites.py
+composed,  # torsion: torsion = -1.0
+## analysis/prestress_rules.py
+stated("rest_length"),  # value_rules: ...rest_length[0] = -1.0: ... must be positive
+stated("prestrain"), 0.1, -1.0  # value_rules: ...prestrain[0] = -1.0: a prestrain must be above -1
+stated("pretension"),  # value_rules: ...pretension[0] = -1.0: a cable carries tension only
+stated("force_density"),  # value_rules: ...force_density[0] = -1.0
+stated("jacking"), 100.0, -100.0  # value_rules: ...jacking[0] = -100.0
+stated("sag", jc.Catenaries, weight=1.0), 0.1, -0.1  # value_rules: ...sag[0] = -0.1
+stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
+    # capacity_rules: ...pretension[1] = 1000001.0: above what its law
+stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0
+    # capacity_rules: ...jacking[1] = 1000001.0: above what its law
+plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
+## loads/pressure.py
+pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero
+## equilibrium/newton.py
+of_method(jc.Newton, "tol"), 1e-9, -1.0  # tol: tol = -1.0: must be pos
+of_method(jc.Newton, "tol"), 1e-9, 1.0  # tol: tol = 1.0: relative ... any state would pass
+of_method(jc.Newton, "max_steps"), 3.0, 0.0  # max_steps: max_steps = 0.0: must be pos
+of_method(jc.Newton, "max_steps"), 3.0, 2.5  # max_steps: max_steps = 2.5: expected a whole
+## equilibrium/incremental.py
+of_method(jc.Incremental, "tol"), 0.1, np.nan  # tol: tol = nan
+## paths/run.py
+of_path("until"),  # until: until = -1.0
+of_path("down_to"), -1.0, 1.0  # down_to: down_to = 1.0
+of_path("step"), 0.1, -0.1  # step: step = -0.1
+of_path("largest"), 0.1, -0.1  # largest: largest = -0.1
+of_path("tol"), 1e-9, -1e-9  # tol: tol = -1e-09
+## stiffness/vibration.py
+swinging, [1.0] * 4, [-1.0, 1.0, 1.0, 1.0]  # gravity: gravity... = -1.0
+swinging, [1.0] * 4, [1.0, 1.0, -1.0, 1.0]  # masses: masses... = -1.0
+## results/internal_forces.py
+along, [0.5], [1.5]  # places: places[0] = 1.5
+## forms/relaxation.py
+relaxed, [5.0, 1.0, 1e-9], [-1.0, 1.0, 1e-9]  # tension: tension... = -1.0
+relaxed, [5.0, 1.0, 1e-9], [5.0, -1.0, 1e-9]  # rest_length: rest_length... = -1.0
+relaxed, [5.0, 1.0, 1e-9], [5.0, 1.0, -1.0]  # tol: tol... = -1.0
+## forms/prescribed.py
+formed("tension"),  # _pulling: tension[0] = -1.0
+formed("stress", area=1.0, law=jc.Elastic(1e3)),  # _pulling: stress[0] = -1.0
+formed("length"),  # statements: length[0] = -1.0
+## forms/force_density.py
+lambda v: jc.force_density(net(), v, PULL),  # force_density: q[0] = -1.0
+## forms/hanging.py
+chain, [0.1, 1.0, 1e6], [-1.0, 1.0, 1e6]  # hanging_chain: sag = -1.0
+chain, [0.1, 1.0, 1e6], [0.1, -1.0, 1e6]  # hanging_chain: weight = -1.0
+chain, [0.1, 1.0, 1e6], [0.1, 1.0, -1.0]  # hanging_chain: axial_stiffness = -1.0
+hung_to, (1.0, 0.0, 0.2), (0.0, 0.0, 0.2)  # second: first, second: the ends lie above each other
+## forms/feasible.py
+prestressed,  # tension: tension = -1.0: with group ... so
+## design/box.py
+scaled, [1.0, 1.0], [1.0, -1.0]  # fill: scale[1] = -1.0
+## design/arguments.py
+tolerated, 0.5, 1.0  # tol: tol = 1.0
+width, 0.1, 0.0  # width: width = 0.0: must be positive
+## design/targets.py
+lambda v: jc.design.Target("tension", v).value, 1.0, np.nan  # value: value = nan: must be finite
+lambda v: jc.design.Target("tension", within=v).within, 1.0, 0.0  # within: within = 0.0
+## design/influence.py
+adjusted, 0.1, 1.0  # rcond: rcond = 1.0
+adjusted, 0.1, -1.0  # rcond: rcond = -1.0: must
+scattered, [1.0, 1.0], [1.0, -1.0]  # tolerance: tolerance[1] = -1.0: must not be negative
+## design/objectives.py
+used,  # material_use: ...stress = -1.0
+used, 1.0, 0.0  # material_use: ...stress = 0.0: must be pos
+""")
 
 OTHERWISE = {
     "analysis/absent.py:_states_nothing": "a traced increment may be other than zero: it counts",

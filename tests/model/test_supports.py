@@ -270,7 +270,8 @@ def test_forks_and_joints_in_linear_theory():
     given = [(np.broadcast_to(springs, (2, 3)), np.zeros((2, 3))) for _, springs in JOINTS.values()]
     springs = np.where(hinges, np.array(given).reshape(-1, 2, 3), 0.0)
     group = jc.Beams(links, section=BOX, hinges=hinges, springs=springs, up=(0.1, 0, 1.0))
-    held = jc.restrained([0], "xyz", "x") + jc.restrained([2], "yz", "x")
+    held = jc.restrained([0], "xyz") + jc.restrained([0], about="x")  # one node, named twice
+    held = held + jc.restrained([2], "yz", "x")
     clamps = [3 * k + end for k in range(1, count) for end in (0, 2)]
     structure = jc.Structure(nodes, group, held + jc.clamped(clamps))
     middles = 3 * np.arange(count) + 1
