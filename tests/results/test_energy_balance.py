@@ -365,7 +365,7 @@ def test_forces_that_are_not_those_of_the_energy_are_seen():
     def make():
         structure, phases = jc.scenes.flat_net()
         links = structure.elements.links.array
-        wrong = jc.Cables(links, area=1.0, law=TooMuchEnergy(97.97e3))
+        wrong = jc.Cables(links, area=1e-4, law=TooMuchEnergy(97.97e7))
         return jc.replace(structure, elements=wrong), phases
 
     coarse, fine, _ = two_balances(make, 32)
