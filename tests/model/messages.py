@@ -435,7 +435,6 @@ aimed(Target("tension", on="net", at=5))  # ...at: index 5 is out of bounds...sh
 aimed(Target("tension", on="net", at=np.zeros(2, bool)))  # ...at: means no number
 aimed(Target(lambda result: "a"))  # ...of: expected an array of floats, got str
 aimed(Target(lambda result: result.status))  # ...of: expected an array of floats, got int32
-tuned([PAIR], Target("tension", 500.0))  # targets[0]: of = 'tension': there are several groups
 tuned([PAIR, PAIR], Target("tension"))  # unknowns[1] = (0, 'pretension'): is there twice
 tuned([(0, "pretensions")], Target("tension"))  # ...not a statement; ... did you mean 'pretension'
 tuned(5, Target("tension"))  # unknowns: expected a list of pairs
