@@ -93,6 +93,7 @@ def test_own_elements_in_every_result(tmp_path):
     assert (np.asarray(found.displacement) == np.asarray(solution.displacement)).all()
 
 
+@pytest.mark.slow
 def test_own_elements_are_loaded_along_their_length():
     line = jc.LineLoads((0.0, 0.0, -2.0), on="rods")
     solution = jc.solve(mixed(), [PHASES[0], jc.Phase(loads=[line, jc.SelfWeight()])])
@@ -184,6 +185,7 @@ def test_paths_of_own_elements_to_their_failure():
 SECTION = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9))
 
 
+@pytest.mark.slow
 def test_springs_hold_a_beam():
     """A ball joint with springs at the foot of a cantilever, a spring to the ground at its tip.
 
@@ -227,7 +229,7 @@ def exact(thrust):
     return np.array([z.real, z.imag])
 
 
-@pytest.mark.parametrize("solver", [None, "superlu"])
+@pytest.mark.parametrize("solver", [pytest.param(None, marks=pytest.mark.slow), "superlu"])
 def test_a_follower_force_of_an_element(solver):
     """Against its closed form; derivatives forward, backward and by differences agree.
 
