@@ -2,17 +2,13 @@
 
 import jax.numpy as jnp
 import numpy as np
+from extensions.own_elements import Nothing
 
 import jaxcable as jc
 from jaxcable.common import checks
 from jaxcable.common.tree import Indices, pytree
 from jaxcable.elements.abilities import Jacked
 from jaxcable.elements.element import SECTION_STRAIN, TENSION, Element, ElementState
-
-
-@pytree
-class Nothing(ElementState):
-    """Phases change nothing in it."""
 
 
 @pytree
