@@ -1,7 +1,6 @@
 """What is written against a contract, in test files alone, takes part in all of an analysis."""
 
 import functools
-import warnings
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +19,14 @@ from jaxcable.mechanics.assembly import System
 NODES = np.array([[-4.0, 0.0, 3.0], [0.0, 0.0, 0.0], [4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
 LINKS = [[0, 1], [1, 2], [1, 3]]
 K, LOAD = np.array([[300.0, 200.0, 500.0]]), np.array([3.0, 5.0, -40.0])
+LOADS = [
+    jc.NodalLoads([1], LOAD),
+    jc.LineLoads((0.0, 0.0, -2.0), on="rods"),
+    jc.SelfWeight(),
+]
 PHASES = [
     jc.Phase(pretension={"net": 500.0, "ground": None}),
-    jc.Phase(loads=jc.NodalLoads([1], LOAD), increments=4),
+    jc.Phase(loads=LOADS, increments=4),
 ]
 
 
@@ -39,9 +43,7 @@ def mixed(stiffness=K):
 
 @functools.cache
 def own():
-    with warnings.catch_warnings():  # the weight of the rods is for frequencies: no `SelfWeight`
-        warnings.simplefilter("ignore", jc.InputWarning)
-        return mixed(), jc.solve(mixed(), PHASES)
+    return mixed(), jc.solve(mixed(), PHASES)
 
 
 def test_own_elements_balance_what_the_cables_leave():
@@ -49,7 +51,9 @@ def test_own_elements_balance_what_the_cables_leave():
     solution = own()[1]
     assert solution.status == status.OK
     u = np.asarray(solution.displacement[1])
-    total = LOAD - K[0] * u
+    along = [0.0, 0.0, -0.5 * (2.0 + 5.0) * 5.0]  # half of line load and weight of the rod
+    assert_allclose(solution.load[1], LOAD + along, rtol=1e-12)
+    total = LOAD + along - K[0] * u
     for k, rest in enumerate(np.asarray(solution.rest_length["net"])):
         way = NODES[[0, 2, 3][k]] - NODES[1] - u
         length = np.linalg.norm(way)
@@ -86,22 +90,11 @@ def test_own_elements_in_every_result(tmp_path):
     jc.save_scene(tmp_path / "own.json", (structure, PHASES))
     again, phases = jc.load_scene(tmp_path / "own.json")
     assert isinstance(again.elements["ground"], GroundSprings)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", jc.InputWarning)
-        found = jc.solve(again, phases)
+    found = jc.solve(again, phases)
     assert found.status == status.OK
     assert (np.asarray(found.displacement) == np.asarray(solution.displacement)).all()
 
 
-@pytest.mark.slow
-def test_own_elements_are_loaded_along_their_length():
-    line = jc.LineLoads((0.0, 0.0, -2.0), on="rods")
-    solution = jc.solve(mixed(), [PHASES[0], jc.Phase(loads=[line, jc.SelfWeight()])])
-    assert solution.status == status.OK
-    assert_allclose(solution.load[1], [0.0, 0.0, -0.5 * (2.0 + 5.0) * 5.0], rtol=1e-12)
-
-
-@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")
 def test_gradient_by_its_stiffness():
     def sag(k):
         return jc.solve(mixed(k), PHASES).displacement[1, 2]
