@@ -438,6 +438,10 @@ def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     ends = np.linalg.norm(pull, axis=2)
     np.testing.assert_allclose(solution.tension, ends.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(solution.peak_tension, ends.max(axis=1), rtol=1e-12)
+    state, own = solution.last.carry.states[0], copy(cables, links=links)
+    state = copy(state, line_load=jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
+    told = each("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))
+    np.testing.assert_allclose(told, ends, rtol=1e-12)
     said = jc.forms.statements(structure, solution).sag
     np.testing.assert_allclose(said, sag, rtol=1e-12)
     curves = np.asarray(jc.forms.catenary_curves(structure, solution, 2001))
