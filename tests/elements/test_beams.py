@@ -1,7 +1,5 @@
 """Beams against closed forms, an independent energy and an independent boundary value solver."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -52,11 +50,10 @@ def one_beam(section=BOX, **options):
     return group, AxialState(length, jnp.zeros(())), ends
 
 
-@pytest.mark.parametrize("degrees", [10, 90, 180, 359, 725])
-def test_a_rigid_motion_of_any_size_gives_no_force(degrees):
+def test_a_rigid_motion_of_any_size_gives_no_force():
     group, state, ends = one_beam()
     forces = jax.jit(group.end_forces)
-    for _ in range(5):
+    for degrees in [10, 90, 180, 359, 725] * 5:
         axis = RNG.normal(size=3)
         turn = Rotation.from_rotvec(np.radians(degrees) * axis / np.linalg.norm(axis))
         shift = RNG.normal(size=3)
@@ -152,19 +149,13 @@ def bend(n):
     return jc.Structure(nodes, group, jc.clamped([0]))
 
 
-@pytest.mark.parametrize("sizes", [(8,), pytest.param((4, 8), marks=pytest.mark.slow)], ids=str)
-def test_45_degree_bend(sizes):
-    exact = np.array([47.150, 15.685, 53.475])  # geometrically exact rod, J = 1/6, to 3 decimals
-    tips = []
-    for n in sizes:
-        load = jc.Phase(loads=jc.NodalLoads([n], (0, 0, 600.0)), increments=6)
-        solution = jc.solve(bend(n), [load])
-        assert int(solution.status) == 0
-        tips.append(np.asarray(solution.positions)[n])
-    errors = np.linalg.norm(np.array(tips) - exact, axis=1)
-    assert errors[-1] < 3e-3 * np.linalg.norm(exact)
-    # straight elements on a curved axis; the reference's 3 decimals and shear are 5 % of the error
-    assert (np.abs(np.log2(errors[:-1] / errors[1:]) - 2) < 0.2).all()
+def test_45_degree_bend():
+    n, exact = 8, np.array([47.150, 15.685, 53.475])  # geometrically exact rod, to 3 decimals
+    load = jc.Phase(loads=jc.NodalLoads([n], (0, 0, 600.0)), increments=6)
+    solution = jc.solve(bend(n), [load])
+    assert int(solution.status) == 0
+    error = np.linalg.norm(np.asarray(solution.positions)[n] - exact)
+    assert error < 1e-3 * np.linalg.norm(exact)  # straight elements on a curved axis
 
 
 def rod_reaction(half_span, rise, ea, ei, pushes):
@@ -228,18 +219,6 @@ def test_a_toggle_is_pushed_through_its_limit_point():
 # --- buckling and axial force
 
 
-def tangent_of(structure, solution):
-    from jaxcable.common.tree import fill, thaw
-    from jaxcable.mechanics.carry import make_system
-    from jaxcable.spaces.freedoms import number_freedoms
-
-    rows, groups = structure.rows()
-    thawed, arrays = thaw((structure.nodes, groups, solution.last.carry))
-    nodes, groups, carry = fill(thawed, arrays)
-    freedoms = number_freedoms(solution.last.fixed[-1], rows)
-    return make_system(nodes, groups, carry, carry.motion, freedoms).tangent(carry.motion)
-
-
 def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     n, length = 4, 4.0
     mask = in_plane(n + 1).mask.array.copy()
@@ -250,7 +229,7 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     def lowest(force):
         load = jc.NodalLoads([n], jnp.stack([-force, 0 * force, 0 * force]))
         solution = jc.solve(structure, [jc.Phase(loads=load)])
-        return jnp.linalg.eigvalsh(tangent_of(structure, solution))[0], solution.status
+        return jnp.linalg.eigvalsh(jc.stiffness.tangent_of(structure, solution))[0], solution.status
 
     euler = np.pi**2 * EI / length**2
     low, high = 0.9 * euler, 1.1 * euler
@@ -262,66 +241,19 @@ def test_euler_load_from_the_lowest_eigenvalue_of_the_tangent():
     assert abs(low / euler - 1) < 1e-3
 
 
-def test_axial_stiffness_of_a_frame():
-    """Von Mises truss of beams too thin to bend, pulled up; closed form of two bars."""
-    b, rise, area, up = 1.0, 0.1, 1e-4, 0.05
-    thin = jc.Section([0.0, 0.0], [-1e-7, 1e-7], [area / 2] * 2, jc.Elastic(1e6 / area), None)
-    nodes = np.array([[-b, 0, 0], [0, 0, rise], [b, 0, 0]])
-    hinges = [[False, False], [True, False]]  # else a short piece at the apex would bend
-    group = jc.Beams([[0, 1], [1, 2]], section=thin, torsional_stiffness=1.0, hinges=hinges)
-    structure = jc.Structure(nodes, group, in_plane(3, pinned=(0, 1, 2)))
-    move = jc.SupportMovement([1], (0.0, 0.0, up))
-    solution = jc.solve(structure, [jc.Phase(loads=move, increments=2)])
-    assert int(solution.status) == 0
-    start, length = np.hypot(b, rise), np.hypot(b, rise + up)
-    force = 1e6 * (length - start) / start
-    # no rounding but that of the lengths here
-    assert np.abs(np.asarray(solution.tension) / force - 1).max() < 1e-11
-    pull = 2 * force * (rise + up) / length
-    assert float(solution.reactions[1, 2]) == pytest.approx(pull, rel=1e-9)
-
-
-def test_axial_force_of_a_column_under_its_own_weight():
-    n, length, weight = 3, 6.0, 500.0
-    nodes = np.column_stack([np.zeros((n + 1, 2)), np.linspace(0, length, n + 1)])
-    group = jc.Beams(chain(n), section=BOX, weight=weight)
-    solution = jc.solve(
-        jc.Structure(nodes, group, jc.clamped([0])), [jc.Phase(loads=jc.SelfWeight())]
-    )
-    assert int(solution.status) == 0
-    above = weight * (length - (np.arange(n) + 0.5) * length / n)
-    # the residual at the default tolerance, 1e-10 of the largest force
-    assert np.abs(np.asarray(solution.tension) + above).max() < 1e-9 * above.max()
-    drop = np.cumsum(above * (length / n)) / EA
-    assert np.abs(np.asarray(solution.displacement)[1:, 2] + drop).max() < 1e-7 * drop.max()
-
-
 # --- loads, hinges, mixed structures
 
 
-def test_distributed_load_on_a_clamped_beam():
-    q, length = 1e-3, 2.0
-    structure = straight(2, length, supports=jc.clamped([0, 2]), weight=3.0)
-    loads = [jc.LineLoads((0, 0, -0.4 * q)), jc.SelfWeight((0, 0, -0.2 * q))]
-    solution = jc.solve(structure, [jc.Phase(loads=loads)])
-    assert int(solution.status) == 0
-    # consistent end moments: exact at the nodes, up to the second order of the deflection
-    assert float(solution.displacement[1, 2]) == pytest.approx(-q * length**4 / 384 / EI, rel=1e-9)
-    moments = np.asarray(solution.reaction_moments)[[0, 2], 1]
-    assert np.abs(moments / (q * length**2 / 12) + [1, -1]).max() < 1e-9
-    problems.assert_balanced(solution)
-
-
 def test_three_hinged_arch():
-    n, radius, load = 4, 5.0, 50.0
+    n, radius, load = 3, 5.0, 50.0
     angle = np.linspace(np.pi, 0, 2 * n + 1)
     nodes = radius * np.column_stack([np.cos(angle), 0 * angle, np.sin(angle)])
     hinges = np.zeros((2 * n, 2), bool)
     hinges[n, 0] = True
     group = jc.Beams(chain(2 * n), section=BOX, hinges=hinges)
     structure = jc.Structure(nodes, group, in_plane(2 * n + 1, pinned=(0, 2 * n)))
-    phase = jc.Phase(loads=jc.NodalLoads([n, n + 2], (0, 0, -load)), increments=2)
-    solution = jc.solve(structure, [phase])
+    loads = jc.NodalLoads([n, n + 2], (0, 0, -load))
+    solution = jc.solve(structure, [jc.Phase(loads=loads, increments=2)])
     assert int(solution.status) == 0
     problems.assert_balanced(solution)
     # statics of the deformed arch: no moment about the crown from either side
@@ -334,7 +266,6 @@ def test_three_hinged_arch():
     # and the thrust of the undeformed one, to the deflection's part of the rise
     thrust = load * (radius - radius * np.cos(angle[n + 2])) / 2 / radius + load / 2
     assert reaction[0, 0] == pytest.approx(thrust, rel=1e-3)
-    assert p.shape == (2 * n + 1, 3)
 
 
 MIXED = jc.Structure(
@@ -345,23 +276,21 @@ MIXED = jc.Structure(
     },
     jc.clamped([0]) + jc.pinned([3, 4, 5]),
 )
-MOMENT = jnp.asarray([100.0, 200.0, 300.0])
-
-
-@functools.cache
-def mixed():
-    """The mixed structure, prestressed and loaded with forces and moments at once."""
-    loads = jc.NodalLoads([1, 2], (1e3, 0, 0), moments=MOMENT)
-    return jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)])
 
 
 def test_cables_and_beams_share_nodes():
-    solution = mixed()
+    """Prestressed, and loaded with forces and moments at once.
+
+    A moment that keeps its direction has no potential, and the tangent shows it.
+    """
+    given = np.array([100.0, 200.0, 300.0])
+    loads = jc.NodalLoads([1, 2], (1e3, 0, 0), moments=given)
+    solution = jc.solve(MIXED, [jc.Phase(pretension=1e4, loads=loads)])
     assert int(solution.status) == 0
     problems.assert_balanced(solution)
     p, reaction = np.asarray(solution.positions), np.asarray(solution.reactions)
     moment = np.cross(p, reaction + np.asarray(solution.load)).sum(0)
-    moment += np.asarray(solution.reaction_moments).sum(0) + 2 * np.asarray(MOMENT)
+    moment += np.asarray(solution.reaction_moments).sum(0) + 2 * given
     assert np.abs(moment).max() < 1e-8 * 1e4  # the residual, 1e-10 of forces of 1e4 N, over 2 m
     assert solution.tension["guys"].shape == (3,)
     assert solution.section_forces["mast"].shape == (2, 3, 6)
@@ -369,6 +298,8 @@ def test_cables_and_beams_share_nodes():
     turn = np.asarray(solution.rotation)
     assert (turn[3:] == [1.0, 0, 0, 0]).all()  # cables turn nothing
     assert np.abs(np.linalg.norm(turn, axis=1) - 1).max() < 1e-15
+    tangent = np.asarray(jc.stiffness.tangent_of(MIXED, solution))
+    assert 0 < np.abs(tangent - tangent.T).max() < 1e-2 * np.abs(tangent).max()
 
 
 def test_a_scalar_prestress_is_for_cables_and_bars():
@@ -395,19 +326,10 @@ def test_incremental_scheme_takes_beams():
     assert float(solution.displacement[2, 2]) == pytest.approx(1 / (3 * EI), rel=1e-8)
 
 
-def test_a_nodal_moment_makes_the_tangent_unsymmetric():
-    """A moment that keeps its direction has no potential, and the tangent shows it."""
-    solution = mixed()
-    tangent = jax.jit(lambda: tangent_of(MIXED, solution))()
-    skew = jnp.abs(tangent - tangent.T).max()
-    assert 0 < skew < 1e-2 * jnp.abs(tangent).max()
-
-
 def test_moved_and_turned_support():
     """A clamp that is turned by 90 degrees takes the whole cantilever along."""
     turn = jc.SupportMovement([0], (0.1, 0.2, 0.3), rotations=(0.0, 0.0, np.pi / 2))
-    solution = jc.solve(straight(5), [jc.Phase(loads=turn, increments=3)])
+    solution = jc.solve(straight(2), [jc.Phase(loads=turn, increments=3)])
     assert int(solution.status) == 0
-    tip = np.asarray(solution.positions)[5]
-    assert np.abs(tip - [0.1, 1.2, 0.3]).max() < 1e-12
+    assert np.abs(np.asarray(solution.positions)[2] - [0.1, 1.2, 0.3]).max() < 1e-12
     assert np.abs(np.asarray(solution.tension)).max() < 1e-12 * EA  # a strain of 1e-12

@@ -87,7 +87,7 @@ def paths():
     yield rng.uniform(-0.002, 0.004, 120)
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [0, 1])  # the program of the first is that of the second
 def test_a_cable_of_two_laws_along_a_path(number):
     strains = list(paths())[number]
     got = jax.tree.map(np.asarray, history(LAW, strains))
@@ -115,19 +115,6 @@ def test_a_cable_of_two_laws_along_a_path(number):
     assert np.abs(fibres[1] - 50e9 * kept).max() <= 10 * size
     # rounding of a stress over the smallest slope: the core's
     assert np.abs(found - kept).max() <= 10 * size / 35e9
-
-
-def test_a_slack_cable_keeps_stresses_that_balance():
-    """Pulled past yield and let go: both laws unload along their first slopes to a sum of zero."""
-    pulled, hardened = 0.003, FY + HARD * E * (0.003 - FY / E)
-    back = (0.3 * hardened + 0.7 * 50e9 * pulled) / (0.3 * E + 0.7 * 50e9)
-    assert E * back < 2 * FY  # the steel does not yield the other way
-    _, _, slack, (steel, core), *_ = history(LAW, np.array([pulled, 0.0, -0.02]))
-    assert np.asarray(slack).tolist() == [False, True, True]
-    # rounding of differences of stresses
-    assert np.allclose(steel, [hardened, *[hardened - E * back] * 2], rtol=1e-12)
-    assert np.allclose(core, [50e9 * pulled, *[50e9 * (pulled - back)] * 2], rtol=1e-12)
-    assert float(steel[1]) < 0 < float(core[1])
 
 
 def test_secant_of_a_cable_of_two_laws():
@@ -168,10 +155,12 @@ CORE, WALL = np.pi / 4 * 0.01**2, np.pi / 4 * (0.012**2 - 0.01**2)
 ON_X = jc.Supports(np.array([[1, 1, 1], [0, 1, 1], [1, 1, 1]], bool))
 
 
-def beside_a_bar(section, kind=jc.Cables, **options):
+def beside_a_bar(section):
     """A cable and a bar of 1 MN, 5 m each, on one line; the node between them slides."""
-    elements = {"cable": kind([[0, 1]], section=section, **options)}
-    elements["bar"] = jc.Bars([[1, 2]], axial_stiffness=1e6)
+    elements = {
+        "cable": jc.Cables([[0, 1]], section=section),
+        "bar": jc.Bars([[1, 2]], axial_stiffness=1e6),
+    }
     return jc.Structure([[0.0, 0, 0], [5.0, 0, 0], [10.0, 0, 0]], elements, ON_X)
 
 
@@ -179,32 +168,15 @@ def push(force, **options):
     return jc.Phase(loads=jc.NodalLoads([1], (force, 0.0, 0.0)), **options)
 
 
-def test_a_cable_of_an_elastic_and_a_yielding_law_carries_no_compression():
-    """1 kN on the bar alone: 5 mm."""
-    structure, phases = beside_a_bar(two_parts()), [push(-1e3)]
-    solution = jc.solve(structure, phases)
-    assert int(solution.status) == 0
-    assert float(solution.tension["cable"][0]) == 0.0
-    assert float(solution.displacement[1, 0]) == pytest.approx(-5e-3, rel=1e-9)  # Newton's 1e-10
-    assert np.asarray(solution.phases[0].path.n_slack).tolist() == [1]
-    table = jc.report(structure, solution).tables["slack"]
-    assert [row[:2] for row in table.rows] == [["cable", 0]]
-    distance = float(jc.design.slack_distance(structure, solution)["cable"][0])
-    assert distance == pytest.approx(-1e-3, rel=1e-9)
-    assert np.abs(jc.fibre_stress(structure, solution.phases[0])["cable"]).max() == 0.0
-
-
-@pytest.mark.slow
-def test_pulled_past_yield_let_go_pushed_and_pulled_again():
+def test_pulled_past_yield_let_go_pushed_and_again():
     """Every increment against NumPy: displacement, tension, slackness and the sum of the fibres."""
     section = two_parts()
     structure = beside_a_bar(section)
-    steps = {1.2e5: 5, -1.6e5: 8, 2.0e5: 6}  # loads of the phases, N, and their increments
+    steps = {1.2e5: 5, -1.6e5: 8, 2.0e5: 6, -2.1e5: 4}  # loads of phases, N, and their increments
     ends = np.cumsum(list(steps))
-    phases = [push(f, increments=n) for f, n in steps.items()]
-    solution = jc.solve(structure, phases)
+    solution = jc.solve(structure, [push(f, increments=n) for f, n in steps.items()])
     assert int(solution.status) == 0
-    cable, before, seen, e, e0 = Cable(WALL, CORE), 0.0, 0, 0.0, 0.0
+    cable, before, seen, most, e, e0 = Cable(WALL, CORE), 0.0, 0, 0.0, 0.0, 0.0
     for phase, end, n in zip(solution.phases, ends, steps.values(), strict=True):
         stress = np.asarray(jc.fibre_stress(structure, phase)["cable"])[:, 0]
         for k in range(n):
@@ -222,29 +194,34 @@ def test_pulled_past_yield_let_go_pushed_and_pulled_again():
             assert int(path.n_slack[k]) == (force == 0)
             assert stress[k] @ np.asarray(section.area) == pytest.approx(force, abs=1e-3)
             cable.settle(e)
-            seen += force == 0
+            seen, most = seen + (force == 0), max(most, cable.memory)
         before, e0 = end, e  # displacements of a phase are from its start
-    assert 0 < seen < 10 and cable.memory > 0.01
+    assert 0 < seen < 15 and most > 0.01
+    # at the end it is slack
+    assert float(solution.tension["cable"][0]) == 0.0
+    table = jc.report(structure, solution).tables["slack"]
+    assert [row[:2] for row in table.rows] == [["cable", 0]]
+    distance = float(jc.design.slack_distance(structure, solution)["cable"][0])
+    assert distance == pytest.approx(e - cable.kept(e), rel=1e-7) and distance < -1e-3
 
 
 # --- a spring in series
 
 
-def pulled(section, compliance, forces, kind=jc.Bars):
+def pulled(section, compliance, forces):
     """Bars of 2 m side by side, each pulled by its own force."""
     n = len(forces)
     nodes = [[x, float(k), 0.0] for k in range(n) for x in (0.0, 2.0)]
     links = np.arange(2 * n).reshape(n, 2)
     mask = np.ones((2 * n, 3), bool)
     mask[1::2, 0] = False
-    group = kind(links, section=section, compliance=compliance)
+    group = jc.Bars(links, section=section, compliance=compliance)
     structure = jc.Structure(nodes, group, jc.Supports(mask))
     loads = jc.NodalLoads(links[:, 1], np.outer(forces, [1.0, 0.0, 0.0]))
     return structure, jc.solve(structure, jc.Phase(loads=loads))
 
 
-@pytest.mark.parametrize("kind", [jc.Bars, jc.Cables])
-def test_compliance_is_one_spring_beside_two_linear_laws(kind):
+def test_compliance_is_one_spring_beside_two_linear_laws():
     """Strain N (1 / EA + c); the fibres have that of N / EA alone."""
     one, two = jc.Elastic(210e9), jc.Elastic(70e9)
     section = jc.Section.composite(
@@ -252,7 +229,7 @@ def test_compliance_is_one_spring_beside_two_linear_laws(kind):
     )
     ea = np.pi / 4 * (210e9 * 0.01**2 + 70e9 * (0.03**2 - 0.01**2))
     forces, springs = np.array([1e4, 3e4]), np.array([5e-8, 1e-8])
-    structure, solution = pulled(section, springs, forces, kind)
+    structure, solution = pulled(section, springs, forces)
     assert int(solution.status) == 0
     strain = np.asarray(solution.displacement)[1::2, 0] / 2
     assert np.allclose(strain, forces * (1 / ea + springs), rtol=1e-9)  # Newton's 1e-10
@@ -328,12 +305,10 @@ def test_a_spring_beside_a_law_that_falls_is_refused():
 
 def test_a_spring_in_series_counts_in_the_stiffness_along():
     """1 / (l / EA + c l) l: the spring has the strain c per force."""
-    given = {"axial_stiffness": 2e5}, {"area": 1e-3, "law": jc.Elastic(2e8)}
-    for stated in given:
+    for stated in {"axial_stiffness": 2e5}, {"area": 1e-3, "law": jc.Elastic(2e8)}:
         plain = jc.Bars([[0, 1]], **stated).stiffness_along()
         soft = jc.Bars([[0, 1]], compliance=5e-6, **stated)
         np.testing.assert_allclose(plain, [2e5], rtol=1e-15)
         np.testing.assert_allclose(soft.stiffness_along(), [1e5], rtol=1e-15)
-        strain = 1e-3
         one = jc.elements.prestress.element(soft, {k: v[0] for k, v in soft.properties().items()})
-        np.testing.assert_allclose(one.force(strain), 1e5 * strain, rtol=1e-14)
+        np.testing.assert_allclose(one.force(1e-3), 1e5 * 1e-3, rtol=1e-14)

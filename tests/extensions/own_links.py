@@ -2,16 +2,13 @@
 
 import jax.numpy as jnp
 import numpy as np
+from extensions.own_elements import Nothing
 
+import jaxcable as jc
 from jaxcable.common import checks
 from jaxcable.common.tree import Indices, pytree
 from jaxcable.elements.abilities import Jacked
 from jaxcable.elements.element import SECTION_STRAIN, TENSION, Element, ElementState
-
-
-@pytree
-class Nothing(ElementState):
-    """Phases change nothing in it."""
 
 
 @pytree
@@ -48,6 +45,7 @@ class Joined(Element):
         return jnp.stack([-pull, pull])
 
 
+@jc.files.register
 @pytree(indices=("links",))
 class Hooks(Joined):
     """Cables with a stiffness in N/m that begin with a given slack, m."""
@@ -78,6 +76,7 @@ class Hooks(Joined):
         return self._longer(ends, motion) == 0
 
 
+@jc.files.register
 @pytree(indices=("links",))
 class Brittle(Joined):
     """Bars of a stiffness EA that break at a strain of 1 %; their stress is not told."""

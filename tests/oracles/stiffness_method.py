@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import quad
 from scipy.linalg import block_diag, null_space, solve
-from scipy.optimize import brentq, root
+from scipy.optimize import root
 
 RIGID = ((np.inf,) * 3,) * 2
 ZERO = (0.0, 0.0, 0.0)
@@ -226,32 +226,6 @@ def _regular_solve(K, f):
 # Closed forms -----------------------------------------------------------------------------------
 
 
-def beam_forces(kind, q, L, s):
-    """Bending moment M (sagging > 0) and V = dM/dx at s in 0..1 under q [N/m], down > 0.
-
-    kind: "simple", "cantilever" and "propped" (both clamped at s = 0), "clamped".
-    Any handbook, e.g. Young & Budynas, Roark's Formulas for Stress and Strain, table 8.1.
-    """
-    start = {"simple": 0, "cantilever": -1 / 2, "propped": -1 / 8, "clamped": -1 / 12}[kind]
-    shear = {"simple": 1 / 2, "cantilever": 1, "propped": 5 / 8, "clamped": 1 / 2}[kind]
-    return q * L**2 * (start + shear * s - s**2 / 2), q * L * (shear - s)
-
-
-def fixed_end_moment(q, L, EI, N=0.0):
-    """Hogging moment (> 0) at the ends of a clamped beam under q and axial N, tension > 0.
-
-    Timoshenko & Gere, Theory of Elastic Stability, ch. 1: qL2/12 * 3 (tan u - u) / (u2 tan u),
-    u = L/2 sqrt(-N/EI); in tension tanh. Compression below 4 pi2 EI / L2.
-    """
-    c = -N * L**2 / (4 * EI)
-    u = np.sqrt(abs(c))
-    if abs(c) < 1e-3:
-        factor = 1 + c / 15 + 2 * c**2 / 315 + c**3 / 1575  # its series
-    else:
-        factor = 3 * (1 - (u / np.tan(u) if c > 0 else u / np.tanh(u))) / c
-    return q * L**2 / 12 * factor
-
-
 def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
     """Critical uniform moment of a fork-ended beam without warping; EIy carries the moment.
 
@@ -260,35 +234,6 @@ def lateral_buckling_moment(EIy, EIz, GJ, L, prebuckling=False):
     """
     moment = np.pi / L * np.sqrt(EIz * GJ)
     return moment / np.sqrt((1 - EIz / EIy) * (1 - GJ / EIy)) if prebuckling else moment
-
-
-def euler_load(kind, EI, L):
-    """Lowest buckling load; "pinned-pinned", "clamped-free", "clamped-pinned" (tan x = x), ...
-
-    Timoshenko & Gere, Theory of Elastic Stability, ch. 2.
-    """
-    propped = brentq(lambda x: np.sin(x) - x * np.cos(x), 4.0, 4.7, xtol=1e-15)
-    roots = {
-        "pinned-pinned": np.pi,
-        "clamped-free": np.pi / 2,
-        "clamped-pinned": propped,
-        "clamped-clamped": 2 * np.pi,
-    }
-    return EI * (roots[kind] / L) ** 2
-
-
-def frequency(kind, mode, EI, mass, L):
-    """Bending frequency [Hz] of mode 1, 2, ...; mass per length; "pinned-pinned", "clamped-free".
-
-    Blevins, Formulas for Natural Frequency and Mode Shape, table 8-1; cos x cosh x = -1 clamped.
-    """
-    x = mode * np.pi
-    if kind == "clamped-free":
-        near = (mode - 0.5) * np.pi
-        x = brentq(lambda x: np.cos(x) + 1 / np.cosh(x), near - 0.4, near + 0.4, xtol=1e-14)
-    elif kind != "pinned-pinned":
-        raise ValueError(kind)
-    return (x / L) ** 2 * np.sqrt(EI / mass) / (2 * np.pi)
 
 
 def offset_cantilever(P, N, L, EA, EI, e):
@@ -365,17 +310,3 @@ class CrackedSection:
             return self.strains(N, P * a)[1] * a
 
         return quad(integrand, 0, L, points=points, epsabs=0, epsrel=1e-10)[0]
-
-
-def plastic_tip_deflection(P, L, b, h, E, strength):
-    """Of an elastic-perfectly-plastic rectangular cantilever (h along P > 0), up to collapse.
-
-    (Py/P)2 (5 - (3 + P/Py) sqrt(3 - 2 P/Py)) times that at first yield Py = strength b h2 / 6 / L,
-    collapse at 3/2 Py: Prager & Hodge, Theory of Perfectly Plastic Solids, ch. 2.
-    """
-    first = strength * b * h**2 / 6 / L
-    p = P / first
-    if p > 1.5:
-        raise ValueError("beyond collapse")
-    at_yield = first * L**3 / (3 * E * b * h**3 / 12)
-    return at_yield * (p if p <= 1 else (5 - (3 + p) * np.sqrt(3 - 2 * p)) / p**2)
