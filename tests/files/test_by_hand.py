@@ -229,3 +229,92 @@ def test_info_names_the_groups_of_statements(tmp_path, capsys):
     jc.save_scene(tmp_path / "net.json", jc.scenes.flat_net())
     assert main(["info", str(tmp_path / "net.json")]) == 0
     assert "  pretension 200 N\n" in capsys.readouterr().out
+
+
+# --- what `form` takes of a scene
+
+
+def dome():
+    """A grid of bars over 8 m, and its heights by NumPy: force densities -2 kN/m, 1 kN a node."""
+    n = 5
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(-4, 4, n), np.linspace(-4, 4, n)))
+    number = np.arange(n * n).reshape(n, n)
+    ends = [number[:, :-1], number[:, 1:]], [number[:-1], number[1:]]
+    links = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in ends])
+    held = np.maximum(abs(x), abs(y)) == 4
+    bars = jc.Bars(links, axial_stiffness=1e7)
+    nodes = np.stack([x, y, 0.0 * x], axis=1)
+    structure = jc.Structure(nodes, bars, jc.pinned(np.flatnonzero(held)))
+    loads = jc.NodalLoads(np.flatnonzero(~held), (0.0, 0.0, -1e3))
+
+    def heights(q):
+        matrix = np.zeros((n * n, n * n))
+        for i, j in links:
+            matrix[[i, j], [i, j]] += q
+            matrix[[i, j], [j, i]] -= q
+        z = np.zeros(n * n)
+        z[~held] = np.linalg.solve(matrix[~held][:, ~held], np.full((~held).sum(), -1e3))
+        return z
+
+    return structure, loads, heights
+
+
+def test_form_takes_loads_and_force_densities_of_the_scene(tmp_path, capsys, monkeypatch):
+    """The heights are those of another program in double precision."""
+    monkeypatch.chdir(tmp_path)
+    structure, loads, heights = dome()
+    assert heights(-2e3).max() > 0.5  # m: it is no flat grid
+    snow = jc.Phase(loads=jc.NodalLoads([12], (0.0, 0.0, -50.0)))
+    for phases in (
+        [jc.Phase(force_density=-2e3), jc.Phase(loads=loads), snow],
+        [jc.Phase(force_density=-2e3, loads=loads), snow],
+    ):
+        jc.save_scene("dome.json", (structure, phases))
+        assert main(["form", "dome.json", "--save", "form.json"]) == 0
+        out, err = capsys.readouterr()
+        assert "force densities: those of phase 1\n" in out and "left out" not in err
+        number = len(phases) - 1
+        assert f"loads in the form: those of the first phase that has any, phase {number} (" in out
+        found, (first, second) = jc.load_scene("form.json")
+        np.testing.assert_allclose(found.nodes[:, 2], heights(-2e3), atol=1e-12)
+        np.testing.assert_allclose(found.nodes[:, :2], structure.nodes[:, :2], atol=1e-12)
+        assert len(first.loads) == 1 and second.loads[0].nodes.array.tolist() == [12]
+    assert main(["form", "dome.json", "--force-density", "-4e3", "--save", "form.json"]) == 0
+    told = "force_density (1), phase 1: the prestress of the form replaces"
+    assert told in capsys.readouterr().err
+    np.testing.assert_allclose(jc.load_scene("form.json")[0].nodes[:, 2], heights(-4e3), atol=1e-12)
+    assert main(["form", "dome.json", "--loads", "none"]) == 0
+    out, _ = capsys.readouterr()
+    assert "loads in the form: none\n" in out and "it lies in a plane, without loads" in out
+    assert main(["form", "dome.json", "--loads", "9"]) == 2
+    assert "--loads: expected numbers of phases, 1 to 2, or none" in capsys.readouterr().err
+
+
+def test_form_tells_what_it_does_not_take(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]]
+    cables = {"a": jc.Cables([[0, 1], [1, 2]], 1e5), "b": jc.Cables([[1, 3]], 1e5)}
+    structure = jc.Structure(nodes, cables, jc.pinned([0, 2, 3]))
+    settled = jc.SupportMovement([0], (0.0, 0.0, -0.01))
+    phases = [
+        jc.Phase(force_density={"a": 100.0}, pretension={"b": 70.0}),
+        jc.Phase(loads=[jc.NodalLoads([1], (0.0, 0.0, -60.0)), settled]),
+        jc.Phase(removes="b"),
+        jc.Phase(pretension={"a": 30.0}),
+    ]
+    jc.save_scene("net.json", (structure, phases))
+    assert main(["form", "net.json"]) == 2
+    assert "element 0 of elements['b'] has no force density" in capsys.readouterr().err
+    assert main(["form", "net.json", "--force-density", "b=100", "--save", "form.json"]) == 0
+    out, err = capsys.readouterr()
+    assert "force densities: those of phase 1, a\n" in out
+    rows = err.split("left out:\n")[1].splitlines()
+    assert [row.split(":")[0] for row in rows] == [
+        "  SupportMovement (1), phase 2",
+        "  pretension (2), phase 1, phase 4",
+    ]
+    found, later = jc.load_scene("form.json")
+    np.testing.assert_allclose(found.nodes[1], [1, 1 / 3, -0.2], atol=1e-14)  # 60 / (3 100)
+    assert later[0].force_density == {"a": 100.0, "b": 100.0} and len(later[0].loads) == 1
+    assert type(later[1].loads[0]) is jc.SupportMovement and later[2].removes is not None
+    assert len(later) == 3
