@@ -211,7 +211,6 @@ def test_supports_in_some_directions_are_not_taken_for_pins(tmp_path):
 def test_others_read_what_is_written(tmp_path):
     """A reader of pairs of lines, written here; and dxfgrabber."""
     structure, phases = jc.scenes.flat_net(load=15.0)
-    structure = jc.replace(structure, elements={"net/1": structure.elements})
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
     (path,) = save_dxf(tmp_path / "net.dxf", structure, solution)
@@ -219,13 +218,13 @@ def test_others_read_what_is_written(tmp_path):
     assert pairs[pairs.index((9, "$INSUNITS")) + 1] == (70, "6")
     lines = [dict(e) for e in entities(path) if e[0] == (0, "LINE")]
     ends = np.array([[[float(e[c + k]) for c in (10, 20, 30)] for k in (0, 1)] for e in lines])
-    links = structure.elements["net/1"].links.array
+    links = structure.elements.links.array
     np.testing.assert_array_equal(ends, np.asarray(solution.positions)[links])
-    assert {e[8] for e in lines} == {"net_1"}
+    assert {e[8] for e in lines} == {"Cables"}
     other = dxfgrabber.readfile(str(path))
     assert other.header["$INSUNITS"] == 6
     colours = {layer.name: layer.color for layer in other.layers}
-    assert colours["net_1"] == 5 and {"supports", "nodes"} <= set(colours)
+    assert colours["Cables"] == 5 and {"supports", "nodes"} <= set(colours)
     seen = [e for e in other.entities if e.dxftype == "LINE"]
     np.testing.assert_array_equal([[e.start, e.end] for e in seen], ends)
     assert sum(e.dxftype == "POINT" for e in other.entities) == structure.n_node
@@ -238,6 +237,8 @@ def test_ropes_are_polylines(tmp_path):
     (path,) = save_dxf(tmp_path / "rope.dxf", structure)
     assert [e[0][1] for e in entities(path)][:5] == ["POLYLINE", *["VERTEX"] * 3, "SEQEND"]
     assert read_dxf(path).links.tolist() == [[0, 1], [1, 2], [0, 3]]
+    save_dxf(path, jc.replace(structure, elements={"net/1": ropes}))
+    assert set(read_dxf(path).groups) == {"net_1"}  # what a layer may be called
     both = {"a": ropes, "A": jc.Cables([[1, 3]], axial_stiffness=1.0)}
     with pytest.raises(ValueError, match=r"a group 'a' needs the layer 'a'"):
         save_dxf(path, jc.replace(structure, elements=both))

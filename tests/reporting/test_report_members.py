@@ -64,6 +64,7 @@ def test_a_simple_beam_in_one_element():
     assert told.tables["cutting_list"].columns[-1] == "unstressed length"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.3])
 def test_extremes_between_places_where_axial_forces_bend(share):
     """A propped column of one element under a part of Euler's load.
@@ -159,6 +160,7 @@ def in_two_phases(structure, first, second):
     return jc.report(structure, jc.solve(structure, phases))
 
 
+@pytest.mark.slow
 def test_envelopes_over_phases_and_their_increments():
     """1 N/m down, then 1.5 N/m up in three increments: both ends govern one side."""
     told = in_two_phases(beam(SIMPLE), -1.0, 1.5)
@@ -174,6 +176,7 @@ def test_envelopes_over_phases_and_their_increments():
     assert (all_["in "], all_["z "]) == ("phase 1", pytest.approx(-HEIGHT / 2))
 
 
+@pytest.mark.slow
 def test_a_failed_analysis_reports_the_section_forces_of_its_last_state():
     structure = beam(SIMPLE)
     told = in_two_phases(structure, -1.0, np.nan)
