@@ -4,6 +4,7 @@ A reader reads a file whole, or names each thing that it leaves out in one warni
 ``omissions``, or raises a `FileError` of one line that names the file.
 """
 
+import itertools
 import json
 import os
 import subprocess
@@ -78,102 +79,80 @@ def read(data, folder):
     return outcome(read_network, folder / "net.json")
 
 
-OLD = {"compas": "1.17.5", "datatype": "compas.datastructures/Network", "data": network()["data"]}
+DATA = network()["data"]
+OLD = {"compas": "1.17.5", "datatype": "compas.datastructures/Network", "data": DATA}
 LINE = {"dtype": "compas.geometry/Line", "data": {"start": [0]}}
-BARE = (("data", "default_node_attributes"), {"pz": 0})
+BACK, PAIRS, FACES = (*EDGE, "1", "0"), ("data", "edgedata"), ("data", "facedata")
+X = (*NODE, "1", "x")
 READ = {  # data, and what is left out
-    "support is 1": (of_net(((*NODE, "0", "is_support"), 1)), []),
-    "compas 1": (OLD, []),
-    "a version of compas 1 that wraps twice": ({"dtype": "x", "value": {"data": OLD["data"]}}, []),
-    "result attributes": (network(force=1.0, length=1.0, _f=3.0, color=[1, 0, 0]), []),
-    "a prescribed force": (network(force=7.0), ["attribute 'force' of an edge (1)"]),
-    "stiffness": (
-        network(E=200.0, radius=0.01),
-        ["attribute 'E' of an edge (1)", "attribute 'radius' of an edge (1)"],
-    ),
-    "own data": (of_net(((*NODE, "1", "mass"), 3.5)), ["attribute 'mass' of a node (1)"]),
-    "own data of the whole": (
+    "support is 1": (of_net(((*NODE, "0", "is_support"), 1)), ""),
+    "compas 1": (OLD, ""),
+    "a version of compas 1 that wraps twice": ({"dtype": "x", "value": {"data": DATA}}, ""),
+    "result attributes": (network(force=1.0, length=1.0, _f=3.0, color=[1, 0, 0]), ""),
+    "a prescribed force": (network(force=7.0), "attribute 'force' of an edge (1)"),
+    "stiffness": (network(E=200.0), "attribute 'E' of an edge (1)"),
+    "own data": (of_net(((*NODE, "1", "mass"), 3.5)), "attribute 'mass' of a node (1)"),
+    "of the whole": (
         of_net((("data", "attributes"), {"case": "snow"})),
-        ["attribute 'case' of the whole (1)"],
+        "attribute 'case' of the whole (1)",
     ),
-    "another field": (of_net((("data", "cells"), {"0": [1]})), ["field 'cells' (1)"]),
-    "edges in both directions": (of_net(((*EDGE, "1", "0"), {"q": 1.0})), []),
-    "edges that differ by direction": (
-        of_net(((*EDGE, "1", "0"), {"q": 2.0})),
-        ["edge that occurs again (1)"],
-    ),
+    "another field": (of_net((("data", "cells"), {"0": [1]})), "field 'cells' (1)"),
+    "both directions": (of_net((BACK, {"q": 1.0})), ""),
+    "differ by direction": (of_net((BACK, {"q": 2.0})), "edge that occurs again (1)"),
     "a side that no face has": (
-        of_mesh((("data", "edgedata", "1-3"), {"q": 2.0})),
-        ["edge that is no side of a face (1)"],
+        of_mesh(((*PAIRS, "1-3"), {"q": 2.0})),
+        "edge that is no side of a face (1)",
     ),
     "data of a missing face": (
-        of_mesh((("data", "facedata", "7"), {"pz": 2.0})),
-        ["attributes of a face that is not there (1)"],
+        of_mesh(((*FACES, "7"), {"pz": 2.0})),
+        "attributes of a face that is not there (1)",
     ),
     "a session": (
         session(cable_mesh()),
-        [
-            "attribute 'constraint' of a vertex (1)",
-            "attribute 'thickness' of a vertex (4)",
-            "field 'constraints' (1)",
-        ],
+        "attribute 'constraint' of a vertex (1), attribute 'thickness' of a vertex (4), "
+        "field 'constraints' (1)",
     ),
     "a session with more": (
         session(LINE, mesh(), network()),
-        ["net (1)", "object 'compas.geometry/Line' beside the net (1)"],
+        "net (1), object 'compas.geometry/Line' beside the net (1)",
     ),
-    "a type of another program": (
-        {**network(), "dtype": "other.program/Thing"},
-        ["type other.program/Thing (1)"],
-    ),
-    "a schema of another program": (
-        {**network(), "$schema": "https://other.org/net.json"},
-        ["field beside the net (1)"],
-    ),
-    **{f"the type {k}": ({**network(), "dtype": k}, []) for k in ("compas_fd.x/Y", "x", 3, None)},
+    "a foreign type": ({**network(), "dtype": "other.program/A"}, "type other.program/A (1)"),
+    "a foreign schema": ({**network(), "$schema": "https://a.org/b"}, "field beside the net (1)"),
+    **{f"the type {k}": ({**network(), "dtype": k}, "") for k in ("compas_fd.x/Y", "x", 3, None)},
 }
-REFUSED = {  # data, and the message
-    "number as text": (of_net(((*NODE, "1", "x"), "1.0")), "finite number, got '1.0'"),
-    "null": (of_net(((*NODE, "1", "x"), None)), "node['1'].x: expected a finite number, got null"),
-    "not finite": (of_net(((*NODE, "1", "x"), float("nan"))), "NaN is no number"),
-    "huge": (of_net(((*NODE, "1", "x"), 1e308)), "node['1'].x: expected a finite number"),
-    "support in words": (
-        of_net(((*NODE, "0", "is_support"), "yes")),
-        "node['0'].is_support: expected true or false, got 'yes'",
+FINITE = "node['1'].x: expected a finite number"
+BARE = (("data", "default_node_attributes"), {"pz": 0})
+POLYLINE = {"dtype": "compas.geometry/Polyline", "data": {"points": [[0, 0, 0]]}}
+REFUSED = [  # data, and the message
+    (of_net((X, "1.0")), f"{FINITE}, got '1.0'"),
+    (of_net((X, None)), f"{FINITE}, got null"),
+    (of_net((X, 1e308)), FINITE),
+    (of_net((X, float("nan"))), "NaN is no number"),
+    (of_net(((*NODE, "0", "is_support"), "yes")), "is_support: expected true or false, got 'yes'"),
+    (network(f="much"), "edge 0-1.f: expected a finite number"),
+    (network(f=True), "edge 0-1.f: expected a finite number"),
+    (of_net(((*NODE, "1"), {}), BARE), "node['1']: has no coordinates x, y, z"),
+    (of_net(((*EDGE, "0", "8"), {})), "edge['0']['8']: there is no node '8'"),
+    (of_net(((*EDGE, "0", "0"), {})), "edge['0']['0']: an edge from a node to itself"),
+    (of_net(((*EDGE, "0"), [1])), "edge['0']: expected an object"),
+    (of_net((EDGE, {})), "edge: the network has no edges"),
+    (of_net((NODE, {})), "node: missing"),
+    (of_net((NODE, [1])), "node: expected an object"),
+    (of_mesh(((*PAIRS, "(0, 1)"), [3.0])), "edgedata['(0, 1)']: expected an object of attributes"),
+    (session(of_mesh((("data", "face"), {}))), "scene.data.items[0].data.face: the mesh has no fa"),
+    (POLYLINE, "no network or mesh of compas in it, but an object 'compas.geometry/Polyline'"),
+    (
+        {"type": "A", "features": []},
+        "no network or mesh of compas in it, but the fields type, feat",
     ),
-    "force in words": (network(f="much"), "edge 0-1.f: expected a finite number"),
-    "true for a force": (network(f=True), "edge 0-1.f: expected a finite number"),
-    "no coordinates": (of_net(((*NODE, "1"), {}), BARE), "node['1']: has no coordinates x, y, z"),
-    "unknown node": (of_net(((*EDGE, "0", "8"), {})), "edge['0']['8']: there is no node '8'"),
-    "loop": (of_net(((*EDGE, "0", "0"), {})), "edge['0']['0']: an edge from a node to itself"),
-    "edges in a list": (of_net(((*EDGE, "0"), [1])), "edge['0']: expected an object"),
-    "no edges": (of_net((EDGE, {})), "edge: the network has no edges"),
-    "no nodes": (of_net((NODE, {})), "node: missing"),
-    "nodes in a list": (of_net((NODE, [1])), "node: expected an object"),
-    "attributes in a list": (
-        of_mesh((("data", "edgedata", "(0, 1)"), [3.0])),
-        "edgedata['(0, 1)']: expected an object of attributes",
-    ),
-    "a session without faces": (
-        session(of_mesh((("data", "face"), {}))),
-        "scene.data.items[0].data.face: the mesh has no faces",
-    ),
-    "another object": (
-        {"dtype": "compas.geometry/Polyline", "data": {"points": [[0, 0, 0]]}},
-        "no network or mesh of compas in it, but an object 'compas.geometry/Polyline'",
-    ),
-    "another program": (
-        {"type": "FeatureCollection", "features": []},
-        "no network or mesh of compas in it, but the fields type, features",
-    ),
-}
+]
 
 
 @pytest.mark.parametrize("name", READ)
 def test_what_is_left_out_is_told(name, tmp_path):
     data, expected = READ[name]
     net, told = read(data, tmp_path)
-    assert told == expected
+    assert ", ".join(told) == expected
     if "vertex" in json.dumps(data):
         assert sorted(map(sorted, net.links.tolist())) == [[0, 1], [0, 2], [0, 3], [1, 2], [2, 3]]
         assert sorted(net.values["force_density"].tolist()) == [1.0, 1.0, 1.0, 1.0, 3.0]
@@ -184,9 +163,8 @@ def test_what_is_left_out_is_told(name, tmp_path):
         assert net.loads.tolist() == [[0, 0, 0], [0, 0, -1], [0, 0, 0]]
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_net_is_refused(name, tmp_path):
-    data, message = REFUSED[name]
+@pytest.mark.parametrize(("data", "message"), REFUSED, ids=itertools.count())
+def test_what_is_no_net_is_refused(data, message, tmp_path):
     net, told = read(data, tmp_path)
     assert net is None and message in told
 
@@ -212,13 +190,13 @@ def test_loads_of_edges_act_at_their_ends(tmp_path):
     net, told = read(data, tmp_path)
     assert told == [] and net.loads[:, 2].tolist() == [-0.5, -2.0, -0.5]  # edges of 1 m
     # twice as long: twice the load of the edges, and once that of the node
-    data = changed(data, ((*NODE, "1", "x"), 2), ((*NODE, "2", "x"), 4))
+    data = changed(data, (X, 2), ((*NODE, "2", "x"), 4))
     assert read(data, tmp_path)[0].loads[:, 2].tolist() == [-1.0, -3.0, -1.0]
 
 
 def test_loads_of_faces_act_at_their_corners(tmp_path):
     """On a triangle a third at each corner; on a kite by hand, with the mean of its corners."""
-    net, told = read(of_mesh((("data", "facedata", "0"), {"px": 3.0, "pz": -6.0})), tmp_path)
+    net, told = read(of_mesh(((*FACES, "0"), {"px": 3.0, "pz": -6.0})), tmp_path)
     share = np.array([3.0, 0.0, -6.0]) * 2.0 / 3.0  # of an area of 2 m2
     assert told == []
     np.testing.assert_allclose(net.loads, [share, share, share, np.zeros(3)], rtol=1e-15)
@@ -244,10 +222,10 @@ def test_loads_in_a_result_count_once(tmp_path):
 
 
 def test_edges_of_a_mesh_by_either_direction(tmp_path):
-    net, told = read(of_mesh((("data", "edgedata", "2-0"), {"q": 5.0})), tmp_path)
+    net, told = read(of_mesh(((*PAIRS, "2-0"), {"q": 5.0})), tmp_path)
     densities = dict(zip(map(tuple, net.links.tolist()), net.values["force_density"], strict=True))
     assert densities == {(0, 1): 3.0, (1, 2): 1.0, (2, 0): 5.0, (2, 3): 1.0, (3, 0): 1.0}
-    net, more = read(of_mesh((("data", "edgedata", "0-2"), {"_is_edge": False})), tmp_path)
+    net, more = read(of_mesh(((*PAIRS, "0-2"), {"_is_edge": False})), tmp_path)
     assert told == more == [] and len(net.links) == 4
     assert [0, 2] not in np.sort(net.links, axis=1).tolist()
 
@@ -265,7 +243,7 @@ def test_groups_and_unstressed_lengths(tmp_path):
     assert net.kinds == ("bar", "cable") and told == ["attribute 'l0' of an edge (1)"]
 
 
-LONG = ((*NODE, "1", "x"), 2), ((*NODE, "2"), {"x": 2, "y": 3, "is_support": True})
+LONG = (X, 2), ((*NODE, "2"), {"x": 2, "y": 3, "is_support": True})
 CABLES = ("cable", "cable")
 
 
