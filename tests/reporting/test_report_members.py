@@ -229,7 +229,7 @@ def test_bars_that_are_taken_away_have_no_values():
 
 
 @pytest.mark.slow
-def test_elements_that_are_not_there_have_no_values():
+def test_beams_that_are_not_there_have_no_values():
     """A cantilever is prolonged, and its prop, another beam, taken away again."""
     nodes = [[0.0, 0, 0], [2, 0, 0], [4, 0, 0], [2, 0, -1]]
     groups = {
@@ -238,12 +238,8 @@ def test_elements_that_are_not_there_have_no_values():
     }
     structure = jc.Structure(nodes, groups, jc.clamped([0, 3]))
     load = [jc.NodalLoads([k], (0.0, 0.0, -10.0)) for k in (1, 2)]
-    phases = [
-        jc.Phase(loads=load[0]),
-        jc.Phase(adds={"deck": jc.only([1]), "prop": None}, loads=load[1]),
-        jc.Phase(removes="prop"),
-    ]
-    solution = jc.solve(structure, phases)
+    longer = jc.Phase(adds={"deck": jc.only([1]), "prop": None}, loads=load[1])
+    solution = jc.solve(structure, [jc.Phase(loads=load[0]), longer, jc.Phase(removes="prop")])
     told = jc.report(structure, solution)
     assert told.status == 0
     (prop,) = rows(told.tables["N"], "prop")
@@ -253,13 +249,8 @@ def test_elements_that_are_not_there_have_no_values():
     exact = np.asarray(solution.phases[1].section_forces["prop"])[0, 0, 0]
     assert prop["min"] == pytest.approx(exact, rel=1e-4) and prop["in"] == "phase 2"
     come = rows(told.tables["My"], "deck")[1]
-    assert come["min"] is not None and come["in"] != "phase 1" and come["in "] != "phase 1"
+    assert come["min"] is not None and "phase 1" not in (come["in"], come["in "])
     assert "no values: the element is not there" in told.tables["N"].notes
-    (stress,) = rows(told.tables["stresses"], "prop")
-    assert set(stress.values()) == {"prop", 0, None}
-    (ever,) = rows(told.tables["stress_envelope"], "prop")
-    assert ever["in"] == "phase 2" and ever["lowest"] < 0
-    assert "no stress: the element is not there" in told.tables["stresses"].notes
     json.dumps(told.dict(), allow_nan=False)
 
 
@@ -362,14 +353,8 @@ def test_a_report_of_a_mast_is_fit_to_hand_in(mast):
     foot = rows(told.tables["reactions"])[0]
     assert None not in foot.values()
     for name, content in told.csv().items():
-        head, *lines = list(csv.reader(io.StringIO(content)))
-        if name == "summary":
-            continue
-        table = told.tables[name]
-        assert len(head) == len({*head}) == len(table.columns)
-        for line, meant in zip(lines, table.rows, strict=True):
-            for cell, value in zip(line, meant, strict=True):
-                assert (cell == "") if value in (None, "") else (type(value)(cell) == value)
+        head = next(csv.reader(io.StringIO(content)))  # names of columns are apart
+        assert name == "summary" or len(head) == len({*head}) == len(told.tables[name].columns)
     data = json.loads(json.dumps(told.dict(), allow_nan=False))
     assert data["tables"]["My"]["rows"] == told.tables["My"].rows
     assert len(data["tables"]["My"]["rows"]) == len(structure.elements["mast"].links)
@@ -401,14 +386,21 @@ def test_reactions_have_the_components_that_supports_hold():
     assert "on the structure" in told.tables["reactions"].title
 
 
-def test_moments_at_the_foot_of_a_mast(mast):
-    """Reactions at the foot and the guys balance wind and weight, forces and moments about it."""
-    _, phases, _, told = mast
+def test_reactions_balance_the_wind_about_the_foot_of_a_mast(mast):
+    """Forces along the wind, and all moments, where nodes are in the end."""
+    _, phases, solution, told = mast
     table = told.tables["reactions"]
     assert table.columns[5:8] == ("Mx", "My", "Mz") and table.units[5] == "N m"
     total = {row[0]: row[1] for row in told.tables["equilibrium"].rows}
     wind = np.asarray(phases[1].loads.forces)[:, 0].sum()
     assert wind > 0 and total["reactions"] == pytest.approx(-wind, rel=1e-8)
+    places = np.asarray(solution.positions)
+    moments = np.cross(places, np.asarray(solution.load)).sum(axis=0)
+    for row in table.rows:
+        moments += np.cross(places[row[0]], row[1:4])
+        moments += [value or 0.0 for value in row[5:8]]
+    # the weight of leaning elements acts on nodes by moments, too, w l^2/12 times the lean: 2e-4
+    assert np.abs(moments).max() < 5e-4 * wind * 30.0
 
 
 def test_groups_have_their_extremes_and_what_governs(mast):
