@@ -128,12 +128,17 @@ class TestRoofRing:
             assert not np.asarray(phase.present["lower"]).any()
 
     def test_it_ends_as_drawn_with_the_force_that_is_asked_for(self, built):
-        structure, _, solution = built
+        structure, phases, solution = built
         stressed = solution.phases[-2]
         assert np.abs(np.asarray(stressed.positions) - structure.nodes).max() < 1e-9
         np.testing.assert_allclose(stressed.tension["lower"], 1e6, rtol=1e-8)
         drop = np.asarray(solution.phases[0].positions)[2 * self.n :, 2]
         assert (np.abs(drop + 12.0) < 0.5).all()  # longer by a strand; the hub stretches less
+        # half of 500 N/m2 between rings of 60 m and 20 m, on the nodes of the inner one
+        roof = phases[-1].loads
+        assert roof.nodes.array.tolist() == [*range(2 * self.n, 3 * self.n)]
+        force = 0.5 * 500.0 * np.pi * (60.0**2 - 20.0**2) / self.n
+        np.testing.assert_allclose(roof.forces, (0.0, 0.0, -force), rtol=1e-14)
 
     @pytest.mark.slow
     def test_at_once_it_is_the_same(self, built):
