@@ -28,6 +28,17 @@ WRONG = {  # of the mast: what is put where, and what the reader says
     "not positive": (STIFF, -1.5, r"\['guys'\]: axial_stiffness\[0\] = -1.5: must be positive"),
     "text": (STIFF, "__import__", r"elements\['guys'\]: axial_stiffness: expected numbers"),
     "text in a node": ((*NODES, 2, 1), "0", r'nodes\[2\]\[1\]: expected a number, got "0"'),
+    "class of the whole": (
+        ("structure",),
+        {"type": "Elastic", "E": 1},
+        "structure: expected a Str",
+    ),
+    "groups in a list": (
+        GROUPS,
+        [MAST["structure"]["elements"]["guys"]],
+        "has a list of 1, got gr",
+    ),
+    "counts of fibres": ((*BEAM, "section", "counts"), [2], "counts"),
     "short node": ((*NODES, 2), [4, 0], r"nodes\[2\]: .* got 2 where others have 3"),
     "false in a node": ((*NODES, 2, 1), False, "nodes: expected numbers, got true or false"),
     "ragged": ((*GUYS, "links", 2), [1], r"links\[2\]: .* lists of equal lengths, .* 1 .* 2"),
@@ -101,6 +112,7 @@ WRONG = {  # of the mast: what is put where, and what the reader says
 }
 BEYOND = {"unknown node", "load node", "moved free node", "single", "negative", "cold group"}
 BEYOND |= {"group", "groups within", "added group", "added key", "group of a load"}
+BEYOND |= {"groups in a list", "counts of fibres"}
 """Of `WRONG`: what a schema cannot say, such as numbers of nodes and names of groups."""
 SPEAKS = ("prefix", "pytree", "None", "<U", "dict", "ndarray is")
 
