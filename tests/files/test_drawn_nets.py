@@ -113,6 +113,11 @@ def test_heights_at_crossings_are_means(tmp_path):
     assert left.groups.count("EDGE") == 4 + 2 * N  # the ends of the other way lie on the edges
 
 
+def free(nodes, links, **more):
+    """A `Net` without supports."""
+    return Net(np.array(nodes, float), np.array(links), np.zeros((len(nodes), 3), bool), **more)
+
+
 def test_three_cables_through_a_point_have_one_node():
     """Heights 0, 0.3 and 0.6 m where they cross; in another place two more, below those."""
     turn = np.array([0.1, 1.2, 2.3])
@@ -120,13 +125,10 @@ def test_three_cables_through_a_point_have_one_node():
     lift = np.array([[0.0, 0, 0], [0, 0, 0.3], [0, 0, 0.6]])
     nodes = np.concatenate([lift - out, lift + out]) + np.array([7.0, 5.0, 0.0])
     links = np.array([[0, 3], [1, 4], [2, 5]])
-    net = Net(nodes, links, np.zeros((6, 3), bool)).split(tolerance=1e-9)
+    net = free(nodes, links).split(tolerance=1e-9)
     assert len(net.nodes) == 7 and len(net.links) == 6
     np.testing.assert_allclose(net.nodes[6], [7.0, 5.0, 0.3], atol=1e-12)
-    low = nodes - np.array([0.0, 0, 50.0])
-    both = Net(
-        np.concatenate([nodes, low]), np.concatenate([links, links + 6]), np.zeros((12, 3)) > 0
-    )
+    both = free([*nodes, *(nodes - [0.0, 0, 50.0])], [*links, *(links + 6)])
     with pytest.warns(jc.InputWarning, match="split: 6 places"):  # not those below each other
         both = both.split(tolerance=1e-9)
     assert sorted(np.round(both.nodes[12:, 2], 9).tolist()) == [-49.7, 0.3]
@@ -161,16 +163,11 @@ def test_pieces_keep_what_their_link_had():
     assert found.values["pretension"].tolist() == [40, 40, 40, 40, 15]
     assert net.split(["a", "c"]).links.tolist() == net.links.tolist()
     # an end above a link comes down to it, unless a link that takes no part holds it, too
-    above = Net(
-        np.array([[0.0, 0, 0], [4, 0, 0], [2, 0, 0.1], [2, 3, 0], [2, 0, 3]]),
-        np.array([[0, 1], [2, 3], [2, 4]]),
-        np.zeros((5, 3), bool),
-        groups=("a", "a", "c"),
-    )
+    nodes = [[0.0, 0, 0], [4, 0, 0], [2, 0, 0.1], [2, 3, 0], [2, 0, 3]]
+    above = free(nodes, [[0, 1], [2, 3], [2, 4]], groups=("a", "a", "c"))
     with pytest.warns(jc.InputWarning, match="split: 1 places"):
         assert len(above.split(["a"]).links) == 3
-    two = Net(above.nodes[:4], above.links[:2], above.fixed[:4])
-    assert two.split().links.tolist() == [[0, 2], [2, 1], [2, 3]]
+    assert free(nodes[:4], [[0, 1], [2, 3]]).split().links.tolist() == [[0, 2], [2, 1], [2, 3]]
     with pytest.raises(ValueError, match="groups: no group 'd'; there are a, b, c"):
         net.split(["d"])
     with pytest.raises(ValueError, match=r"tolerance = -1.0, gap = 0.25: expected positive"):
@@ -179,17 +176,13 @@ def test_pieces_keep_what_their_link_had():
 
 def test_joints_on_inclined_upright_and_doubled_links():
     """A guy at a vertical mast, at half its height; a link that lies on a part of another one."""
-    nodes = np.array([[0.0, 0, 0], [0, 0, 6], [4, 0, 0], [0, 0, 3]])
-    guy = Net(nodes, np.array([[0, 1], [2, 3]]), np.zeros((4, 3), bool)).split()
+    guy = free([[0.0, 0, 0], [0, 0, 6], [4, 0, 0], [0, 0, 3]], [[0, 1], [2, 3]]).split()
     assert guy.links.tolist() == [[0, 3], [3, 1], [2, 3]]
-    nodes = np.array([[0.0, 0, 0], [6, 0, 3], [2, 0, 1], [4, 0, 2]])
-    line = Net(nodes, np.array([[0, 1], [2, 3]]), np.zeros((4, 3), bool)).split()
+    line = free([[0.0, 0, 0], [6, 0, 3], [2, 0, 1], [4, 0, 2]], [[0, 1], [2, 3]]).split()
     assert line.links.tolist() == [[0, 2], [2, 3], [3, 1]]
 
 
-@pytest.mark.parametrize(
-    "name", ["geiger_dome", "levy_dome", "cable_truss", "guyed_mast", "simplex"]
-)
+@pytest.mark.parametrize("name", ["geiger_dome", "cable_truss", "guyed_mast", "simplex"])
 def test_structures_in_space_are_not_doubtful(name):
     """Their cables lie above each other in plan, and are not meant to be joined."""
     structure, _ = getattr(jc.scenes, name)()
@@ -227,9 +220,8 @@ def test_a_loose_end_beside_a_mast_head_is_no_anchor(tmp_path):
 def test_one_per_cent_of_the_shortest_link(off, doubtful):
     """The links there are 5 m and 8 m; a link of 1 mm elsewhere hides nothing."""
     nodes = np.array([[0.0, 0, 8], [0, 0, 0], [off, 0, 8], [5 + off, 0, 8], [5 + off, 0.001, 8]])
-    net = Net(nodes, np.array([[0, 1], [2, 3], [3, 4]]), np.zeros((5, 3), bool))
-    held = np.zeros(5, bool)
-    assert bool([text for text in doubts(net.nodes, net.links, held) if "pair" in text]) == doubtful
+    told = doubts(nodes, np.array([[0, 1], [2, 3], [3, 4]]), np.zeros(5, bool))
+    assert any("pair" in text for text in told) == doubtful
 
 
 def test_an_end_just_short_of_an_edge_cable(tmp_path):
@@ -244,8 +236,7 @@ def test_an_end_just_short_of_an_edge_cable(tmp_path):
     assert net.split(tolerance=1e-3).links.tolist() == [[0, 2], [2, 1], [2, 3]]
 
 
-@pytest.mark.parametrize("clockwise", [False, True])
-@pytest.mark.parametrize("degrees", [30.0, 180.0, 300.0])
+@pytest.mark.parametrize(("degrees", "clockwise"), [(30.0, False), (180.0, True), (300.0, False)])
 def test_arcs_are_chords(degrees, clockwise, tmp_path):
     """All kinds of arcs: points on the circle, middles of chords within the sagitta of it."""
     radius, sagitta = 5.0, 0.02
@@ -313,13 +304,9 @@ def test_properties_by_layer(tmp_path):
         "FOOT": [0],
         "DIM": [2],
     }
-    structure, phases = net.scene(
-        [0, 2],
-        bars=["MAST"],
-        axial_stiffness={"MAST": 2e9, "TIE": 1e7},
-        strength={"TIE": 3e5},
-        pretension={"TIE": 1e4},
-    )
+    stiff = {"MAST": 2e9, "TIE": 1e7}
+    more = {"strength": {"TIE": 3e5}, "pretension": {"TIE": 1e4}}
+    structure, phases = net.scene([0, 2], bars=["MAST"], axial_stiffness=stiff, **more)
     mast, tie = structure.elements["MAST"], structure.elements["TIE"]
     assert type(mast) is jc.Bars and type(tie) is jc.Cables
     assert mast.axial_stiffness.tolist() == [2e9] and tie.axial_stiffness.tolist() == [1e7]
@@ -327,16 +314,13 @@ def test_properties_by_layer(tmp_path):
     assert phases[0].pretension["TIE"].tolist() == [1e4] and phases[0].pretension["MAST"] is None
     for options, message in (
         ({"axial_stiffness": {"MAST": 1e9}}, "axial_stiffness: group 'TIE' has none"),
-        (
-            {"axial_stiffness": {"POST": 1e9}},
-            "axial_stiffness: no group 'POST'; there are MAST, TIE",
-        ),
-        ({"axial_stiffness": 1e9, "bars": ["POST"]}, "bars: no group 'POST'"),
-        ({"axial_stiffness": 1e9, "anchors": ["end"]}, "anchors = 'end': expected node numbers or"),
-        ({"axial_stiffness": 1e9, "anchors": [0, 9]}, "9"),
+        ({"axial_stiffness": {"POST": 1e9}}, "axial_stiffness: no group 'POST'; there are MAST, T"),
+        ({"bars": ["POST"]}, "bars: no group 'POST'"),
+        ({"anchors": ["end"]}, "anchors = 'end': expected node numbers or"),
+        ({"anchors": [0, 9]}, "9"),
     ):
         with pytest.raises(ValueError, match=re.escape(message)):
-            net.scene(**{"anchors": [0, 2], **options})
+            net.scene(**{"anchors": [0, 2], "axial_stiffness": 1e9, **options})
 
 
 def test_the_command_line_splits_and_takes_layers(tmp_path, monkeypatch, capsys):

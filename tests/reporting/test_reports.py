@@ -1,4 +1,4 @@
-"""Reports: what they say is checked against statics and against the solution itself."""
+"""Reports of nets: what they say is checked against statics and against the solution itself."""
 
 import csv
 import io
@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcable as jc
+from jaxcable.reporting.lengths import chains
 
 
 @pytest.fixture(scope="module")
@@ -24,33 +25,40 @@ def net():
     forces[1, :4, 2] = -90e3
     forces[2, 0, 2] = np.nan
     solution = jc.solve(structure, [prestress])
-
-    def case(force):
-        loads = jc.NodalLoads(free, force)
-        return jc.solve(structure, [jc.Phase(loads=loads)], start=solution)
-
-    batch = jax.vmap(case)(forces)
-    assert int(solution.status) == 0 and batch.status.tolist()[:2] == [0, 0]
+    loads = [jc.NodalLoads(free, force) for force in forces]
+    cases = [jc.solve(structure, [jc.Phase(loads=load)], start=solution) for load in loads]
+    assert [int(of.status) for of in (solution, *cases)] == [0, 0, 0, 3]
+    batch = jax.tree.map(lambda *of: np.stack(of), *cases)
     return structure, prestress, solution, batch
 
 
 @pytest.fixture(scope="module")
-def written(net):
+def told(net):
     structure, prestress, solution, batch = net
     names = ["snow", "half", "broken"]
     return jc.report(structure, solution, [prestress], cases=batch, names=names)
 
 
-def column(table, name, skip=0):
-    k = [c.strip() for c in table.columns].index(name)
-    return [row[k] for row in table.rows]
+@pytest.fixture(scope="module")
+def flat():
+    structure, phases = jc.scenes.flat_net(load=15.0)
+    solution = jc.solve(structure, phases)
+    assert int(solution.status) == 0
+    return structure, solution
+
+
+def column(table, name):
+    return [row[[c.strip() for c in table.columns].index(name)] for row in table.rows]
+
+
+# --- equilibrium
 
 
 def test_reactions_balance_the_loads(net):
     structure, _, _, batch = net
     snow = jax.tree.map(lambda x: np.asarray(x)[0], batch)
-    table = jc.report(structure, snow).tables["equilibrium"]
-    rows = {row[0]: np.array(row[1:]) for row in table.rows}
+    tables = jc.report(structure, snow).tables
+    rows = {row[0]: np.array(row[1:]) for row in tables["equilibrium"].rows}
     np.testing.assert_allclose(rows["loads"], [0, 0, -9 * 500.0])
     # the tolerance of the analysis, 1e-10 of the nodal forces, at some 20 nodes
     assert np.abs(rows["loads"] + rows["reactions"]).max() < 1e-8 * 20e3
@@ -59,12 +67,9 @@ def test_reactions_balance_the_loads(net):
     np.testing.assert_allclose(
         rows["sum of forces"], rows["loads"] + rows["reactions"], rtol=0, atol=rounding
     )
-    reactions = jc.report(structure, snow).tables["reactions"]
-    assert (
-        sorted(column(reactions, "node"))
-        == np.flatnonzero(structure.supports.fixed(structure.n_node)[:, 0]).tolist()
-    )
-    by_hand = np.array([row[1:4] for row in reactions.rows]).sum(axis=0)
+    held = np.flatnonzero(structure.supports.fixed(structure.n_node)[:, 0])
+    assert sorted(column(tables["reactions"], "node")) == held.tolist()
+    by_hand = np.array([row[1:4] for row in tables["reactions"].rows]).sum(axis=0)
     np.testing.assert_allclose(by_hand, rows["reactions"], atol=1e-9)
 
 
@@ -78,44 +83,55 @@ def test_a_report_of_a_state_out_of_balance_says_so(net):
     assert bad.startswith("forces out of balance: 7.0e+00 N")
 
 
-def test_forces_utilisation_and_envelope(net, written):
+def test_a_failed_analysis_is_reported_as_failed(net):
+    structure, prestress, _, _ = net
+    heavy = jc.NodalLoads([5], (0.0, 0.0, np.nan))
+    phases = [prestress, jc.Phase(loads=heavy, increments=2)]
+    failed = jc.report(structure, jc.solve(structure, phases), phases)
+    assert failed.status == 3
+    assert any(line.startswith("FAILED: what follows is the last") for line in failed.summary)
+    # the prestressed state is what converged last; its envelope is that of phase 1
+    forces = failed.tables["members"]
+    assert column(forces, "force") == column(forces, "highest")
+    assert np.isfinite(column(forces, "force")).all()
+
+
+# --- members and cases
+
+
+def test_forces_utilisation_and_envelope(net, told):
     _, _, solution, batch = net
-    table = written.tables["members"]
+    table = told.tables["members"]
     tensions = np.asarray(batch.tension["net"])[:2]
+    names = np.array(["snow", "half"])
     assert column(table, "force") == solution.tension["net"].tolist()
     np.testing.assert_array_equal(column(table, "lowest"), tensions.min(axis=0))
     np.testing.assert_array_equal(column(table, "highest"), tensions.max(axis=0))
-    governs = [("snow", "half")[k] for k in tensions.argmax(axis=0)]
-    assert [row[8] for row in table.rows] == governs
+    assert [row[6] for row in table.rows] == names[tensions.argmin(axis=0)].tolist()
+    assert [row[8] for row in table.rows] == names[tensions.argmax(axis=0)].tolist()
     np.testing.assert_allclose(column(table, "used"), solution.tension["net"] / 400e3)
     np.testing.assert_allclose(column(table, "most used"), tensions.max(axis=0) / 400e3)
-
-
-def test_failed_cases_are_named_and_left_out(written):
-    (line,) = [line for line in written.summary if line.startswith("left out")]
+    # failed cases are named and left out
+    (line,) = [line for line in told.summary if line.startswith("left out")]
     assert line.startswith("left out of envelopes: broken (status 3: ")
-    text = written.text()
-    assert "nan" not in text.replace("broken", "")
+    assert "nan" not in told.text().replace("broken", "")
 
 
-def test_the_cutting_list_is_at_the_reference_temperature(net, written):
-    """20 K with 1.2e-5/K lengthen the cables by 2.4e-4 of what is cut."""
-    _, _, solution, _ = net
-    table = written.tables["cutting_list"]
-    cut = np.array(column(table, "unstressed length"))
-    np.testing.assert_allclose(cut * (1 + 2.4e-4), solution.rest_length["net"], rtol=1e-15)
-    assert table.notes[0] == "at the temperature before the first phase"
-    assert f"net: 24 pieces, {cut.sum():.3f} m in total" in table.notes
-    alone = jc.report(net[0], solution).tables["cutting_list"]  # the state knows how warm it is
-    assert column(alone, "unstressed length") == cut.tolist()
+def test_phases_have_names_of_their_own(flat):
+    structure, solution = flat
+    members = jc.report(structure, solution, names=["prestress", "people"]).tables["members"]
+    assert {row[6] for row in members.rows} | {row[8] for row in members.rows} == {
+        "prestress",
+        "people",
+    }
 
 
-def test_slack_cables_and_loose_nodes(net, written):
+def test_slack_cables_and_loose_nodes(net, told):
     _, _, _, batch = net
     slack = np.flatnonzero(np.asarray(batch.tension["net"])[1] == 0)
     assert len(slack) > 0
-    assert written.tables["slack"].rows == [["net", k, "half"] for k in slack.tolist()]
-    assert written.tables["loose"].rows == [] and written.tables["loose"].notes == ("none",)
+    assert told.tables["slack"].rows == [["net", k, "half"] for k in slack.tolist()]
+    assert told.tables["loose"].rows == [] and told.tables["loose"].notes == ("none",)
     hung = jc.Structure(
         [[0.0, 0, 0], [1, 0, 0], [2, 0, 0]],
         jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e5, rest_length=1.2),
@@ -128,102 +144,167 @@ def test_slack_cables_and_loose_nodes(net, written):
     assert found.tables["members"].notes == ("no group has a strength: no utilisation",)
 
 
-def test_a_failed_analysis_is_reported_as_failed(net):
-    structure, prestress, _, _ = net
-    heavy = jc.NodalLoads([5], (0.0, 0.0, np.nan))
-    phases = [prestress, jc.Phase(loads=heavy, increments=2)]
-    solution = jc.solve(structure, phases)
-    told = jc.report(structure, solution, phases)
-    assert told.status == 3
-    assert any(line.startswith("FAILED: what follows is the last") for line in told.summary)
-    # the prestressed state is what converged last; its envelope is that of phase 1
-    forces = told.tables["members"]
-    assert column(forces, "force") == column(forces, "highest")
-    assert np.isfinite(column(forces, "force")).all()
+def test_groups_say_which_element_is_most_used(flat):
+    nodes = [[0.0, 0, 0], [0, 0, -1], [0, 0, -2], [1, 0, 0], [1, 0, -1]]
+    parts = {
+        "rope": jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e6, strength=[1e3, 5e2]),
+        "wire": jc.Cables([[3, 4]], axial_stiffness=1e5),
+    }
+    structure = jc.Structure(nodes, parts, supports=jc.pinned([0, 3]))
+    load = jc.NodalLoads([1, 2, 4], [[0, 0, -100.0], [0, 0, -300.0], [0, 0, -50.0]])
+    solution = jc.solve(structure, jc.Phase(loads=load))
+    assert int(solution.status) == 0
+    rope, wire = jc.report(structure, solution).tables["groups"].rows
+    # 400 N of 1 kN above, 300 N of 500 N below: the lower one is used more
+    np.testing.assert_allclose([rope[2], rope[5], rope[8]], [300.0, 400.0, 0.6], rtol=1e-9)
+    assert (rope[3], rope[6], rope[9]) == (1, 0, 1)
+    assert wire[8:] == [None, None]
+    assert "groups" not in jc.report(*flat).tables
 
 
-def test_text_csv_and_dict_say_the_same(written, tmp_path):
-    data = json.loads(json.dumps(written.dict(), allow_nan=False))
-    assert data["status"] == 0 and set(data["tables"]) == set(written.tables)
-    texts = written.csv()
+# --- lengths
+
+
+def crossed(n=4):
+    """A net of n x n cables with spacing 1 m, elements in no order; nodes and links."""
+    places = [(i, j) for i in range(n + 2) for j in range(n + 2)]
+    number = {place: k for k, place in enumerate(places)}
+    links = [(number[i, j], number[i + 1, j]) for j in range(1, n + 1) for i in range(n + 1)]
+    links += [(number[i, j], number[i, j + 1]) for i in range(1, n + 1) for j in range(n + 1)]
+    random = np.random.default_rng(3)
+    links = np.array(links)[random.permutation(len(links))]
+    turned = random.random(len(links)) < 0.5
+    links[turned] = links[turned][:, ::-1]
+    used, flat = np.unique(links, return_inverse=True)
+    nodes = np.array([(i, j, 0.02 * (i * i - j * j)) for i, j in places], float)[used]
+    return nodes, flat.reshape(-1, 2)
+
+
+def test_cables_of_a_net_run_through_all_crossings():
+    nodes, links = crossed()
+    found = chains(links, nodes)
+    assert sorted(len(elements) for elements, _ in found) == [5] * 8
+    assert sorted(np.concatenate([elements for elements, _ in found])) == list(range(40))
+    for elements, turned in found:
+        path = np.where(turned[:, None], links[elements][:, ::-1], links[elements])
+        assert (path[1:, 0] == path[:-1, 1]).all()
+        along = nodes[path[-1, 1]] - nodes[path[0, 0]]
+        assert np.isclose(np.abs(along[:2]).max(), 5.0, rtol=1e-15)  # straight in plan
+        assert np.abs(along[:2]).min() == 0.0
+
+
+def test_a_ring_is_one_cable_and_a_corner_ends_two():
+    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    links = np.column_stack([np.arange(12), np.roll(np.arange(12), -1)])
+    ((elements, turned),) = chains(links, ring)
+    assert sorted(elements) == list(range(12)) and not turned.any()
+    corner = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0]])  # a right angle: no cable goes on
+    assert len(chains(np.array([[0, 1], [1, 2]]), corner)) == 2
+    flat = np.array([[0.0, 0, 0], [1, 0, 0], [1.6, 0.8, 0]])  # 53 degrees: it does
+    assert len(chains(np.array([[0, 1], [2, 1]]), flat)) == 1
+
+
+def test_marks_are_sums_of_unstressed_lengths():
+    nodes, links = crossed(2)
+    edge = np.flatnonzero(np.bincount(links.ravel(), minlength=len(nodes)) == 1)
+    cables = {"net": jc.Cables(links, axial_stiffness=1e6), "idle": jc.Bars([[0, 1]], 1e3)}
+    structure = jc.Structure(nodes, cables, supports=jc.pinned(edge))
+    solution = jc.solve(structure, jc.Phase(pretension={"net": 5e3}))
+    assert int(solution.status) == 0
+    report = jc.report(structure, solution)
+    length = np.asarray(solution.rest_length["net"])
+    pieces, whole = report.tables["cutting_list"], report.tables["cables"]
+    assert column(whole, "group") == ["net"] * 4
+    totals = column(whole, "unstressed length")
+    for number, total in zip(column(whole, "cable"), totals, strict=True):
+        own = [row for row in pieces.rows if row[0] == "net" and row[5] == number]
+        assert len(own) == 3
+        assert np.isclose(total, sum(length[row[1]] for row in own), rtol=1e-14)
+        # every node of the cable has one mark, from whichever of its two elements it is read
+        marks = {}
+        for row in own:
+            assert np.isclose(abs(row[7] - row[6]), length[row[1]], rtol=1e-12)
+            for node, mark in ((row[2], row[6]), (row[3], row[7])):
+                assert np.isclose(marks.setdefault(node, mark), mark, atol=1e-12)
+        assert len(marks) == 4 and min(marks.values()) == 0.0
+        assert np.isclose(max(marks.values()), total, rtol=1e-14)
+    assert [row[5:] for row in pieces.rows if row[0] == "idle"] == [[None] * 3]
+    read = list(csv.DictReader(io.StringIO(report.csv()["cables"])))
+    assert [float(row["unstressed length (m)"]) for row in read] == totals
+
+
+def test_the_cutting_list_is_at_the_reference_temperature(net, told):
+    """20 K with 1.2e-5/K lengthen the cables by 2.4e-4 of what is cut."""
+    _, _, solution, _ = net
+    table = told.tables["cutting_list"]
+    cut = np.array(column(table, "unstressed length"))
+    np.testing.assert_allclose(cut * (1 + 2.4e-4), solution.rest_length["net"], rtol=1e-15)
+    assert table.notes[0] == "at the temperature before the first phase"
+    assert f"net: 24 pieces, {cut.sum():.3f} m in total" in table.notes
+    alone = jc.report(net[0], solution).tables["cutting_list"]  # the state knows how warm it is
+    assert column(alone, "unstressed length") == cut.tolist()
+
+
+# --- texts, files, arguments
+
+
+def test_text_csv_and_dict_say_the_same(told, tmp_path):
+    data = json.loads(json.dumps(told.dict(), allow_nan=False))
+    assert data["status"] == 0 and set(data["tables"]) == set(told.tables)
+    texts = told.csv()
     assert "left out of envelopes: broken" in texts.pop("summary")
     for name, text in texts.items():
         head, *rows = list(csv.reader(io.StringIO(text)))
-        table = written.tables[name]
-        assert len(head) == len(table.columns) and len(rows) == len(table.rows)
+        table = told.tables[name]
+        assert len(head) == len({*head}) == len(table.columns)
+        assert len(rows) == len(table.rows)
         for row, meant in zip(rows, table.rows, strict=True):
             assert row == ["" if v is None else str(v) for v in meant]
-    assert "force (N)" in written.csv()["members"]
-    paths = written.save(tmp_path / "net.csv")
+    assert "force (N)" in texts["members"]
+    paths = told.save(tmp_path / "net.csv")
     assert sorted(p.name for p in paths)[0] == "net-cables.csv"
-    assert json.loads(written.save(tmp_path / "net.json")[0].read_text()) == data
-    assert written.save(tmp_path / "net.txt")[0].read_text() == written.text() == str(written)
+    assert json.loads(told.save(tmp_path / "net.json")[0].read_text()) == data
+    assert told.save(tmp_path / "net.txt")[0].read_text() == told.text() == str(told)
     with pytest.raises(ValueError, match=r"path = .*expected a name with .txt, .csv or .json"):
-        written.save(tmp_path / "net.pdf")
+        told.save(tmp_path / "net.pdf")
 
 
-def test_the_text_shows_what_governs_in_fitting_units(written):
-    text = written.text(rows=5)
+def test_the_text_shows_what_governs_in_fitting_units(told):
+    text = told.text(rows=5)
     assert "force (kN)" in text and "most used (-)" in text
     assert "the largest 5 of 24; the tables have all" in text
     shown = text.split("Forces, tension positive")[1].split("Cutting list")[0].splitlines()[2:7]
     used = [float(line.split()[-1]) for line in shown]
     assert used == sorted(used, reverse=True)
-    assert used[0] == pytest.approx(max(column(written.tables["members"], "most used")), abs=5e-4)
+    assert used[0] == pytest.approx(max(column(told.tables["members"], "most used")), abs=5e-4)
     assert max(map(len, text.splitlines()[4:])) < 120  # fits a page
+
+
+def test_a_cable_net_has_no_tables_of_sections(flat):
+    tables = jc.report(*flat).tables
+    assert list(tables) == [
+        *("reactions", "equilibrium", "members"),
+        *("cutting_list", "cables", "slack", "loose"),
+    ]
+    assert tables["reactions"].columns[:6] == ("node", "Rx", "Ry", "Rz", "R", "largest R")
 
 
 def test_wrong_arguments_are_named(net):
     structure, _, solution, batch = net
-    with pytest.raises(ValueError, match="solution: is a batch"):
-        jc.report(structure, batch)
-    with pytest.raises(ValueError, match="names: 1 of them, but 3 cases"):
-        jc.report(structure, solution, cases=batch, names=["a"])
-    with pytest.raises(ValueError, match="cases: expected a leading axis"):
-        jc.report(structure, solution, cases=solution)
-    for names in (["a", "a", "b"], ["a", "end", "b"]):
-        with pytest.raises(ValueError, match="names: each case needs a name of its own"):
-            jc.report(structure, solution, cases=batch, names=names)
-    with pytest.raises(ValueError, match="phases: 2 of them, the solution has 1"):
-        jc.report(structure, solution, [jc.Phase(), jc.Phase()])
-    with pytest.raises(ValueError, match="solution: expected a Solution, got list"):
-        jc.report(structure, [jc.Phase()], solution)
     free = int(np.flatnonzero(~structure.held().any(axis=1))[0])
     other = jc.replace(structure, supports=structure.supports + jc.pinned([free]))
-    with pytest.raises(ValueError, match=r"solution: .*supports"):
-        jc.report(other, solution)
+    for arguments, options, message in (
+        ((structure, batch), {}, "solution: is a batch"),
+        ((structure, solution), {"cases": batch, "names": ["a"]}, "names: 1 of them, but 3 cases"),
+        ((structure, solution), {"cases": solution}, "cases: expected a leading axis"),
+        ((structure, solution), {"cases": batch, "names": ["a", "a", "b"]}, "names: each case"),
+        ((structure, solution), {"cases": batch, "names": ["a", "end", "b"]}, "names: each case"),
+        ((structure, solution, [jc.Phase()] * 2), {}, "phases: 2 of them, the solution has 1"),
+        ((structure, [jc.Phase()], solution), {}, "solution: expected a Solution, got list"),
+        ((other, solution), {}, r"solution: .*supports"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jc.report(*arguments, **options)
     with pytest.raises(ValueError, match=r"solution: .*supports"):
         jc.energy_balance(other, jc.Phase(), solution)
-
-
-def test_a_support_that_is_taken_away_keeps_its_largest_reaction():
-    """A prop, then released: who built it needs to know what it has carried."""
-    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
-    cables = jc.Cables([[0, 1], [1, 2], [2, 3]], axial_stiffness=1e5)
-    structure = jc.Structure(nodes, cables, jc.pinned([0, 1, 3]))
-    loaded = jc.Phase(loads=jc.NodalLoads([2], (0.0, 0.0, -50.0)))
-    phases = [jc.Phase(pretension=100.0), loaded, jc.Phase(supports=jc.pinned([0, 3]))]
-    solution = jc.solve(structure, phases)
-    told = jc.report(structure, solution, phases)
-    assert told.status == 0
-    rows = {row[0]: row for row in told.tables["reactions"].rows}
-    assert list(rows) == [0, 1, 3]
-    carried = np.asarray(solution.phases[1].reactions)
-    assert carried[:, 2].sum() == pytest.approx(50.0, abs=1e-6)
-    assert rows[1][1:5] == [None] * 4 and rows[1][6] == "phase 2"  # nothing holds it at the end
-    assert rows[1][5] == pytest.approx(np.linalg.norm(carried[1])) and carried[1, 2] > 20.0
-
-
-@pytest.mark.slow
-def test_moments_at_the_foot_of_a_mast():
-    """Base moments and the sum over the guys balance wind and weight about the foot."""
-    structure, phases = jc.scenes.guyed_mast(levels=1, per_level=2, increments=(1, 2))
-    solution = jc.solve(structure, phases)
-    told = jc.report(structure, solution, phases)
-    assert told.status == 0
-    table = told.tables["reactions"]
-    assert table.columns[5:8] == ("Mx", "My", "Mz") and table.units[5] == "N m"
-    rows = {row[0]: row[1] for row in told.tables["equilibrium"].rows}
-    forces, nodes = np.asarray(phases[1].loads.forces), phases[1].loads.nodes
-    wind = np.broadcast_to(forces, (len(nodes), 3))[:, 0].sum()
-    assert wind > 0 and rows["reactions"] == pytest.approx(-wind, rel=1e-8)

@@ -17,12 +17,14 @@ SCENES = {
     "levy": functools.partial(jc.scenes.levy_dome, sectors=6),
     "biconcave": functools.partial(jc.scenes.cable_truss, panels=6),
     "biconvex": functools.partial(jc.scenes.cable_truss, "biconvex", panels=6),
+    "three rings": functools.partial(
+        jc.scenes.geiger_dome, sectors=7, rings=3, struts=(5.0, 6.0, 6.5, 7.0), pretension=400e3
+    ),
 }
 COUNTS = {"simplex": (1, 1), "geiger": (1, 18), "levy": (7, 0), "biconcave": (1, 4)}
-COUNTS["biconvex"] = COUNTS["biconcave"]
-# a program of its own, of which little is new beside the biconcave truss
-LONG = ("biconvex", "biconcave", "levy")
-SOLVED = [pytest.param(n, marks=[pytest.mark.slow] if n in LONG else []) for n in SCENES]
+COUNTS |= {"biconvex": (1, 4), "three rings": (1, 34)}
+# one of each kind of scene; what else is new in the others is the geometry, which is tested
+SOLVED = "simplex", "geiger", "biconcave"
 
 
 @functools.cache
@@ -34,9 +36,12 @@ def scene(name):
 def solved(name):
     """Solution of a scene; the state before loading comes from the same program, with no load."""
     structure, (prestress, loading) = scene(name)
-    solution = jc.solve(structure, [prestress, loading])
-    load = jc.replace(loading.loads, forces=0.0 * np.asarray(loading.loads.forces))
-    return solution, jc.solve(structure, [prestress, jc.replace(loading, loads=load)])
+    none = jc.replace(loading.loads, forces=0.0 * np.asarray(loading.loads.forces))
+    found = []
+    for loads in (loading.loads, none):
+        found.append(jc.solve(structure, [prestress, jc.replace(loading, loads=loads)]))
+        assert int(found[-1].status) == 0
+    return found
 
 
 def in_rows(structure, per_group):
@@ -47,8 +52,12 @@ def in_rows(structure, per_group):
     return links, np.concatenate([np.broadcast_to(p, n) for p, n in zip(parts, sizes, strict=True)])
 
 
+def stiffnesses(structure):
+    return in_rows(structure, [group.axial_stiffness for group in structure.groups])[1]
+
+
 def stated_tension(structure, phase):
-    """Tension that a phase states, of all elements, from lengths, [n_elem], N."""
+    """Links, and the tensions that a phase states, from lengths, [n_elem], N."""
     if phase.pretension is not None:
         return in_rows(structure, phase.pretension)
     links, density = in_rows(structure, phase.force_density)
@@ -56,14 +65,16 @@ def stated_tension(structure, phase):
     return links, density * np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
 
 
-def stiffness(structure, positions, rest, tension):
+def stiffness(structure, solution):
     """Tangent stiffness of all freedoms, [3 n, 3 n], element by element, NumPy.
 
     ``EA/L0 n n' + N/l (I - n n')``, of slack elements none.
     """
-    links, ea = in_rows(structure, [group.axial_stiffness for group in structure.groups])
+    positions = np.asarray(solution.positions)
+    links, rest = in_rows(structure, solution.rest_length)
+    numbers = stiffnesses(structure), rest, in_rows(structure, solution.tension)[1]
     matrix = np.zeros((3 * len(positions),) * 2)
-    for (i, j), stiff, length, force in zip(links, ea, rest, tension, strict=True):
+    for (i, j), stiff, length, force in zip(links, *numbers, strict=True):
         chord = positions[j] - positions[i]
         now = np.linalg.norm(chord)
         along = np.outer(chord, chord) / now**2
@@ -87,16 +98,38 @@ def test_counts_and_prestress(name):
     # a residual from lengths alone: some ten forces at a node, each with a rounding or two
     nodes = np.asarray(structure.nodes)
     length = np.linalg.norm(nodes[links[:, 1]] - nodes[links[:, 0]], axis=1)
-    ea = in_rows(structure, [group.axial_stiffness for group in structure.groups])[1]
     left, _ = problems.unbalanced(
         nodes, links, 1.0, length / (1 + tension), nodes, 0 * nodes, tension_only=False
     )
     assert np.abs(left[free]).max() < 1e-13 * np.abs(tension).max()
     cable = np.concatenate(jax.tree.leaves(found.tension_only))
-    assert (tension[cable] > 0).all() and ea.min() > np.abs(tension).max()
+    assert (tension[cable] > 0).all() and stiffnesses(structure).min() > np.abs(tension).max()
     assert found.stiffens(tension)
     if found.m:
         assert found.mechanism_stiffness(tension).min() > 0 > found.mechanism_stiffness(-tension)[0]
+
+
+def test_the_force_that_is_asked_for_and_the_load():
+    """The outermost hoop; the horizontal force of the bearing cable; loads per area and length."""
+    for name, hoop in (("geiger", 500e3), ("levy", 500e3), ("three rings", 400e3)):
+        structure, (prestress, loading) = scene(name)
+        sectors = 7 if hoop == 400e3 else 6
+        outer = np.asarray(prestress.pretension["hoops"])[-sectors:]
+        np.testing.assert_allclose(outer, hoop, rtol=1e-12)
+        force = np.asarray(loading.loads.forces)[:, 2]
+        # rings of roof between the middles of the rings of nodes, up to the last of these
+        rings = 3 if hoop == 400e3 else 2
+        radius = 30.0 * (rings + 0.5) / (rings + 1)
+        assert force.sum() == pytest.approx(-300.0 * np.pi * radius**2, rel=1e-12)
+        assert np.ptp(force[-sectors:]) < 1e-9 * -force.sum()
+    for name in ("biconcave", "biconvex"):
+        structure, (prestress, loading) = scene(name)
+        density = prestress.force_density["bearing"]
+        np.testing.assert_allclose(density, 300e3 / (40.0 / 6), rtol=1e-14)
+        force = np.asarray(loading.loads.forces)[:, 2]
+        np.testing.assert_allclose(force, -3e3 * 40.0 / 6, rtol=1e-14)
+        # the upper cable bears the load
+        assert (np.asarray(structure.nodes)[loading.loads.nodes.array, 2] > 0).all()
 
 
 @pytest.mark.parametrize("sectors", [5, 8])
@@ -108,54 +141,6 @@ def test_counts_of_domes(sectors):
         assert found.m == (6 + 2 * sectors * (rings - 1) if several else sectors + 3)
         found = forms.self_stress(jc.scenes.levy_dome(sectors=sectors, rings=rings)[0])
         assert (found.s, found.m) == (2 * sectors - 5, 0)
-
-
-def test_prestress_of_a_geiger_dome_in_closed_form():
-    """Node by node in one vertical plane, from the outermost hoop inwards."""
-    n, rings, hoop = 7, 3, 400e3
-    (structure, phases), depth = (
-        jc.scenes.geiger_dome(sectors=n, rings=rings, struts=(5.0, 6.0, 6.5, 7.0), pretension=hoop),
-        (5.0, 6.0, 6.5, 7.0),
-    )
-    given = {k: np.asarray(v) for k, v in phases[0].pretension.items()}
-    nodes = np.asarray(structure.nodes)
-    spacing = 30.0 / (rings + 1)
-    top = [nodes[0, 2]] + [nodes[2 + 2 * r * n, 2] for r in range(rings + 1)]
-    radial = 2 * hoop * np.sin(np.pi / n)  # what the hoop pulls a foot inwards with
-    ridge_in = None
-    for ring in range(rings, 0, -1):
-        own = slice((ring - 1) * n, ring * n)
-        rise = top[ring + 1] - (top[ring] - depth[ring])
-        diagonal, strut = radial * np.hypot(rise / spacing, 1), -radial * rise / spacing
-        assert np.abs(given["hoops"][own] / (radial / (2 * np.sin(np.pi / n))) - 1).max() < 1e-12
-        outside = slice(ring * n, (ring + 1) * n)
-        assert np.abs(given["diagonals"][outside] / diagonal - 1).max() < 1e-12
-        assert np.abs(given["struts"][1 + (ring - 1) * n : 1 + ring * n] / strut - 1).max() < 1e-12
-        # top: horizontal parts h of the ridges, out and in, and of the diagonal from inside, g
-        out, inside = top[ring + 1] - top[ring], top[ring - 1] - top[ring]
-        down = (top[ring - 1] - depth[ring - 1]) - top[ring]
-        if ring == rings:
-            # the outer ridge is unknown: take the inner diagonal as given, check both equations
-            g = given["diagonals"][(ring - 1) * n] / np.hypot(down / spacing, 1)
-            h = np.linalg.solve(
-                [[1, -1], [out / spacing, inside / spacing]], [g, strut - g * down / spacing]
-            )
-        else:
-            h_out = ridge_in
-            h = np.array([h_out, 0.0])
-            unknown = np.linalg.solve(
-                [[1, 1], [inside / spacing, down / spacing]],
-                [h_out, strut - h_out * out / spacing],
-            )
-            h[1], g = unknown
-        ridge_in = h[1]
-        ridge = given["ridges"]
-        assert np.abs(ridge[outside] / (h[0] * np.hypot(out / spacing, 1)) - 1).max() < 1e-12
-        assert np.abs(ridge[own] / (h[1] * np.hypot(inside / spacing, 1)) - 1).max() < 1e-12
-        radial = g
-    # the hub's strut balances its diagonals
-    rise = top[1] - (top[0] - depth[0])
-    assert given["struts"][0] == pytest.approx(-n * radial * rise / spacing, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", ["geiger", "levy"])
@@ -173,15 +158,20 @@ def test_symmetry_finds_the_groups_of_a_dome(name):
         assert np.abs(ratio / factor - 1).max() < 1e-12
 
 
+def test_the_force_densities_do_not_balance_a_wrong_twist():
+    """Control: the check of `test_counts_and_prestress` sees one degree."""
+    structure, phases = jc.scenes.simplex(twist=np.radians(29))
+    tension = stated_tension(structure, phases[0])[1]
+    assert forms.self_stress(structure).unbalanced(tension) > 1e-3
+
+
 # --- analyses
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", SOLVED)
 def test_prestressed_and_loaded(name):
     structure, phases = scene(name)
     loaded, prestressed = solved(name)
-    assert int(loaded.status) == 0 and int(prestressed.status) == 0
     problems.assert_balanced(loaded)
     # the given geometry is the prestressed one, the stated tensions are the tensions
     size = np.ptp(np.asarray(structure.nodes), axis=0).max()
@@ -190,16 +180,20 @@ def test_prestressed_and_loaded(name):
     now = in_rows(structure, prestressed.tension)[1]
     assert np.abs(now - tension).max() < 1e-11 * np.abs(tension).max()
     # under load: equilibrium from unstressed lengths alone; no cable is slack
-    ea = in_rows(structure, [group.axial_stiffness for group in structure.groups])[1]
-    rest = in_rows(structure, loaded.rest_length)[1]
+    ea, rest = stiffnesses(structure), in_rows(structure, loaded.rest_length)[1]
     left, force = problems.unbalanced(
         None, links, ea, rest, np.asarray(loaded.positions), np.asarray(loaded.load), False
     )
-    free = ~structure.held()
     # lengths subtracted: eps EA; the tolerance of Newton's method is 1e-10 of the forces
-    assert np.abs(left[free]).max() < 20 * EPS * ea.max() + 1e-9 * np.abs(force).max()
+    least = 20 * EPS * ea.max() + 1e-9 * np.abs(force).max()
+    assert np.abs(left[~structure.held()]).max() < least
     assert int(loaded.phases[1].path.n_slack[-1]) == 0
     assert float(np.asarray(loaded.displacement)[:, 2].min()) < -1e-3
+    if name == "geiger":
+        for kind, tension in loaded.tension.items():
+            rows = np.asarray(tension)[1:] if kind == "struts" else np.asarray(tension)
+            # equal in all sectors as far as Newton's method goes
+            assert np.ptp(rows.reshape(-1, 6), axis=1).max() < 1e-7 * np.abs(rows).max(), kind
 
 
 @pytest.mark.parametrize("name", SOLVED)
@@ -207,9 +201,7 @@ def test_tangent_and_its_lowest_eigenvalue(name):
     structure, _ = scene(name)
     free = ~structure.held().ravel()
     for solution in solved(name):
-        rest = in_rows(structure, solution.rest_length)[1]
-        tension = in_rows(structure, solution.tension)[1]
-        own = stiffness(structure, np.asarray(solution.positions), rest, tension)
+        own = stiffness(structure, solution)
         matrix = np.asarray(jc.stiffness.tangent_of(structure, solution))
         # the geometric part is an N / l beside EA / L0: relative to the largest entry, rounding
         assert np.abs(matrix - own[np.ix_(free, free)]).max() < 1e-12 * np.abs(own).max()
@@ -222,7 +214,6 @@ def test_tangent_and_its_lowest_eigenvalue(name):
 def test_free_standing_simplex():
     """Six rigid motions, then stiffness: with prestress everywhere, without it not in the screw."""
     structure, phases = scene("simplex")
-    nothing = np.zeros((6, 3), bool)
     _, prestressed = solved("simplex")
     # the same program with no force densities and no load
     none = jax.tree.map(lambda q: 0.0 * q, phases[0].force_density)
@@ -232,20 +223,19 @@ def test_free_standing_simplex():
         [jc.replace(phases[0], force_density=none), jc.replace(phases[1], loads=load)],
     )
     assert int(bare.status) == 0
-    found = {}
-    for name, solution in (("prestressed", prestressed), ("bare", bare)):
-        rest = in_rows(structure, solution.rest_length)[1]
-        tension = in_rows(structure, solution.tension)[1]
-        own = stiffness(structure, np.asarray(solution.positions), rest, tension)
-        matrix = np.asarray(jc.stiffness.tangent_of(structure, solution, fixed=nothing))
+    found = []
+    for solution in (prestressed, bare):
+        own = stiffness(structure, solution)
+        matrix = np.asarray(
+            jc.stiffness.tangent_of(structure, solution, fixed=np.zeros((6, 3)) > 0)
+        )
         size = np.abs(matrix).max()
         assert matrix.shape == (18, 18) and np.abs(matrix - own).max() < 1e-13 * size
         for values in (np.linalg.eigvalsh(own), np.linalg.eigvalsh(matrix)):
             assert np.abs(values[:6]).max() < 1e-13 * size  # 18 roundings of the largest entry
             assert values[7] > 1e-3 * size
-            found[name] = values[6] / size
-    assert found["prestressed"] > 1e-5
-    assert abs(found["bare"]) < 1e-13  # control: the seventh is prestress alone
+        found.append(values[6] / size)
+    assert found[0] > 1e-5 and abs(found[1]) < 1e-13  # control: the seventh is prestress alone
     # and that is what the product forces say: the form of a mechanism without rigid motion is its
     # Rayleigh quotient, above the eigenvalue; q l / EA is 1e-3
     mechanism = forms.self_stress(structure).mechanisms[0].ravel()
@@ -253,8 +243,8 @@ def test_free_standing_simplex():
     mechanism = mechanism - rigid.T @ (rigid @ mechanism)
     links, density = in_rows(structure, phases[0].force_density)
     apart = np.diff(mechanism.reshape(6, 3)[links], axis=1)[:, 0] / np.linalg.norm(mechanism)
-    upper = (density * (apart**2).sum(1)).sum() / np.abs(matrix).max()
-    assert 0.99 * upper < found["prestressed"] < (1 + 1e-9) * upper
+    upper = (density * (apart**2).sum(1)).sum() / size
+    assert 0.99 * upper < found[0] < (1 + 1e-9) * upper
 
 
 def rigid_motions(nodes):
@@ -265,28 +255,18 @@ def rigid_motions(nodes):
     return np.linalg.qr(np.array(moves + spins).T)[0].T
 
 
-def test_the_force_densities_do_not_balance_a_wrong_twist():
-    """Control: the check of `test_counts_and_prestress` sees one degree."""
-    structure, phases = jc.scenes.simplex(twist=np.radians(29))
-    tension = stated_tension(structure, phases[0])[1]
-    assert forms.self_stress(structure).unbalanced(tension) > 1e-3
-
-
 def test_half_and_full_load_of_a_cable_truss():
     """Half the load gives S-shapes: more deflection than all of it, one half up."""
     full, _ = solved("biconcave")
-    structure, phases = jc.scenes.cable_truss(panels=6, loaded="half")
-    half = jc.solve(structure, phases)
+    half = jc.solve(*jc.scenes.cable_truss(panels=6, loaded="half"))
     assert int(half.status) == 0
     assert float(half.load[:, 2].sum()) == pytest.approx(-3e3 * 20.0 * (1 - 1 / 6), rel=1e-13)
     assert float(full.load[:, 2].sum()) == pytest.approx(-3e3 * 40.0 * (1 - 1 / 6), rel=1e-13)
-    down = np.asarray(half.displacement)[:7, 2]
-    assert (
-        down[1:4].max() < 0 < down[5] and np.abs(down).max() > np.abs(full.displacement[:7]).max()
-    )
+    down, sunk = (np.asarray(of.displacement)[:7] for of in (half, full))
+    assert down[1:4, 2].max() < 0 < down[5, 2]
+    assert np.abs(down[:, 2]).max() > np.abs(sunk).max()
     # under full load the truss stays symmetric: mirrored nodes sink alike
-    sunk = np.asarray(full.displacement)[:7, 2]
-    assert np.abs(sunk - sunk[::-1]).max() < 1e-9 * np.abs(sunk).max()
+    assert np.abs(sunk[:, 2] - sunk[::-1, 2]).max() < 1e-9 * np.abs(sunk[:, 2]).max()
 
 
 @pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
@@ -298,8 +278,8 @@ def test_a_geiger_dome_twists_under_too_much_load():
     shape for a stable one.
     """
     structure, (prestress, loading) = scene("geiger")
-    plan = np.asarray(structure.nodes)[:, :2]
-    around = np.column_stack([-plan[:, 1], plan[:, 0], 0 * plan[:, 0]])
+    plan = np.asarray(structure.nodes) * [1, 1, 0]
+    around = np.cross([0, 0, 1], plan)
     radius = np.linalg.norm(around, axis=1, keepdims=True)
     force = np.asarray(loading.loads.forces)
     tops = loading.loads.nodes.array
@@ -314,45 +294,7 @@ def test_a_geiger_dome_twists_under_too_much_load():
         found[factor, wrong] = mode.stiffness[0], turn
         if not wrong:
             assert np.abs(mode.shapes[0][:, 2]).max() < 1e-6
-            out = np.abs((mode.shapes[0] * np.column_stack([plan, 0 * radius])).sum(1))
-            assert out.max() < 1e-6 * radius.max()
+            assert np.abs((mode.shapes[0] * plan).sum(1)).max() < 1e-6 * radius.max()
     assert found[1.0, 0.0][0] > 0 > found[2.0, 0.0][0]
     assert found[2.0, 1.0][0] > 0  # where it comes to rest it is stable
     assert found[2.0, 0.0][1] < 1e-3 < 1.0 < found[2.0, 1.0][1]
-
-
-@pytest.mark.slow
-def test_domes_keep_their_symmetry():
-    for name in ("geiger", "levy"):
-        loaded, _ = solved(name)
-        for kind, tension in loaded.tension.items():
-            rows = np.asarray(tension)[1:] if kind == "struts" else np.asarray(tension)
-            sets = rows.reshape(-1, 6)  # six sectors, and in Levy's kind the zig and the zag
-            # equal within a set as far as Newton's method goes
-            assert np.ptp(sets, axis=1).max() < 1e-7 * np.abs(rows).max(), (name, kind)
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (lambda: jc.scenes.simplex(height=0.0), "height = 0.0: must be positive"),
-        (lambda: jc.scenes.geiger_dome(sectors=2), "sectors = 2: expected a whole number"),
-        (lambda: jc.scenes.levy_dome(rings=0), "rings = 0: expected a whole number"),
-        (lambda: jc.scenes.geiger_dome(rise=-1.0), "rise = -1.0: must be positive"),
-        (lambda: jc.scenes.geiger_dome(struts=(6, 6)), r"struts: expected a length or \[3\]"),
-        (lambda: jc.scenes.geiger_dome(struts=1.0), r"struts\[1\]: its foot, at 3.01 m, must be"),
-        (lambda: jc.scenes.levy_dome(pretension=0.0), "pretension = 0.0: must be positive"),
-        (
-            lambda: jc.scenes.levy_dome(cable_stiffness={"ridges": 1.0}),
-            "cable_stiffness: expected the keys ridges, diagonals, hoops",
-        ),
-        (lambda: jc.scenes.cable_truss("lens"), "form = 'lens': expected one of biconcave"),
-        (lambda: jc.scenes.cable_truss(loaded="left"), "loaded = 'left': expected one of full"),
-        (lambda: jc.scenes.cable_truss(panels=2), "panels = 2: expected a whole number"),
-        (lambda: jc.scenes.cable_truss(gap=0.0), "gap = 0.0: must be positive"),
-        (lambda: jc.scenes.cable_truss(sags=(1.0, 0.0)), r"sags\[1\] = 0.0: must be positive"),
-    ],
-)
-def test_refused(make, message):
-    with pytest.raises(ValueError, match=message):
-        make()

@@ -10,55 +10,59 @@ import jaxcable as jc
 TIGHT = jc.Newton(tol=1e-13)
 
 
-def pull(group, ends, positions, rest):
+def solved(scene):
+    solution = jc.solve(*scene, TIGHT)
+    assert int(solution.status) == 0
+    assert all(bool(phase.stable) for phase in solution.phases)
+    problems.assert_balanced(solution)
+    return solution
+
+
+def assert_at_once_it_is_the_same(scene, built):
+    assert len(scene.phases) == 2
+    apart = np.asarray(solved(scene).positions) - np.asarray(built.positions)
+    assert np.abs(apart).max() < 1e-8
+
+
+def pull(group, k, positions):
     """Force of an elastic element on its first end, [3], N; a cable does not push."""
-    stiffness, cable = group.axial_stiffness[ends], isinstance(group, jc.Cables)
-    first, second = group.links.array[ends]
+    first, second = group.links.array[k]
     chord = positions[second] - positions[first]
-    length = np.linalg.norm(chord)
-    force = stiffness * (length - rest[ends]) / rest[ends]
-    return (max(force, 0.0) if cable else force) * chord / length
+    length, rest = np.linalg.norm(chord), group.rest_length[k]
+    force = group.axial_stiffness[k] * (length - rest) / rest
+    return (max(force, 0.0) if isinstance(group, jc.Cables) else force) * chord / length
 
 
+@pytest.mark.slow
 class TestSuspensionFootbridge:
-    n = 8
-    a, sag, span, dead = 7.5, 6.0, 60.0, 4e3
+    n = 4
+    a, sag, span, dead = 15.0, 6.0, 60.0, 4e3
 
     @pytest.fixture(scope="class")
     @classmethod
     def built(cls):
-        structure, phases = jc.scenes.suspension_footbridge(cls.n)
-        solution = jc.solve(structure, phases, TIGHT)
-        assert int(solution.status) == 0
-        assert all(bool(phase.stable) for phase in solution.phases)
-        problems.assert_balanced(solution)
-        return structure, phases, solution
+        scene = jc.scenes.suspension_footbridge(cls.n)
+        return *scene, solved(scene)
 
     def test_the_cables_are_in_equilibrium_at_every_stage(self, built):
         """Forces of cables, hangers and weights at every node, by NumPy, with the lengths alone."""
         structure, phases, solution = built
         cables, hangers = (structure.elements[name] for name in ("cables", "hangers"))
-        hung = 0.0
+        hung = np.zeros(structure.n_node)
         for k, phase in enumerate(solution.phases[: self.n // 2 + 1]):
             positions = np.asarray(phase.positions)
             there = np.asarray(phase.present["hangers"]) > 0
-            assert there.sum() == min(max(2 * k + 1, 0), self.n - 1) * (k > 0)
-            out = np.zeros_like(positions)
-            for name, group in (("cables", cables), ("hangers", hangers)):
-                for j in range(len(group.links)):
-                    if name == "hangers" and not there[j]:
-                        continue
-                    force = pull(group, j, positions, group.rest_length)
-                    first, second = group.links.array[j]
-                    out[first] += force
-                    out[second] -= force
-                    own = 0.5 * group.weight[j] * group.rest_length[j]
-                    out[[first, second], 2] -= own
+            assert there.sum() == (min(2 * k + 1, self.n - 1) if k else 0)
             if k:
                 load = phases[k].loads
-                hung = hung + np.zeros(structure.n_node)
                 np.add.at(hung, load.nodes.array, np.asarray(load.forces)[:, 2])
-            out[:, 2] += hung
+            out = np.outer(hung, [0.0, 0.0, 1.0])
+            present = [(cables, j) for j in range(len(cables.links))]
+            for group, j in [*present, *((hangers, j) for j in np.flatnonzero(there))]:
+                force = pull(group, j, positions)
+                ends = group.links.array[j]
+                out[ends] += [force, -force]
+                out[ends, 2] -= 0.5 * group.weight[j] * group.rest_length[j]
             free = [*range(6, 5 + self.n), *(hangers.links.array[there, 1])]
             assert np.abs(out[free]).max() < 1e-5  # N, of 4e5: forces are EA times 1e-13 or so
 
@@ -79,36 +83,18 @@ class TestSuspensionFootbridge:
         assert 0.01 * most < np.abs(moment).max() < 0.5 * most
 
     def test_at_once_it_is_the_same(self, built):
-        structure, phases = jc.scenes.suspension_footbridge(self.n, stages=False)
-        once = jc.solve(structure, phases, TIGHT)
-        assert int(once.status) == 0 and len(phases) == 2
-        apart = np.asarray(once.positions) - np.asarray(built[2].positions)
-        assert np.abs(apart).max() < 1e-8
-
-    @pytest.mark.parametrize(
-        "options, said",
-        [
-            ({"n": 7}, "n = 7: must be even, and at least 4"),
-            ({"n": 2}, "n = 2: must be even, and at least 4"),
-            ({"sag": 0.0}, "sag = 0.0: must be positive"),
-        ],
-    )
-    def test_what_is_refused(self, options, said):
-        with pytest.raises(ValueError, match=said):
-            jc.scenes.suspension_footbridge(**options)
+        once = jc.scenes.suspension_footbridge(self.n, stages=False)
+        assert_at_once_it_is_the_same(once, built[2])
 
 
 class TestRoofRing:
-    n, lifts = 12, 3
+    n, lifts = 6, 2
 
     @pytest.fixture(scope="class")
     @classmethod
     def built(cls):
-        structure, phases = jc.scenes.roof_ring(cls.n, lifts=cls.lifts)
-        solution = jc.solve(structure, phases, TIGHT)
-        assert int(solution.status) == 0
-        problems.assert_balanced(solution)
-        return structure, phases, solution
+        scene = jc.scenes.roof_ring(cls.n, lifts=cls.lifts)
+        return *scene, solved(scene)
 
     def test_the_hub_is_where_three_equations_put_it(self, built):
         """By symmetry: radius and height of the hub, and radius of the upper ring."""
@@ -142,29 +128,18 @@ class TestRoofRing:
             assert not np.asarray(phase.present["lower"]).any()
 
     def test_it_ends_as_drawn_with_the_force_that_is_asked_for(self, built):
-        structure, _, solution = built
+        structure, phases, solution = built
         stressed = solution.phases[-2]
         assert np.abs(np.asarray(stressed.positions) - structure.nodes).max() < 1e-9
         np.testing.assert_allclose(stressed.tension["lower"], 1e6, rtol=1e-8)
         drop = np.asarray(solution.phases[0].positions)[2 * self.n :, 2]
         assert (np.abs(drop + 12.0) < 0.5).all()  # longer by a strand; the hub stretches less
+        # half of 500 N/m2 between rings of 60 m and 20 m, on the nodes of the inner one
+        roof = phases[-1].loads
+        assert roof.nodes.array.tolist() == [*range(2 * self.n, 3 * self.n)]
+        force = 0.5 * 500.0 * np.pi * (60.0**2 - 20.0**2) / self.n
+        np.testing.assert_allclose(roof.forces, (0.0, 0.0, -force), rtol=1e-14)
 
+    @pytest.mark.slow
     def test_at_once_it_is_the_same(self, built):
-        structure, phases = jc.scenes.roof_ring(self.n, stages=False)
-        once = jc.solve(structure, phases, TIGHT)
-        assert int(once.status) == 0 and len(phases) == 2
-        apart = np.asarray(once.positions) - np.asarray(built[2].positions)
-        assert np.abs(apart).max() < 1e-8
-
-    @pytest.mark.parametrize(
-        "options, said",
-        [
-            ({"n": 2}, "n = 2"),
-            ({"lifts": 0}, "lifts = 0"),
-            ({"hub": 60.0}, "hub = 60.0: must be less than"),
-            ({"drop": -1.0}, "drop = -1.0: must be positive"),
-        ],
-    )
-    def test_what_is_refused(self, options, said):
-        with pytest.raises(ValueError, match=said):
-            jc.scenes.roof_ring(**options)
+        assert_at_once_it_is_the_same(jc.scenes.roof_ring(self.n, stages=False), built[2])
