@@ -233,8 +233,9 @@ def test_preset_strand():
     assert np.allclose(law.capacity, [0.0, 1860e6], rtol=1e-15)
     assert law.limits[0] == -np.inf and law.limits[1] == 0.02 / 0.9
     # EN 1992-1-1, figure 3.10: f_pk / gamma at the ultimate strain, 0.9 of it at the corner
-    got = evaluate(law, [-0.01, 0.9 * 1860e6 / 195e9, 0.02 / 0.9])[0]
-    assert np.allclose(got, [0.0, 0.9 * 1860e6, 1860e6], rtol=1e-14)
+    corner, end = 0.9 * 1860e6 / 195e9, 0.02 / 0.9
+    got = evaluate(law, [-0.01, corner, 0.5 * (corner + end), end])[0]
+    assert np.allclose(got, 1860e6 * np.array([0.0, 0.9, 0.95, 1.0]), rtol=1e-14)
 
 
 def test_preset_tension_only():
@@ -278,6 +279,16 @@ def test_parallel_law_is_the_weighted_sum():
     modulus = 0.2 * 10e9 + 0.5 * 210e9 + 0.3 * 195e9
     assert float(law.modulus) == pytest.approx(modulus, rel=1e-14)
     assert law.breaks and law.rising and law.n_memory == 2
+
+
+def test_a_parallel_law_in_series_with_a_spring():
+    at, unused, compliance = np.linspace(-0.04, 0.02, 50), np.zeros(2), 3e-12
+    pull = evaluate(TRIO, at, unused)[0]
+    soft, size = TRIO.softened(compliance), rounding(materials.steel())
+    stress, _, _, gradient, *_ = evaluate(soft, at + compliance * pull, unused)
+    # rounding of the strain over a slope that is at most three times smaller
+    assert apart(stress, pull) <= 4 * size
+    assert apart(gradient, stress) <= 4 * size
 
 
 def test_limits_and_capacity_of_a_parallel_law():

@@ -249,7 +249,8 @@ def test_titles_say_the_phase(runs):
     three = jc.solve(runs.structure, [*runs.phases, jc.Phase()])
     assert int(three.status) == 0
     assert titles(three) == ["After phase 1 of 3: plan", "After phase 3 of 3"]
-    one = jc.replace(runs.taut, phases=runs.taut.phases[:1])
+    one = jc.solve(runs.structure, runs.phases[:1])
+    assert int(one.status) == 0
     assert titles(one, names=["prestress"]) == ["prestress: plan", "prestress"]
 
 
