@@ -265,6 +265,18 @@ def test_conjugate_gradients_give_up_where_they_do_not_pay():
     assert host.conjugate_gradients(lambda v: a @ v, lambda r: exact @ r, b, 1e-9, 12) is None
 
 
+@pytest.mark.parametrize(("solver", "n"), [("dense", 9), ("superlu", 9), ("superlu", 60)])
+def test_the_eigenvalue_nearest_to_zero(solver, n):
+    sparse, dense = matrix(n, True, solver, shift=-4.0)
+    values, vectors = np.linalg.eigh(dense)
+    nearest = np.abs(values).argmin()
+    assert 0 < nearest < n - 1
+    number, value, right, _ = linear.spectrum(sparse, jnp.zeros(n, bool))
+    assert int(number) == np.count_nonzero(values < 0)
+    assert float(value) == pytest.approx(values[nearest], rel=1e-9)
+    assert abs(right @ vectors[:, nearest]) == pytest.approx(1.0, rel=1e-9)
+
+
 def kept(n):
     """The analysis of a pattern on the host, and values of a diagonal matrix on it."""
     pattern = chain(n, True, "superlu")[0]
