@@ -18,7 +18,7 @@ from matplotlib.text import Text
 from PIL import Image
 
 import jaxcable as jc
-from jaxcable.plots import layout, members, stages, style, views
+from jaxcable.plots import glyphs, layout, members, stages, style, views
 
 FREE = [3, 4, 7, 8]
 
@@ -276,6 +276,20 @@ def test_views():
     assert views.choose(mast, "plan").kind == "plan"
     with pytest.raises(ValueError, match="view = 'front'"):
         views.choose(mast, "front")
+
+
+def test_kinds_of_supports():
+    """Clamped, pinned, pinned about one axis more, on rollers, out of a plane only, free."""
+    rows = ["111111", "111000", "111100", "001000", "010000", "000000"]
+    fixed = np.array([[letter == "1" for letter in row] for row in rows])
+    beams, normal = np.ones(6, bool), np.array([0.0, 1.0, 0.0])
+    clamped, pinned, in_part = glyphs.supports(fixed, beams, normal)
+    assert clamped.tolist() == [True, False, False, False, False, False]
+    assert pinned.tolist() == [False, True, True, False, False, False]
+    assert in_part.tolist() == [False, False, False, True, False, False]
+    clamped, pinned, in_part = glyphs.supports(fixed)  # of cables, in space
+    assert not clamped.any() and pinned.tolist() == [True, True, True, False, False, False]
+    assert in_part.tolist() == [False, False, False, True, True, False]
 
 
 def test_round_factors_units_of_force_and_frames():
