@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as sla
@@ -10,6 +15,16 @@ from ..common.types import Float, Int
 from . import solver
 
 _SYMMETRIC = {"SymmetricMode": True}
+
+
+@functools.cache
+def _worker(process):
+    """The thread of a process in which factors are made and freed.
+
+    SciPy 1.17 frees the memory of a factor only in the thread that has made it; programs call
+    solvers from any thread.
+    """
+    return ThreadPoolExecutor(1, thread_name_prefix="superlu")
 
 
 class SuperLU(solver.Solver):
@@ -55,6 +70,11 @@ class _Analysis(solver.Analysis):
         self, values: Float[np.ndarray, " n_value"], definite: bool, small_pivots: bool = False
     ) -> _Factor | None:
         """See `solver.Analysis`; `definite` allows no pivoting, else rows may be exchanged."""
+        task = _worker(os.getpid()).submit(self._factorize, values, definite, small_pivots)
+        return task.result()
+
+    def _factorize(self, values, definite, small_pivots):
+        """`factorize`, in the thread of the worker."""
         values = values[self.take]
         if not np.isfinite(values).all():
             return None
@@ -87,7 +107,7 @@ class _Factor(solver.NumericFactor):
     """A numeric factor."""
 
     def __init__(self, symbolic, lu, size):
-        self.order, self.lu, self.size = symbolic.order, lu, size
+        self.order, self.lus, self.size = symbolic.order, [lu], size
         self.n_bytes = 40 * lu.nnz  # with the copies of its triangles that SciPy keeps
 
     def solve(
@@ -96,5 +116,14 @@ class _Factor(solver.NumericFactor):
         """Solve for right-hand sides [n] or [n, m]."""
         size = self.size if b.ndim == 1 else self.size[:, None]
         x = np.empty_like(b)
-        x[self.order] = self.lu.solve(b[self.order] / size, "T" if transposed else "N") / size
+        x[self.order] = self.lus[0].solve(b[self.order] / size, "T" if transposed else "N") / size
         return x
+
+    def release(self) -> None:
+        """Free the memory, in the thread that has allocated it."""
+        _worker(os.getpid()).submit(self.lus.clear).result()
+
+    def __del__(self):
+        with contextlib.suppress(RuntimeError):  # the process ends
+            if self.lus:
+                _worker(os.getpid()).submit(self.lus.clear)

@@ -51,6 +51,11 @@ CABLES = {
 }
 
 
+def apart(found, expected):
+    """Largest difference."""
+    return np.abs(found - expected).max()
+
+
 def points_of(law):
     return np.asarray(law.strain), np.asarray(law.stress)
 
@@ -124,6 +129,19 @@ def rounding(law):
 
 
 # --- histories
+
+
+def kinematic(E, tangent, yield_stress):
+    """Bilinear kinematic hardening: elastic trial and return in closed form, of many fibres."""
+    H = E * tangent / (E - tangent)
+
+    def update(strain, memory):
+        over = E * (strain - memory) - H * memory  # back stress H times plastic strain
+        flow = np.maximum(0.0, np.abs(over) - yield_stress) / (E + H)
+        memory = memory + np.sign(over) * flow
+        return E * (strain - memory), memory
+
+    return update
 
 
 N_PATH = 120

@@ -8,41 +8,62 @@ import pytest
 from jaxcable.linear import gathering, with_zero
 
 RNG = np.random.default_rng(7)
-CASES = {
-    "few of many": np.array([5, 1]),
-    "one each": np.arange(6)[::-1].copy(),
-    "several": RNG.integers(0, 9, 30),
-    "left out": RNG.integers(0, 15, 40),
-    "a hub": np.where(RNG.random(200) < 0.5, 3, RNG.integers(0, 40, 200)),
-    "a great hub": np.zeros(5000, int),
-    "all in twos": np.repeat(np.arange(7), 2),
+CASES = {  # the sum that each row goes to, and the number of sums; beyond them it is left out
+    "few of many": ([5, 1], 6),
+    "one each": ([2, 0, 1, 4, 3, 5], 6),
+    "some left out": (RNG.integers(0, 15, 40), 9),
+    "a hub": (np.where(RNG.random(200) < 0.5, 3, RNG.integers(0, 40, 200)), 40),
+    "a great hub": (np.zeros(5000, int), 1),
+    "all in twos": (np.repeat(np.arange(7), 2), 7),
 }
 
 
-def scattered(target, n, values):
-    """The same by NumPy."""
-    sums = np.zeros((max(n, target.max() + 1), *values.shape[1:]))
-    np.add.at(sums, target, values)
-    return sums[:n]
+def transformed(sums, rows, back):
+    """Sums of rows, copies of sums, and what transformations make of both."""
+    return {
+        "sums": sums(rows),
+        "jvp": jax.jvp(sums, (rows,), (rows,))[1],
+        "transpose of copies": jax.vjp(sums.spread, back)[1](rows)[0],
+        "batch of sums": jax.vmap(sums, 1, 1)(rows),
+        "copies": sums.spread(back),
+        "transpose of sums": jax.vjp(sums, rows)[1](back)[0],
+        "batch of gradients": 0.5 * jax.vmap(jax.grad(lambda r: sums(r) @ sums(r)), 1, 1)(rows),
+    }
 
 
-@pytest.mark.parametrize("shape", [(), (3,), (2, 2)])
 @pytest.mark.parametrize("name", CASES)
-def test_sums(name, shape):
-    target = CASES[name]
-    n = 9 if name in ("several", "left out") else int(target.max()) + 1
-    values = RNG.normal(size=(len(target), *shape))
-    sums = gathering(target, n)
-    found = np.asarray(sums(jnp.asarray(values)))
-    expected = scattered(target, n, values)
-    assert found.shape == expected.shape
+def test_sums_and_copies_are_transposes(name):
+    target, n = np.array(CASES[name][0]), CASES[name][1]
+    matrix = (np.arange(n)[:, None] == target).astype(float)  # [sum, row]
+    rows, back = RNG.normal(size=(len(target), 2)), RNG.normal(size=(n, 2))
+    sums = jax.tree.map(jnp.asarray, gathering(target, n))
+    program = jax.jit(transformed).lower(sums, rows, back)
+    assert "scatter" not in program.as_text()
+    found = program.compile()(sums, rows, back)
     # in another order: a rounding of the sum of sizes
-    room = 4e-16 * len(target) * np.abs(values).max()
-    np.testing.assert_allclose(found, expected, rtol=0, atol=room)
-    weights = RNG.normal(size=expected.shape)
-    slope = jax.grad(lambda v: jnp.sum(weights * sums(v)))(jnp.asarray(values))
-    back = np.concatenate([weights, np.zeros((max(0, target.max() + 1 - n), *shape))])[target]
-    np.testing.assert_allclose(slope, back, rtol=0, atol=0)
+    size = 4e-16 * len(target) * np.abs(rows).max()
+    for key in ("sums", "jvp", "transpose of copies", "batch of sums"):
+        np.testing.assert_allclose(found[key], matrix @ rows, rtol=0, atol=size, err_msg=key)
+    np.testing.assert_array_equal(found["copies"], matrix.T @ back)
+    np.testing.assert_array_equal(found["transpose of sums"], matrix.T @ back)
+    gradient = matrix.T @ (matrix @ rows)
+    np.testing.assert_allclose(found["batch of gradients"], gradient, rtol=0, atol=2 * size)
+    plain = jax.jit(jax.grad(lambda b: jnp.sum(b[target % n] ** 2)))
+    assert "scatter" in plain.lower(back).as_text()  # the control
+
+
+@pytest.mark.parametrize("shape", [(), (2, 3)])
+def test_of_any_shape(shape):
+    target, n = CASES["some left out"]
+    values, expected = RNG.normal(size=(len(target), *shape)), np.zeros((15, *shape))
+    np.add.at(expected, target, values)
+    np.testing.assert_allclose(gathering(target, n)(values), expected[:n], rtol=0, atol=1e-13)
+
+
+def test_no_sums_at_all():
+    sums = jax.tree.map(jnp.asarray, gathering(np.zeros(4, int), 0))
+    assert sums(np.ones((4, 2))).shape == (0, 2)
+    np.testing.assert_array_equal(sums.spread(jnp.zeros((0, 2))), np.zeros((4, 2)))
 
 
 def test_whole_numbers_stay_so():

@@ -10,21 +10,6 @@ from extensions.own_solver import NUMPY
 import jaxcable as jc
 from jaxcable.linear import host
 
-SPARSE = [
-    "superlu",
-    pytest.param(NUMPY, marks=pytest.mark.slow),
-    CHOLMOD,
-    PARDISO,
-]
-HEAVY = ["superlu", pytest.param("pardiso", marks=[pytest.mark.slow, *PARDISO.marks])]
-
-
-def both(structure, phases, solver, method=jc.Newton, **options):
-    return [
-        jc.solve(structure, phases, method(linear_solver=name, **options))
-        for name in ("dense", solver)
-    ]
-
 
 def assert_same(dense, sparse, size):
     """Equal ends within `size`, m, and 1e-6 of the largest tension."""
@@ -35,56 +20,67 @@ def assert_same(dense, sparse, size):
         assert jnp.abs(a - b).max() < 1e-6 * scale
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("solver", SPARSE)
-def test_a_slack_saddle_in_increments(solver):
-    """More slack cables with every increment; balance checked by lengths alone, in NumPy."""
-    structure, phases = jc.scenes.saddle(12, 12, load=10000.0, increments=(1, 3))
-    dense, sparse = both(structure, phases, solver)
-    assert_same(dense, sparse, 1e-9)
-    path = sparse.phases[1].path
-    assert int(path.n_slack[-1]) > 20
-    assert np.array_equal(path.n_slack, dense.phases[1].path.n_slack)
-    assert np.sum(path.factorizations) < np.sum(path.iterations)
-    assert np.array_equal(dense.phases[1].path.factorizations, dense.phases[1].path.iterations)
-    links = structure.elements.links.array
-    out, force = unbalanced(
-        np.asarray(structure.nodes),
-        links,
-        np.asarray(structure.elements.axial_stiffness),
-        np.asarray(sparse.rest_length),
-        np.asarray(sparse.positions),
-        np.asarray(sparse.load),
-    )
-    free = phases[1].loads.nodes.array
-    assert np.abs(out[free]).max() < 1e-9 * force.max()
-    assert np.abs(force - np.asarray(sparse.tension)).max() < 1e-7 * force.max()
+@pytest.mark.parametrize("solver", ["superlu", NUMPY, CHOLMOD, PARDISO])
+def test_a_slack_saddle_in_increments(solver, monkeypatch):
+    """Slack cables in every increment; balance checked by lengths alone, in NumPy.
+
+    One analysis of the pattern serves all phases, increments and changes of numbers.
+    """
+    made, original = [], host.Analysed.__init__
+
+    def counted(self, *args):
+        made.append(1)
+        original(self, *args)
+
+    monkeypatch.setattr(host.Analysed, "__init__", counted)
+    host.forget()
+    structure, phases = jc.scenes.saddle(7, 7, load=20000.0, increments=(1, 3))
+    for scale in (1.0, 1.1):
+        case = jc.replace(structure, nodes=structure.nodes * scale)
+        dense, sparse = (
+            jc.solve(case, phases, jc.Newton(linear_solver=name)) for name in ("dense", solver)
+        )
+        assert_same(dense, sparse, 1e-9)
+        path, known = sparse.phases[1].path, dense.phases[1].path
+        assert int(path.n_slack[-1]) > 10
+        assert np.array_equal(path.n_slack, known.n_slack)
+        assert np.sum(path.factorizations) < np.sum(path.iterations)
+        assert np.array_equal(known.factorizations, known.iterations)
+        out, force = unbalanced(
+            np.asarray(case.nodes),
+            structure.elements.links.array,
+            np.asarray(structure.elements.axial_stiffness),
+            np.asarray(sparse.rest_length),
+            np.asarray(sparse.positions),
+            np.asarray(sparse.load),
+        )
+        free = phases[1].loads.nodes.array
+        assert np.abs(out[free]).max() < 1e-9 * force.max()
+    assert len(made) == 1
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", HEAVY)
-@pytest.mark.parametrize("stiffness", ["tangent", "secant"])
+@pytest.mark.parametrize(
+    ("solver", "stiffness"),
+    [("superlu", "tangent"), pytest.param("pardiso", "secant", marks=PARDISO.marks)],
+)
 def test_incremental_forms(solver, stiffness):
     structure, phases = jc.scenes.saddle(4, 3, load=1000.0, increments=(3, 4))
 
-    def middle(pretension, name, stiffness):
+    def middle(pretension, name):
         method = jc.Incremental(linear_solver=name, stiffness=stiffness)
         first = jc.Phase(pretension=pretension, increments=3)
         solution = jc.solve(structure, [first, phases[1]], method)
         return solution.displacement[9, 2], solution
 
-    ends = [
-        jax.value_and_grad(middle, has_aux=True)(2e4, name, stiffness) for name in ("dense", solver)
-    ]
-    (_, dense), slope = ends[0]
-    (_, sparse), other = ends[1]
+    ends = [jax.value_and_grad(middle, has_aux=True)(2e4, name) for name in ("dense", solver)]
+    ((_, dense), slope), ((_, sparse), other) = ends
     assert_same(dense, sparse, 1e-12)
     assert float(other) == pytest.approx(float(slope), rel=1e-9)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", HEAVY)
-def test_an_unsymmetric_tangent(solver):
+def test_an_unsymmetric_tangent():
     """A nodal moment on a bent cantilever has no potential: LU, and its transpose for gradients."""
     nodes = np.column_stack([np.linspace(0, 2, 7), np.zeros((7, 2))])
     section = jc.Section.rectangle(0.02, 0.03, jc.Elastic(2e11), shape=(4, 6))
@@ -98,16 +94,15 @@ def test_an_unsymmetric_tangent(solver):
         return solution.displacement[6, 1], solution
 
     moment = jnp.array([300.0, 500.0, -400.0])
-    (_, dense), slope = jax.value_and_grad(height, has_aux=True)(moment, "dense")
-    (_, sparse), other = jax.value_and_grad(height, has_aux=True)(moment, solver)
+    ends = [jax.value_and_grad(height, has_aux=True)(moment, name) for name in ("dense", "superlu")]
+    ((_, dense), slope), ((_, sparse), other) = ends
     assert_same(dense, sparse, 1e-9)
     assert float(jnp.abs(dense.displacement[6]).max()) > 0.1  # turned far enough to matter
     assert jnp.abs(other - slope).max() < 1e-9 * jnp.abs(slope).max()
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", HEAVY)
-def test_a_gradient_by_taylor_with_slack_cables_and_changed_supports(solver):
+def test_a_gradient_by_taylor_with_slack_cables_and_changed_supports():
     structure, _ = jc.scenes.saddle(8, 8)
     free = np.setdiff1d(np.arange(structure.n_node), structure.supports.nodes.array)
     held = jc.pinned(np.append(structure.supports.nodes.array, free[27]))
@@ -118,129 +113,84 @@ def test_a_gradient_by_taylor_with_slack_cables_and_changed_supports(solver):
             jc.Phase(pretension=20e3 * (1 + s * direction / 20)),
             jc.Phase(supports=held, loads=jc.NodalLoads(free, (0, 0, -30000.0)), increments=2),
         ]
-        solution = jc.solve(structure, phases, jc.Newton(linear_solver=solver))
+        solution = jc.solve(structure, phases, jc.Newton(linear_solver="superlu"))
         weights = jnp.cos(jnp.arange(structure.n_node))
         slack = solution.phases[1].path.n_slack[-1]
         return weights @ solution.displacement[:, 2], slack + 1000 * solution.status
 
-    value, slope = jax.value_and_grad(f, has_aux=True)(0.0)
-    assert 10 < int(value[1]) < 1000  # slack cables, and status OK
+    (value, code), slope = jax.value_and_grad(f, has_aux=True)(0.0)
+    assert 10 < int(code) < 1000  # slack cables, and status OK
     steps = np.array([1e-2, 5e-3, 2.5e-3])
-    off = np.array([float(f(s)[0]) for s in steps]) - float(value[0])
-    rest = np.abs(off - float(slope) * steps)
-    wrong = np.abs(off - 1.01 * float(slope) * steps)
-    rate = np.diff(np.log(rest)) / np.diff(np.log(steps))
-    assert np.abs(rate - 2).max() < 0.1
-    assert (np.diff(np.log(wrong)) / np.diff(np.log(steps))).max() < 1.5
+    off = np.array([float(f(s)[0]) for s in steps]) - float(value)
+    for factor, low, high in ((1.0, 1.9, 2.1), (1.01, 0.0, 1.5)):  # the second is a control
+        rest = np.abs(off - factor * float(slope) * steps)
+        rate = np.diff(np.log(rest)) / np.diff(np.log(steps))
+        assert low < rate.min() and rate.max() < high
 
 
-def failing():
-    """Analyses that fail, each with its status."""
-    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 1, 0]])
-    line = jc.Structure(nodes[:3], jc.Cables([[0, 1]], axial_stiffness=1e4), jc.pinned([0, 2]))
-    sideways = jc.Phase(loads=jc.NodalLoads([1], (0.0, 5.0, -1.0)))
-    yield (
-        "mechanism",
-        jc.Structure(
-            nodes[:3],
-            jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4),
-            jc.Supports(mask=np.array([[0, 1, 1], [0, 0, 0], [0, 1, 1]], bool)),
-        ),
-        [jc.Phase(loads=jc.NodalLoads([2], (5.0, 0, 0)))],
-        jc.Newton,
-        {},
-    )
-    yield "steps", line, [sideways], jc.Newton, {"max_steps": 2}
-    yield "nan", line, [jc.Phase(loads=jc.NodalLoads([1], (np.nan, 0, 0)))], jc.Newton, {}
-    bars = jc.Structure(
-        nodes[:3], jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e4), jc.pinned([0, 2])
-    )
-    yield "drift", bars, [jc.Phase(pretension=1.0), sideways], jc.Incremental, {"tol": 1e-6}
+NODES = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
+LINKS = [[0, 1], [1, 2]]
+HELD = jc.Supports(mask=np.array([[0, 1, 1], [0, 0, 0], [0, 1, 1]], bool))
+LINE = jc.Structure(NODES, jc.Cables(LINKS[:1], axial_stiffness=1e4), jc.pinned([0, 2]))
+FREE = jc.Structure(NODES, jc.Cables(LINKS, axial_stiffness=1e4), HELD)
+BARS = jc.Structure(NODES, jc.Bars(LINKS, axial_stiffness=1e4), jc.pinned([0, 2]))
+SIDEWAYS = jc.Phase(loads=jc.NodalLoads([1], (0.0, 5.0, -1.0)))
+FAILING = {
+    "mechanism": (FREE, [jc.Phase(loads=jc.NodalLoads([2], (5.0, 0, 0)))], jc.Newton, {}),
+    "steps": (LINE, [SIDEWAYS], jc.Newton, {"max_steps": 2}),
+    "nan": (LINE, [jc.Phase(loads=jc.NodalLoads([1], (np.nan, 0, 0)))], jc.Newton, {}),
+    "drift": (BARS, [jc.Phase(pretension=1.0), SIDEWAYS], jc.Incremental, {"tol": 1e-6}),
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", HEAVY)
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param(case, id=case[0], marks=pytest.mark.slow if case[0] == "drift" else [])
-        for case in failing()
-    ],
-)
-def test_failures_have_the_same_status_and_nan_gradients(case, solver):
-    _, structure, phases, method, options = case
+@pytest.mark.parametrize("name", FAILING)
+def test_failures_have_the_same_status_and_nan_gradients(name):
+    structure, phases, method, options = FAILING[name]
 
-    def end(nodes, name):
+    def end(nodes, solver):
         changed = jc.replace(structure, nodes=nodes)
-        solution = jc.solve(changed, phases, method(linear_solver=name, **options))
+        solution = jc.solve(changed, phases, method(linear_solver=solver, **options))
         return jnp.sum(solution.displacement), solution.status
 
     codes = []
-    for name in ("dense", solver):
-        (value, code), gradient = jax.value_and_grad(end, has_aux=True)(structure.nodes, name)
+    for solver in ("dense", "superlu"):
+        (value, code), gradient = jax.value_and_grad(end, has_aux=True)(structure.nodes, solver)
         codes.append(int(code))
         assert np.isnan(value) and np.isnan(gradient).any()
     assert codes[0] == codes[1] != 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", SPARSE)
-def test_loose_nodes_have_no_derivative_and_leave_others_theirs(solver):
+def test_loose_nodes_have_no_derivative_and_leave_others_theirs():
     """A cable hangs from a taut net into the air, without load: its end is anywhere."""
     structure, _ = jc.scenes.flat_net()
     nodes = np.vstack([structure.nodes, np.asarray(structure.nodes)[3] + [0, 0, -0.1]])
     links = np.vstack([structure.elements.links.array, [3, 12]])
     rest = np.append(np.full(12, 0.399), 0.2)
-    hung = jc.Structure(
-        nodes,
-        jc.Cables(links, axial_stiffness=97.97e3, rest_length=rest),
-        jc.pinned([0, 1, 2, 5, 6, 9, 10, 11]),
-    )
 
     def positions(stiffness, name):
-        elements = jc.replace(hung.elements, axial_stiffness=stiffness)
+        cables = jc.Cables(links, axial_stiffness=stiffness, rest_length=rest)
+        hung = jc.Structure(nodes, cables, jc.pinned([0, 1, 2, 5, 6, 9, 10, 11]))
         phase = jc.Phase(loads=jc.NodalLoads([3, 4], (0.0, 0.0, -15.0)))
-        changed = jc.replace(hung, elements=elements)
-        solution = jc.solve(changed, [phase], jc.Newton(linear_solver=name))
+        solution = jc.solve(hung, [phase], jc.Newton(linear_solver=name))
         return solution.positions, solution.phases[0].path.n_loose[-1] + 100 * solution.status
 
-    derivative = [
-        jax.jacfwd(positions, has_aux=True)(jnp.array(97.97e3), n) for n in ("dense", solver)
+    found = [
+        jax.jacfwd(positions, has_aux=True)(jnp.array(97.97e3), name)
+        for name in ("dense", "superlu")
     ]
-    for slope, code in derivative:
+    for slope, code in found:
         assert int(code) == 1
         assert np.isnan(slope[12]).all() and np.isfinite(slope[:12]).all()
-    assert jnp.abs(derivative[0][0][:12] - derivative[1][0][:12]).max() < 1e-14
-    back = jax.grad(lambda s: positions(s, solver)[0][3, 2])(97.97e3)
-    assert float(back) == pytest.approx(float(derivative[0][0][3, 2]), rel=1e-8)
+    (dense, _), (sparse, _) = found
+    assert jnp.abs(dense[:12] - sparse[:12]).max() < 1e-14
+    back = jax.grad(lambda s: positions(s, "superlu")[0][3, 2])(97.97e3)
+    assert float(back) == pytest.approx(float(dense[3, 2]), rel=1e-8)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", SPARSE)
-def test_one_analysis_of_the_pattern_serves_all_changes_of_numbers(solver, monkeypatch):
-    made = []
-    original = host.Analysed.__init__
-
-    def counted(self, *args):
-        made.append(1)
-        original(self, *args)
-
-    monkeypatch.setattr(host.Analysed, "__init__", counted)
-    structure, phases = jc.scenes.saddle(5, 4, load=1000.0)
-    count = 0
-    for scale in (1.0, 1.1, 1.2):
-        nodes = structure.nodes * scale
-        solution = jc.solve(
-            jc.replace(structure, nodes=nodes), phases, jc.Newton(linear_solver=solver)
-        )
-        assert int(solution.status) == 0
-        count += int(sum(phase.path.factorizations.sum() for phase in solution.phases))
-    assert len(made) == 1
-    assert count <= 4  # the second phase goes on with the factor of the first
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("solver", HEAVY)
+@pytest.mark.parametrize("solver", ["superlu", PARDISO])
 def test_the_hard_case(solver):
     """saddle(100, 100): 124 cables go slack, as in OpenSees with bars that take no compression."""
     solution = jc.solve(*jc.scenes.saddle(100, 100), jc.Newton(linear_solver=solver))
@@ -252,18 +202,16 @@ def test_the_hard_case(solver):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("solver", HEAVY)
-def test_no_deadlock_at_120_000_unknowns(solver):
-    structure, phases = jc.scenes.saddle(200, 200, load=5000 / 201)
+@pytest.mark.parametrize("solver", ["superlu", PARDISO])
+def test_no_deadlock_at_60_000_unknowns(solver):
+    jc.forget_programs()  # of other tests: this one takes most memory
+    structure, phases = jc.scenes.saddle(140, 140, load=5000 / 141)
 
     def deflection(pretension):
-        solution = jc.solve(
-            structure,
-            [jc.Phase(pretension=pretension), phases[1]],
-            jc.Newton(linear_solver=solver),
-        )
-        return solution.displacement[20000, 2], solution.status
+        phase = jc.Phase(pretension=pretension)
+        solution = jc.solve(structure, [phase, phases[1]], jc.Newton(linear_solver=solver))
+        return solution.displacement[10000, 2], solution.status
 
-    for _ in range(5):
+    for _ in range(3):
         (_, code), slope = jax.value_and_grad(deflection, has_aux=True)(20e3)
         assert int(code) == 0 and np.isfinite(slope)

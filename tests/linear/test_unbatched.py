@@ -44,29 +44,33 @@ SAME = {  # ours, jax's, arguments of three cases
 }
 
 
+def transformed(function, count):
+    """Values and derivatives of a batch, one program."""
+    every = tuple(range(count))
+
+    def total(*arguments):
+        return jnp.sum(jnp.sin(function(*arguments)))
+
+    return jax.jit(
+        jax.vmap(
+            lambda *a: (
+                function(*a),
+                jax.jacfwd(function, every)(*a),
+                jax.grad(total, every)(*a),
+                jax.hessian(total, every)(*a),
+            )
+        )
+    )
+
+
 @pytest.mark.parametrize("name", SAME)
 def test_values_and_derivatives_are_those_of_jax(name):
     """In batches, too. Rounding: the matrices' condition is below 1e3, eps times that 2e-13."""
-    ours, own, arguments = SAME[name]
-
-    def compared(transform):
-        pairs = zip(
-            jax.tree.leaves(jax.vmap(transform(ours))(*arguments)),
-            jax.tree.leaves(jax.vmap(transform(own))(*arguments)),
-            strict=True,
-        )
-        for a, b in pairs:
-            assert jnp.isfinite(b).all() and jnp.abs(b).max() > 0
-            assert jnp.abs(a - b).max() < 1e-9 * jnp.abs(b).max()
-
-    def summed(f):
-        return lambda *a: jnp.sum(jnp.sin(f(*a)))
-
-    every = tuple(range(len(arguments)))
-    compared(lambda f: f)
-    compared(lambda f: jax.jacfwd(f, every))
-    compared(lambda f: jax.grad(summed(f), every))
-    compared(lambda f: jax.hessian(summed(f)))
+    *functions, arguments = SAME[name]
+    found = [jax.tree.leaves(transformed(f, len(arguments))(*arguments)) for f in functions]
+    for a, b in zip(*found, strict=True):
+        assert jnp.isfinite(b).all() and jnp.abs(b).max() > 0
+        assert jnp.abs(a - b).max() < 1e-9 * jnp.abs(b).max()
 
 
 @pytest.mark.parametrize("transposed", [False, True])

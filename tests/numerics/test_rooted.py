@@ -47,40 +47,47 @@ def chain(p, scan=True, attach=rooted):
     return jnp.sum(x**2)
 
 
-def second(function):
-    """Hessian times a direction, by all orders of forward and reverse mode."""
-    gradient = jax.grad(function)
-    return {
-        "forward over reverse": jax.jvp(gradient, (AT,), (ALONG,))[1],
-        "reverse over reverse": jax.jacrev(gradient)(AT) @ ALONG,
-        "reverse over forward": jax.jacrev(jax.jacfwd(function))(AT) @ ALONG,
-        "forward over forward": jax.jacfwd(jax.jacfwd(function))(AT) @ ALONG,
-    }
+def without_loop(p):
+    """The reference: jax's own roots, which have all derivatives outside of a scan."""
+    return chain(p, False, by_jax)
+
+
+def derivatives(function, orders):
+    """Value, gradient, Hessian by orders of the modes, third derivative, one program."""
+    return jax.jit(
+        lambda p: (
+            function(p),
+            jax.grad(function)(p),
+            [outer(inner(function))(p) for outer, inner in orders],
+            jax.jacfwd(jax.hessian(function))(p),
+        )
+    )
+
+
+MODES = [(outer, inner) for outer in (jax.jacfwd, jax.jacrev) for inner in (jax.jacfwd, jax.jacrev)]
 
 
 @pytest.mark.parametrize("scan", [True, False])
-def test_second_derivatives(scan):
-    """By differences, whose first derivatives are those of jax's own roots without a loop."""
-    h = 1e-5
-    gradient = jax.grad(lambda p: chain(p, False, by_jax))
-    expected = (gradient(AT + h * ALONG) - gradient(AT - h * ALONG)) / (2 * h)
-    for order, found in second(lambda p: chain(p, scan)).items():
-        # h^2 and rounding over h
-        np.testing.assert_allclose(found, expected, rtol=1e-8, err_msg=order)
+def test_derivatives_in_every_order_of_the_modes(scan):
+    value, gradient, (hessian,), third = derivatives(without_loop, MODES[1:2])(AT)
+    found = derivatives(lambda p: chain(p, scan), MODES)(AT)
+    np.testing.assert_allclose(found[0], value, rtol=1e-13)
+    np.testing.assert_allclose(found[1], gradient, rtol=1e-13)
+    for own in found[2]:
+        np.testing.assert_allclose(own, hessian, rtol=1e-12)
+    np.testing.assert_allclose(found[3], third, rtol=1e-11)
+    # and the reference by differences: h^2, and rounding over h
+    h, slope = 1e-5, jax.jit(jax.grad(without_loop))
+    difference = (slope(AT + h * ALONG) - slope(AT - h * ALONG)) / (2 * h)
+    np.testing.assert_allclose(hessian @ ALONG, difference, rtol=1e-8)
 
 
-def test_third_derivatives_and_batches():
-    def third(function):
-        return jax.jit(jax.jacfwd(jax.hessian(function)))(AT)
+def test_batches():
+    def several(function):
+        return lambda p: jnp.sum(jax.vmap(function)(jnp.stack([p, 2 * p])))
 
-    expected = third(lambda p: chain(p, False, by_jax))
-    np.testing.assert_allclose(third(chain), expected, rtol=1e-11)
-
-    def several(p, *options):
-        return jnp.sum(jax.vmap(lambda p: chain(p, *options))(jnp.stack([p, 2 * p])))
-
-    expected = jax.hessian(lambda p: several(p, False, by_jax))(AT)
-    np.testing.assert_allclose(jax.hessian(several)(AT), expected, rtol=1e-12)
+    expected = jax.jit(jax.hessian(several(without_loop)))(AT)
+    np.testing.assert_allclose(jax.jit(jax.hessian(several(chain)))(AT), expected, rtol=1e-12)
     found = jax.jit(jax.vmap(jax.hessian(chain)))(jnp.stack([AT, 2 * AT]))
     np.testing.assert_allclose(found[0] + 4 * found[1], expected, rtol=1e-11)
 
@@ -95,16 +102,11 @@ def test_roots_of_jax_lose_them():
         np.testing.assert_allclose(found, expected, rtol=1e-11)
 
 
-def test_values_first_derivatives_and_the_loop_that_finds_the_root():
-    expected = jax.value_and_grad(lambda p: chain(p, False, by_jax))(AT)
-    found = jax.value_and_grad(chain)(AT)
-    for own, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(own, other, rtol=1e-13)
-
+def test_the_loop_that_finds_a_root_in_an_interval():
     def square_root(p):
         return rising_root(lambda x: x * x - p, 1.0 + 0 * p, 0.1, 10.0)
 
-    found = [float(f(2.0)) for f in (square_root, jax.grad(square_root), jax.hessian(square_root))]
+    found = [f(2.0) for f in (square_root, jax.grad(square_root), jax.hessian(square_root))]
     expected = [2**0.5, 0.5 * 2**-0.5, -0.25 * 2**-1.5]
     np.testing.assert_allclose(found, expected, rtol=1e-14)
 

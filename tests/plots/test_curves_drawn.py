@@ -1,9 +1,9 @@
-"""Pictures of what is no straight line, and of arrows: by the vertices that are drawn."""
+"""Curves, diagrams of section forces and arrows: by the vertices that are drawn."""
 
 import jax
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.quiver import Quiver
 from PIL import Image
 
@@ -17,15 +17,24 @@ LENGTH, LOAD = 4.0, 50.0
 HALF, PULL, WEIGHT, STIFFNESS = 60.0, 6000.0, 30.0, 60e6
 
 
-@pytest.fixture(scope="module")
-def cantilever():
-    """Along x, under a small load at its end, in one element."""
-    beam = jc.Beams([[0, 1]], section=SECTION)
-    structure = jc.Structure([[0, 0, 0], [LENGTH, 0, 0]], beam, supports=jc.clamped([0]))
-    load = jc.NodalLoads([1], (0.0, 0.0, -LOAD))
-    solution = jc.solve(structure, [jc.Phase(loads=load), jc.Phase(loads=load)])
+def loaded(structure, *forces):
+    """A phase for each force on node 1; the tie is taken away in the first one."""
+    first, *others = (jc.Phase(loads=jc.NodalLoads([1], force)) for force in forces)
+    solution = jc.solve(structure, [jc.replace(first, removes="tie"), *others])
     assert int(solution.status) == 0
     return structure, solution
+
+
+@pytest.fixture(scope="module")
+def cantilever():
+    """4 m along x in one element, under a small load at its end, twice; a stay is not there."""
+    groups = {
+        "beam": jc.Beams([[0, 1]], section=SECTION),
+        "tie": jc.Cables([[1, 2]], axial_stiffness=1e3),
+    }
+    nodes = [[0, 0, 0], [LENGTH, 0, 0], [LENGTH, 0, 3.0]]
+    structure = jc.Structure(nodes, groups, supports=jc.clamped([0]) + jc.pinned([2]))
+    return loaded(structure, *2 * [(0.0, 0.0, -LOAD)])
 
 
 @pytest.fixture(scope="module")
@@ -47,6 +56,11 @@ def coloured(axes):
     """Vertices of the lines that have a colour by value, a list of [n_place, 2]."""
     lines = next(c for c in axes.collections if c.get_array() is not None)
     return [np.asarray(segment) for segment in lines.get_segments()]
+
+
+def deflection(x, load=LOAD):
+    """Of a cantilever, ``P x^2 (3 L - x) / 6 EI``."""
+    return -load * x**2 * (3 * LENGTH - x) / (6 * RIGIDITY)
 
 
 def hanging(s):
@@ -97,9 +111,9 @@ def test_a_cantilever_is_bent(cantilever, magnify):
     for axes, factor in zip(figure.axes[:2], (1.0, 1.0 + magnify), strict=True):
         (line,) = coloured(axes)
         x = np.linspace(0.0, LENGTH, len(line))
-        deflection = -factor * LOAD * x**2 * (3 * LENGTH - x) / (6 * RIGIDITY)
+        expected = factor * deflection(x)
         # the cubic is of small rotations, here 6e-4: the load at the end shortens by their square
-        np.testing.assert_allclose(line[:, 1], deflection, rtol=1e-4, atol=1e-6 * LENGTH)
+        np.testing.assert_allclose(line[:, 1], expected, rtol=1e-4, atol=1e-6 * LENGTH)
         np.testing.assert_allclose(line[:, 0], x, atol=1e-5 * LENGTH * factor)
     assert all(len(line) == 2 for line in coloured(jc.plots.net(solution).axes[0]))
 
@@ -110,28 +124,17 @@ def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
         net = jc.plots.net(solution, structure=structure).axes
         for one, other in zip(stages[:2], net[:2], strict=True):
             np.testing.assert_allclose(coloured(one), coloured(other), atol=1e-12)
+    # before the first phase catenaries are not known: no ghosts; then they are where they were
+    ghosts = [part.collections[0].get_segments() for part in stages[:2]]
+    assert len(ghosts[0]) == 0
+    np.testing.assert_allclose(ghosts[1], coloured(stages[0]), atol=1e-12)
     structure, solution = cantilever
     figure = jc.plots.diagram(solution, structure=structure, names=["a", "both loads"])
     assert figure.axes[0].get_title() == "My (N m), both loads"
-    (axis,) = (
-        lines.get_segments()[0]
-        for lines in figure.axes[0].collections
-        if isinstance(lines, LineCollection) and lines.get_linewidth()[0] == 1.4
-    )
-    np.testing.assert_allclose(axis, coloured(net_of(cantilever)[1])[0], atol=1e-12)
-
-
-def net_of(case, **options):
-    return jc.plots.net(case[1], structure=case[0], **options).axes
-
-
-def test_before_the_first_phase_catenaries_are_not_known(rope):
-    """They are no ghosts in the first picture, and in the second they are where they were."""
-    structure, solution = rope
-    axes = jc.plots.sequence(solution, structure=structure).axes
-    ghosts = [part.collections[0].get_segments() for part in axes[:2]]
-    assert len(ghosts[0]) == 0
-    np.testing.assert_allclose(ghosts[1], coloured(axes[0]), atol=1e-12)
+    lines = (part for part in figure.axes[0].collections if isinstance(part, LineCollection))
+    (axis,) = (part.get_segments()[0] for part in lines if part.get_linewidth()[0] == 1.4)
+    net = jc.plots.net(solution, structure=structure).axes
+    np.testing.assert_allclose(axis, coloured(net[1])[0], atol=1e-12)
 
 
 def test_increments_have_curves(cantilever, rope, tmp_path):
@@ -141,8 +144,8 @@ def test_increments_have_curves(cantilever, rope, tmp_path):
         x = np.linspace(0.0, LENGTH, curves.apart.shape[1])
         place = np.asarray(solution.phases[k].positions)
         drawn = curves.points(place)[0, :, 2]
-        deflection = -(k + 1) * LOAD * x**2 * (3 * LENGTH - x) / (6 * RIGIDITY)
-        np.testing.assert_allclose(drawn, deflection, rtol=1e-4, atol=1e-6 * LENGTH)
+        expected = deflection(x, (k + 1) * LOAD)
+        np.testing.assert_allclose(drawn, expected, rtol=1e-4, atol=1e-6 * LENGTH)
     structure, solution = rope
     made = jc.plots.animation(
         solution, tmp_path / "rope.gif", structure=structure, names=["hung", "loaded"], dpi=40
@@ -153,10 +156,7 @@ def test_increments_have_curves(cantilever, rope, tmp_path):
 
 def test_pressed_curves(cantilever):
     """A strut that bends has a casing along its curve."""
-    structure, _ = cantilever
-    load = jc.NodalLoads([1], (-1e3, 0.0, -LOAD))
-    solution = jc.solve(structure, jc.Phase(loads=load))
-    assert int(solution.status) == 0
+    structure, solution = loaded(cantilever[0], (-1e3, 0.0, -LOAD))
     axes = jc.plots.net(solution, structure=structure).axes[0]
     casing, taut, slack = axes.collections[1:4]  # after the ghost
     assert len(casing.get_segments()) == len(taut.get_segments()) == 1
@@ -164,7 +164,7 @@ def test_pressed_curves(cantilever):
     assert len(casing.get_segments()[0]) > 10 and len(slack.get_segments()) == 0
 
 
-def test_nets_of_cables_have_no_curves():
+def test_nets_of_cables_have_no_curves_and_no_section_forces():
     """The lines of straight elements stay one array, whatever is known of the structure."""
     structure, phases = jc.scenes.flat_net()
     solution = jc.solve(structure, phases)
@@ -172,6 +172,9 @@ def test_nets_of_cables_have_no_curves():
     assert shapes.Shapes(solution, structure).after(0) is None
     links = structure.elements.links.array, np.arange(12)
     assert shapes.lines(np.asarray(solution.positions), links, None).shape == (12, 2, 3)
+    for known in (structure, None):
+        with pytest.raises(ValueError, match="has no beams"):
+            jc.plots.diagram(solution, structure=known)
 
 
 def test_axes_of_sections(cantilever):
@@ -196,10 +199,7 @@ def test_axes_of_sections(cantilever):
         jc.plots.net(solution, axes=True)
 
 
-SCENES = [name for name in jc.scenes.__all__ if name not in ("Scene", "saddle")]
-
-
-@pytest.mark.parametrize("name", [*SCENES, "saddle"])
+@pytest.mark.parametrize("name", [name for name in jc.scenes.__all__ if name != "Scene"])
 def test_arrows_are_a_modest_part_of_every_scene(name):
     """At most 0.14 of the extent, and 0.3 of what is seen in every direction of the picture."""
     scene = getattr(jc.scenes, name)(*((20, 20) if name == "saddle" else ()))
@@ -270,23 +270,79 @@ def test_arrows_keep_off_the_elements():
     assert orders == [(1.5, 1), (6, 3)]  # one under the elements, at 3, the others above
 
 
-def test_the_turned_axes_of_a_diagram():
-    """Moments about y are nothing in a frame that bends about z, whatever rounding leaves."""
-    nodes = [[0.0, 0, 0], [2.0, 0, 0], [4.0, 0, 0]]
-    beams = jc.Beams([[0, 1], [1, 2]], section=SECTION)
-    structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
-    load = jc.NodalLoads([2], (0.0, 3e3, 0.0))
-    solution = jc.solve(structure, jc.Phase(loads=load))
+# --- diagrams of section forces
+
+
+def areas(figure):
+    """Corners of all areas of a flat diagram, a list of [n, 4, 2]."""
+    parts = (part for part in figure.axes[0].collections if isinstance(part, PolyCollection))
+    return [np.array([path.vertices[:4] for path in part.get_paths()]) for part in parts]
+
+
+def written(figure):
+    return [float(text.get_text()) for text in figure.axes[0].texts]
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_moment_lies_on_the_side_in_tension(cantilever, known):
+    """P L at the clamp, where the upper side is in tension; with or without axes."""
+    structure, solution = cantilever
+    figure = jc.plots.diagram(solution, structure=structure if known else None, high=0.25)
+    assert written(figure)[0] == pytest.approx(2 * LOAD * LENGTH, rel=1e-4)
+    (part,) = areas(figure)
+    assert (part[:, 2:, 1] >= part[:, :2, 1][:, ::-1] - 1e-9).all()  # above the axis
+    assert part[..., 1].max() == pytest.approx(0.25 * LENGTH, rel=2e-2)
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "My positive" in names and "My negative" not in names
+
+
+def test_shear_is_constant_and_named(cantilever):
+    structure, solution = cantilever
+    figure = jc.plots.diagram(solution, "Vz", structure=structure)
+    values = written(figure)
+    assert np.abs(values) == pytest.approx(2 * LOAD, rel=1e-4) and len(set(np.sign(values))) == 1
+    assert figure.axes[0].get_title() == "Vz (N), after loading"
+    assert jc.plots.diagram(solution, "N", structure=structure, view="space").axes[0].name == "3d"
+
+
+def test_a_load_downward_bends_a_span_below():
+    """A propped cantilever: 9 q L^2 / 128 in the span, below it; q L^2 / 8 at the clamp, above."""
+    beam = jc.Beams([[0, 1]], section=SECTION)
+    ends = jc.clamped([0]) + jc.restrained([1], "yz")
+    structure = jc.Structure([[0.0, 0, 0], [6.0, 0, 0]], beam, supports=ends)
+    solution = jc.solve(structure, jc.Phase(loads=jc.LineLoads((0.0, 0.0, -1e3))))
     assert int(solution.status) == 0
     figure = jc.plots.diagram(solution, structure=structure)
-    assert figure.axes[0].get_title() == "My (N m), at the end: zero"
-    assert [text.get_text() for text in figure.axes[0].texts] == []
-    largest = np.abs(np.asarray(solution.section_forces)[..., 5]).max()
-    written = jc.plots.diagram(solution, "Mz", structure=structure).axes[0].texts
-    assert np.abs(float(written[0].get_text())) == pytest.approx(largest / 1e3, rel=1e-3)
+    values = written(figure)
+    assert max(values) == pytest.approx(4500, rel=5e-3)
+    assert min(values) == pytest.approx(-2531, rel=5e-3)
+    positive, negative = areas(figure)
+    assert positive[..., 1].max() > 0.1 and negative[..., 1].min() < -0.1
 
 
-def test_a_batch_is_refused(cantilever):
+def test_a_frame_that_bends_about_z_only(cantilever):
+    """Moments about y are nothing, whatever rounding leaves."""
+    structure, solution = loaded(cantilever[0], (0.0, 400.0, 0.0))
+    figure = jc.plots.diagram(solution, structure=structure)
+    assert figure.axes[0].get_title() == "My (N m), at the end: zero" and written(figure) == []
+    figure = jc.plots.diagram(solution, "Mz", structure=structure, view="plan")
+    assert np.abs(written(figure)[0]) == pytest.approx(400.0 * LENGTH, rel=1e-2)
+    (part,) = areas(figure)
+    assert (part[:, 2:, 1] <= part[:, :2, 1][:, ::-1] + 1e-9).all()  # in tension, at y < 0
+    assert np.ptp(part[..., 1]) > 0.1
+
+
+def test_what_is_refused(cantilever):
     structure, solution = cantilever
-    with pytest.raises(ValueError, match="batch"):
-        jc.plots.net(jax.tree.map(lambda x: x[None], solution), structure=structure)
+    failed = jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, np.nan))))
+    assert int(failed.status) != 0
+    batch = jax.tree.map(lambda x: x[None], solution)
+    for draw in (jc.plots.net, jc.plots.diagram):
+        with pytest.raises(ValueError, match="has failed"):
+            draw(failed, structure=structure)
+        with pytest.raises(ValueError, match="batch"):
+            draw(batch, structure=structure)
+    with pytest.raises(ValueError, match="of = 'Q': expected one of N, Vy"):
+        jc.plots.diagram(solution, of="Q")
+    with pytest.raises(ValueError, match=r"high = 0.0: must be"):
+        jc.plots.diagram(solution, high=0.0)

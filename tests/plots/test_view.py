@@ -3,7 +3,10 @@
 import base64
 import json
 import re
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -11,8 +14,6 @@ import pytest
 
 import jaxcable as jc
 from jaxcable.__main__ import main
-
-jax.config.update("jax_enable_x64", True)
 
 KINDS = {"f": "<f4", "u": "<u4", "b": "u1"}
 SINGLE = 2e-7  # relative, rounding of float32
@@ -31,15 +32,28 @@ def decoded(page):
     return told, arrays
 
 
-def solved(name, **options):
-    structure, phases = getattr(jc.scenes, name)(**options)
+def solved(structure, phases):
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
     return structure, phases, solution
 
 
-def test_numbers_are_those_of_the_solution(tmp_path):
-    structure, _, solution = solved("hypar_net")
+def shown(solution, structure, **options):
+    return decoded(jc.plots.view(solution, None, structure=structure, **options))
+
+
+@pytest.fixture(scope="module")
+def hypar():
+    return solved(*jc.scenes.hypar_net())
+
+
+@pytest.fixture(scope="module")
+def flat():
+    return solved(*jc.scenes.flat_net(load=15.0))
+
+
+def test_numbers_are_those_of_the_solution(hypar, tmp_path):
+    structure, _, solution = hypar
     page = jc.plots.view(solution, tmp_path / "net.html", structure=structure, title="a <net>")
     assert page.path.read_text(encoding="utf-8") == page.html
     told, arrays = decoded(page)
@@ -47,41 +61,32 @@ def test_numbers_are_those_of_the_solution(tmp_path):
     place = np.array(told["origin"]) + arrays["start"] + arrays["moved"][-1].astype(float)
     extent = np.ptp(np.asarray(solution.positions), axis=0).max()
     np.testing.assert_allclose(place, solution.positions, atol=SINGLE * extent)
-    np.testing.assert_allclose(arrays["tension"][-1], solution.tension, rtol=SINGLE)
     ends = [k for k, shot in enumerate(told["shots"]) if shot["end"]]
     assert len(ends) == 2 and ends[-1] == len(told["shots"]) - 1
-    for k, phase in zip(ends, solution.phases, strict=True):
+    for row, (k, phase) in enumerate(zip(ends, solution.phases, strict=True)):
         np.testing.assert_allclose(arrays["tension"][k], phase.tension, rtol=SINGLE)
-    shots = [shot for shot in told["shots"] if shot["phase"] == 2]
+        loads = np.zeros((len(place), 3))
+        loads[arrays["loaded"]] = arrays["load"][row]
+        np.testing.assert_allclose(loads, phase.load, rtol=SINGLE)
     path = solution.phases[1].path
-    for shot in shots:
+    for shot in (shot for shot in told["shots"] if shot["phase"] == 2):
         assert shot["factor"] == pytest.approx(float(path.load_factor[shot["number"] - 1]))
     assert set(arrays["loaded"]) == set(np.flatnonzero(np.asarray(solution.load).any(axis=1)))
-    for k, phase in enumerate(solution.phases):
-        loads = np.zeros((len(place), 3))
-        loads[arrays["loaded"]] = arrays["load"][k]
-        np.testing.assert_allclose(loads, phase.load, rtol=SINGLE)
     np.testing.assert_allclose(arrays["rest_length"][1], solution.rest_length, rtol=SINGLE)
-    np.testing.assert_allclose(
-        arrays["reactions"][1], np.asarray(solution.reactions)[arrays["held"]], rtol=1e-6
-    )
-
-
-def test_far_from_the_origin_displacements_keep_their_digits():
-    structure, phases = jc.scenes.flat_net(load=15.0)
-    far = jc.replace(structure, nodes=np.asarray(structure.nodes) + 1e6)
-    solution = jc.solve(far, phases)
-    assert int(solution.status) == 0
-    _, arrays = decoded(jc.plots.view(solution, None))
-    np.testing.assert_allclose(arrays["moved"][-1], solution.displacement, rtol=1e-6, atol=1e-9)
-
-
-def test_only_so_many_increments_and_all_ends():
-    structure, _, solution = solved("hypar_net")
-    for frames in (1, 2, 7):
-        told, arrays = decoded(jc.plots.view(solution, None, structure=structure, frames=frames))
+    reactions = np.asarray(solution.reactions)[arrays["held"]]
+    np.testing.assert_allclose(arrays["reactions"][1], reactions, rtol=1e-6)
+    for frames in (1, 7):  # only so many increments, and all ends
+        told, arrays = shown(solution, structure, frames=frames)
         assert len(told["shots"]) == max(frames, 2) == len(arrays["moved"])
         assert [s["end"] for s in told["shots"]].count(True) == 2
+
+
+def test_far_from_the_origin_displacements_keep_their_digits(flat):
+    structure, phases, _ = flat
+    far = jc.replace(structure, nodes=np.asarray(structure.nodes) + 1e6)
+    solution = solved(far, phases)[2]
+    _, arrays = shown(solution, None)
+    np.testing.assert_allclose(arrays["moved"][-1], solution.displacement, rtol=1e-6, atol=1e-9)
 
 
 def test_beams_are_bent_as_their_ends_turn():
@@ -92,8 +97,7 @@ def test_beams_are_bent_as_their_ends_turn():
     nodes = [[0.0, 0.0, 0.0], [length, 0.0, 0.0]]
     structure = jc.Structure(nodes, beam, supports=jc.clamped([0]))
     phase = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -load)), increments=4)
-    solution = jc.solve(structure, phase)
-    told, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    told, arrays = shown(solved(structure, phase)[2], structure)
     stiffness = 20e9 * 0.04 * 0.1**3 / 12
     tip, slope = load * length**3 / (3 * stiffness), load * length**2 / (2 * stiffness)
     chord = tip / length
@@ -108,7 +112,7 @@ def test_beams_are_bent_as_their_ends_turn():
     np.testing.assert_allclose(arrays["axes"][0, 0], [[0, 1, 0], [0, 0, 1]], atol=1e-3)
 
 
-@pytest.mark.parametrize("points", [3, 5, 8])
+@pytest.mark.parametrize("points", [3, 8])
 def test_diagrams_at_the_ends_of_phases(points):
     """Under a load along it: a parabola per phase; and as `section_forces` has them at the end."""
     length, load = 3.0, np.array([2e3, 3e3])
@@ -117,9 +121,8 @@ def test_diagrams_at_the_ends_of_phases(points):
     ends = jc.restrained([0], "xyz", "x") + jc.restrained([1], "yz")
     structure = jc.Structure([[0.0, 0, 0], [length, 0, 0]], beam, supports=ends)
     phases = [jc.Phase(loads=jc.LineLoads((0.0, 0.0, -q))) for q in load]
-    solution = jc.solve(structure, phases)
-    assert int(solution.status) == 0
-    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    solution = solved(structure, phases)[2]
+    _, arrays = shown(solution, structure)
     x = length * np.linspace(0.0, 1.0, arrays["diagrams"].shape[2])
     for found, q in zip(arrays["diagrams"][:, 0], np.cumsum(load), strict=True):
         largest = q * length**2 / 8
@@ -131,8 +134,8 @@ def test_diagrams_at_the_ends_of_phases(points):
 
 
 def test_diagrams_of_beams_that_turn_far():
-    structure, _, solution = solved("toggle_frame")
-    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    structure, _, solution = solved(*jc.scenes.toggle_frame())
+    _, arrays = shown(solution, structure)
     n = arrays["diagrams"].shape[2]
     exact = np.concatenate(jax.tree.leaves(jc.section_forces(structure, solution, n)))
     forces, moments = np.abs(exact[..., :3]).max(), np.abs(exact[..., 3:]).max()
@@ -141,31 +144,33 @@ def test_diagrams_of_beams_that_turn_far():
 
 
 def test_catenaries_hang_in_every_phase():
-    structure, phases, solution = solved("suspended_cable")
-    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    structure, phases, solution = solved(*jc.scenes.suspended_cable())
+    _, arrays = shown(solution, structure)
     n = arrays["sag"].shape[2] + 2
     parts = np.linspace(0, 1, n)[1:-1, None]
     for k in range(len(phases)):
-        alone = jc.solve(structure, phases[: k + 1])
+        alone = solved(structure, phases[: k + 1])[2]
         curve = np.asarray(jax.tree.leaves(jc.forms.catenary_curves(structure, alone, n))[0])
         chord = (1 - parts) * curve[:, :1] + parts * curve[:, -1:]
         np.testing.assert_allclose(arrays["sag"][k], curve[:, 1:-1] - chord, atol=1e-5)
 
 
 def test_slack_cables_and_struts_differ():
-    structure, _, solution = solved("geiger_dome")
-    _, arrays = decoded(jc.plots.view(solution, None, structure=structure))
+    structure, _, solution = solved(*jc.scenes.geiger_dome())
+    _, arrays = shown(solution, structure)
     force = np.concatenate([np.asarray(x) for x in jax.tree.leaves(solution.tension)])
     np.testing.assert_array_equal(arrays["looks"][-1] & 2 != 0, force < 0)
     assert (force < 0).any()
 
 
-def test_a_failed_analysis_shows_what_converged():
-    structure, phases = jc.scenes.flat_net(load=15.0)
-    failed = jc.solve(structure, phases, jc.Newton(max_steps=1))
+def test_a_failed_analysis_shows_what_converged(flat):
+    structure, phases, _ = flat
+    few = jc.Newton(max_steps=1)
+    failed = jc.solve(structure, phases, few)
+    assert int(failed.status) != 0
     with pytest.raises(ValueError, match="solution: has no converged increment"):
-        jc.plots.view(jc.solve(structure, phases[1:], jc.Newton(max_steps=1)), None)
-    told, arrays = decoded(jc.plots.view(failed, None, structure=structure))
+        jc.plots.view(jc.solve(structure, phases[1:], few), None)
+    told, arrays = shown(failed, structure)
     assert [shot["phase"] for shot in told["shots"]] == [1] and "Not to the end" in told["note"]
     np.testing.assert_allclose(arrays["tension"][0], failed.last.tension, rtol=SINGLE)
 
@@ -177,7 +182,7 @@ def test_a_truss_that_snaps_through_shows_its_way_there():
     failed = jc.solve(structure, phases, jc.Newton(max_steps=4))
     last = failed.last
     assert int(failed.status) != 0 and 0 < float(last.load_factor) < 1
-    told, arrays = decoded(jc.plots.view(failed, None, structure=structure))
+    told, arrays = shown(failed, structure)
     shot = told["shots"][-1]
     assert shot["end"] and shot["factor"] == pytest.approx(float(last.load_factor))
     assert f"load factor {float(last.load_factor):.3g}" in told["note"]
@@ -185,36 +190,29 @@ def test_a_truss_that_snaps_through_shows_its_way_there():
     assert load == pytest.approx(-500.0 * shot["factor"], rel=SINGLE)
 
 
-def test_what_is_refused(tmp_path):
-    structure, phases = jc.scenes.flat_net()
-    solution = jc.solve(structure, phases)
-    view = jc.plots.view
-    with pytest.raises(ValueError, match=r"path = .*\.html"):
-        view(solution, tmp_path / "net.png")
-    for frames in (0, 2.5, True):
-        with pytest.raises(ValueError, match="frames = "):
-            view(solution, None, frames=frames)
-    with pytest.raises(ValueError, match="colour = 'stress'"):
-        view(solution, None, colour="stress")
-    with pytest.raises(ValueError, match="structure: its links"):
-        view(solution, None, structure=jc.scenes.hypar_net().structure)
-    with pytest.raises(ValueError, match=r"got State; pass the solution .* solution\.last"):
-        view(solution.last, None)
-    truss = jc.trace_path(*jc.scenes.von_mises_truss(rise=0.1, load=500.0))
-    for path in (truss, solution.phases[1].path):
-        with pytest.raises(ValueError, match=r"got (Traced)?Path; .* plots\.path"):
-            view(path, None)
-    with pytest.raises(ValueError, match="expected a Solution, got int"):
-        view(3, None)
-    with pytest.raises(ValueError, match="solution: is a batch"):
-        view(jax.tree.map(lambda x: np.stack([x, x]), solution), None)
+def test_what_is_refused(flat, tmp_path):
+    solution = flat[2]
+    batch = jax.tree.map(lambda x: np.stack([x, x]), solution)
+    other = jc.scenes.hypar_net().structure
+    for shown, path, options, message in (
+        (solution, tmp_path / "net.png", {}, r"path = .*\.html"),
+        *((solution, None, {"frames": n}, "frames = ") for n in (0, 2.5, True)),
+        (solution, None, {"colour": "stress"}, "colour = 'stress'"),
+        (solution, None, {"structure": other}, "structure: its links"),
+        (solution.last, None, {}, r"got State; pass the solution .* solution\.last"),
+        (solution.phases[1].path, None, {}, r"got Path; .* plots\.path"),
+        (3, None, {}, "expected a Solution, got int"),
+        (batch, None, {}, "solution: is a batch"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            jc.plots.view(shown, path, **options)
 
 
-def test_page_needs_nothing_else_and_texts_cannot_break_it():
-    structure, phases = jc.scenes.flat_net()
+def test_page_needs_nothing_else_and_texts_cannot_break_it(flat):
+    structure, phases, _ = flat
     evil = "</script><script>alert(1)</script>"
     named = jc.replace(structure, elements={evil: structure.elements})
-    page = jc.plots.view(jc.solve(named, phases), None, structure=named, title=evil)
+    page = jc.plots.view(solved(named, phases)[2], None, structure=named, title=evil)
     assert page.path is None and page.html.count("</script>") == 3
     for word in ("http://", "https://", "src=", "import("):
         assert word not in page.html.replace("http://www.w3.org/2000/svg", "")
@@ -237,10 +235,6 @@ def test_command_writes_and_opens_it(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_wheel_has_the_page_and_the_first_scenes(tmp_path):
-    import subprocess
-    import sys
-    from pathlib import Path
-
     root = Path(__file__).parents[2]
     command = [sys.executable, "-m", "pip", "wheel", "--no-deps", "-q", "-w", str(tmp_path)]
     subprocess.run([*command, str(root)], check=True)

@@ -7,13 +7,10 @@ import contextlib
 import os
 
 import browser
-import jax
 import numpy as np
 import pytest
 
 import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
 
 pytestmark = pytest.mark.skipif(
     browser.found() is None and not os.environ.get("JAXCABLE_BROWSER"), reason="no browser"
@@ -43,26 +40,24 @@ def page(chromium, net):
         assert page.faults == []
 
 
-def click(page, kind, number, tap=False):
+def click(page, kind, number):
     """Click on an element or a node."""
     x, y, _ = page.evaluate("([kind, number]) => view.place(kind, number)", [kind, number])
     box = page.locator("#canvas").bounding_box()
-    (page.touchscreen.tap if tap else page.mouse.click)(box["x"] + x, box["y"] + y)
+    page.mouse.click(box["x"] + x, box["y"] + y)
 
 
 def values(page):
     """What the panel shows: its heading, and numbers in SI units (texts otherwise) by name."""
     found = {}
     for row in page.locator("#picked-values tr").all():
+        name = row.locator("th").inner_text()
         texts = row.locator("td").inner_text().replace("\u2212", "-").split("\n")
         try:
-            numbers = []
-            for text in texts:
-                word, _, unit = text.partition(" ")
-                numbers.append(float(word) * UNITS[unit])
-            found[row.locator("th").inner_text()] = np.squeeze(numbers)
+            parts = [text.partition(" ") for text in texts]
+            found[name] = np.squeeze([float(word) * UNITS[unit] for word, _, unit in parts])
         except (ValueError, KeyError):
-            found[row.locator("th").inner_text()] = texts[0]
+            found[name] = texts[0]
     return page.locator("#picked-name").inner_text(), found
 
 
@@ -204,19 +199,6 @@ def test_dark_by_preference_and_by_button(chromium, net):
         assert page.faults == []
 
 
-def test_a_phone(chromium, net):
-    options = {"has_touch": True, "is_mobile": True, "device_scale_factor": 2}
-    with browser.opened(chromium, net[1], size=(390, 760), **options) as page:
-        assert page.evaluate("document.documentElement.scrollWidth") <= 390
-        assert page.locator("#side").is_hidden()
-        page.locator("#menu").tap()
-        assert page.locator("#side").is_visible() and page.locator("#colour").is_visible()
-        page.locator("#menu").tap()
-        click(page, "element", 3, tap=True)
-        assert values(page)[0] == "Element 3"
-        assert page.faults == []
-
-
 def test_beams_and_all_that_can_be_shown(chromium, tmp_path):
     structure, phases = jc.scenes.guyed_mast()
     solution = jc.solve(structure, phases)
@@ -280,8 +262,13 @@ def phone(chromium, path):
 CAMERA = "[view.camera.azimuth, view.camera.elevation, view.camera.span, ...view.camera.target]"
 
 
-def test_one_finger_turns_and_a_tap_picks(chromium, net):
+def test_a_menu_one_finger_turns_and_a_tap_picks(chromium, net):
     with phone(chromium, net[1]) as (page, touch, (x, y)):
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.locator("#side").is_hidden()
+        page.locator("#menu").tap()
+        assert page.locator("#side").is_visible() and page.locator("#colour").is_visible()
+        page.locator("#menu").tap()
         before = page.evaluate(CAMERA)
         touch("touchStart", (x, y))
         for step in (20, 40, 60):

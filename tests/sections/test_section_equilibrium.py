@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracles.fibres import LONG, REVERSIBLE, SECTIONS, STEEL_YIELD, law_sum, sizes, tangent
+from oracles.fibres import LONG, REVERSIBLE, SECTIONS, STEEL_YIELD, law_sum, sizes
 
 import jaxcable as jc
 from jaxcable import materials
@@ -19,6 +19,11 @@ from jaxcable.sections import Section
 @jax.jit
 def solve(section, target):
     return section.strains(*target.T)
+
+
+@jax.jit
+def tangents(section, strains):
+    return section.linearized(*strains.T)[1]
 
 
 def feasible(section, n=1000, seed=5):
@@ -35,25 +40,6 @@ def feasible(section, n=1000, seed=5):
         end = np.where(part > 0, float(law.strain[-1]), float(law.strain[0]))
         reach = np.minimum(reach, (end / part).min(1))
     return way * (0.999 * reach * 10 ** rng.uniform(-2.5, 0, n))[:, None]
-
-
-def least_stiffness(section, strains):
-    """Smallest eigenvalue of the tangent relative to that of the unused section, per strain."""
-    y, z, area = (np.asarray(v) for v in (section.y, section.z, section.area))
-    radius = np.sqrt([(area * z**2).sum() / area.sum(), (area * y**2).sum() / area.sum()])
-    lever = np.stack([np.ones_like(y), z / radius[0], -y / radius[1]], axis=1)
-    e = strains @ (lever * [1, *radius]).T
-
-    def least(modulus):
-        return np.linalg.eigvalsh(np.einsum("nf,fi,fj->nij", modulus * area, lever, lever))[:, 0]
-
-    moduli, initial = [], []
-    parts = np.split(e, np.cumsum(section.counts)[:-1], axis=1)
-    for law, part in zip(section.laws, parts, strict=True):
-        slopes = np.diff(law.stress) / np.diff(law.strain)
-        moduli.append(slopes[np.clip(np.searchsorted(law.strain, part) - 1, 0, len(slopes) - 1)])
-        initial.append(np.full_like(part, slopes.max()))
-    return least(np.concatenate(moduli, 1)) / least(np.concatenate(initial, 1))
 
 
 @functools.cache
@@ -76,7 +62,7 @@ def test_equilibrium_of_random_forces(name):
     section = SECTIONS[name]
     strains, target, _, found, state = solved(name)
     target, found = target[:1000], found[:1000]
-    assert (state.status[:1000] == status.OK).all()
+    assert (state.status[:1000] == status.OK).all() and (state.steps[:1000] <= 20).all()
     # 64 eps of the forces of all fibres is what the iteration ends at
     error = np.abs(law_sum(section, found) - target) / sizes(section)
     assert error.max() <= 1e-10
@@ -85,28 +71,30 @@ def test_equilibrium_of_random_forces(name):
     y, z = np.asarray(section.y), np.asarray(section.z)
     e = strains[:, :1] + strains[:, 1:2] * z - strains[:, 2:] * y
     elastic = (np.abs(e) < STEEL_YIELD) @ np.asarray(section.area) / np.sum(section.area)
-    firm = (elastic >= 0.1) & (least_stiffness(section, strains) > 1e-6)
+    unused = np.asarray(section.stiffness())
+    radius = np.sqrt(np.diag(unused) / unused[0, 0])
+    least = np.linalg.eigvalsh(
+        [
+            np.asarray(own) / np.outer(radius, radius)
+            for own in (*tangents(section, strains), unused)
+        ]
+    )[:, 0]
+    firm = (elastic >= 0.1) & (least[:-1] > 1e-6 * least[-1])
     assert firm.sum() > 600
     size = max(np.abs(y).max(), np.abs(z).max())
     error = np.abs(found - strains)[firm] * [1, size, size] / STEEL_YIELD
     assert error.max() <= 1e-10
-    assert (state.steps[:1000] <= 20).all()
-
-
-@pytest.mark.parametrize("name", SECTIONS)
-def test_forces_beyond_the_capacity(name):
-    *_, found, state = solved(name)
-    assert (state.status[1000:1100] == status.BEYOND_CAPACITY).all()
-    assert np.isnan(found[1000:1100]).all()
 
 
 @pytest.mark.parametrize("name", SECTIONS)
 def test_interaction_surface_is_the_limit_of_equilibrium(name):
     """For laws that rise: a thousandth inside there is equilibrium, a thousandth outside none."""
-    _, _, surface, _, state = solved(name)
+    _, _, surface, found, state = solved(name)
     assert np.isfinite(surface).all() and len(surface) == 110
     assert (state.status[1100:1210] == status.OK).all()
-    assert (state.status[1210:] == status.BEYOND_CAPACITY).all()
+    for outside in (slice(1000, 1100), slice(1210, None)):
+        assert (state.status[outside] == status.BEYOND_CAPACITY).all()
+        assert np.isnan(found[outside]).all()
 
 
 def test_interaction_of_a_perfectly_plastic_rectangle():
@@ -212,23 +200,15 @@ def _forward(change):
 
 
 def forward(changes):
-    """Strains, their Jacobian and status at up to 30 changes, filled up: one compilation."""
-    filled = changes[np.minimum(np.arange(30), len(changes) - 1)]
+    """Strains, their Jacobian and status at up to 5 changes, filled up: one compilation."""
+    filled = changes[np.minimum(np.arange(5), len(changes) - 1)]
     return tuple(np.asarray(v)[: len(changes)] for v in _forward(filled))
 
 
 @jax.jit
-def backward(change):
-    """Gradient and Hessian of the curvature."""
-
-    def twice(change):
-        return (jax.grad(curvature)(change),) * 2
-
-    second, first = jax.jacfwd(twice, has_aux=True)(change)
-    return first, second
-
-
-START = np.zeros(15)
+def backward(direction):
+    """Gradient of the curvature, and its Hessian times a direction."""
+    return jax.jvp(jax.grad(curvature), (np.zeros(15),), (direction,))
 
 
 def test_taylor_of_the_strains():
@@ -253,59 +233,15 @@ def test_taylor_of_the_strains():
         assert slope(wrong) < 1.5
 
 
-def test_derivatives_of_the_strains_against_differences():
-    h = 1e-5
-    found = forward(h * np.concatenate([np.eye(15), -np.eye(15)]))[0]
-    difference = (found[:15] - found[15:]).T / (2 * h)
-    (jacobian,) = forward(START[None])[1]
-    # truncation: h^2 = 1e-10 times a third derivative, and rounding 1e-13 / h
-    assert np.abs(difference - jacobian).max() <= 1e-7 * np.abs(jacobian).max()
-    gradient, second = (np.asarray(v) for v in backward(START))
+def test_reverse_and_second_derivatives_of_the_strains():
+    h, direction = 1e-5, np.random.default_rng(7).normal(size=15)
+    _, jacobians, _ = forward(h * np.array([[0], [1], [-1]]) * direction)
+    gradient, second = backward(direction)
     # both modes are the same sums, through a matrix of condition 100
-    assert np.abs(gradient - jacobian[1]).max() <= 1e-10 * np.abs(jacobian).max()
-    assert np.abs(second - second.T).max() <= 1e-9 * np.abs(second).max()
-    for direction in np.random.default_rng(7).normal(size=(2, 15)):
-        plus, minus = forward(h * np.stack([direction, -direction]))[1][:, 1]
-        expected = (plus - minus) / (2 * h)
-        assert np.abs(second @ direction - expected).max() <= 1e-6 * np.abs(second).max()
-
-
-def test_strains_are_the_inverse_of_forces():
-    """At a point away from corners the Jacobian is the inverse of the tangent."""
-    section = Section.rectangle(0.1, 0.2, REVERSIBLE, (4, 5))
-    scale = STEEL_YIELD / np.array([1, 0.2, 0.1])
-    (strain,), (jacobian,), _ = forward(START[None])
-    strain = strain * scale
-    y, z = np.asarray(section.y), np.asarray(section.z)
-    e = np.abs(strain[0] + strain[1] * z - strain[2] * y)
-    # far enough from a corner for the steps of all tests above; some fibres yield
-    assert np.abs(e / STEEL_YIELD - 1).min() > 5e-3
-    assert 3 < np.count_nonzero(e > STEEL_YIELD) < 17
-    jacobian = jacobian[:, :3] * scale[:, None] / parameters()["force"]
-    product = jacobian @ np.asarray(tangent(section, strain))
-    # in units of the strains of the tests above: rounding times the condition of the matrix, 100
-    assert np.abs(product / scale[:, None] * scale - np.eye(3)).max() <= 1e-11
-
-
-@pytest.mark.parametrize("shape", ["disc", "tube"])
-def test_derivative_with_respect_to_the_diameter(shape):
-    target = jnp.array([2e5, 8e4, 3e4]) * (1.0 if shape == "disc" else 0.5)
-
-    def of_diameter(d):
-        if shape == "disc":
-            section = Section.disc(d, REVERSIBLE, (4, 4))
-        else:
-            section = Section.ring(d, 0.1 * d, REVERSIBLE, (1, 12))
-        state = section.strains(*target)
-        return state.strain[1], state.status
-
-    f = jax.jit(jax.value_and_grad(of_diameter, has_aux=True))
-    (_, code), slope = f(0.15)
-    h = 1e-6
-    difference = (f(0.15 + h)[0][0] - f(0.15 - h)[0][0]) / (2 * h)
-    assert int(code) == status.OK
-    # truncation (h / d)^2 and rounding eps d / h
-    assert float(slope) == pytest.approx(float(difference), rel=1e-7)
+    assert np.abs(gradient - jacobians[0, 1]).max() <= 1e-10 * np.abs(jacobians[0]).max()
+    # truncation: h^2 = 1e-10 times a third derivative, and rounding 1e-13 / h
+    expected = (jacobians[1, 1] - jacobians[2, 1]) / (2 * h)
+    assert np.abs(second - expected).max() <= 1e-6 * np.abs(expected).max()
 
 
 def test_failed_states_have_nan_derivatives_and_leave_others_alone():

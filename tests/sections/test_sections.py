@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks.laws import kinematic
 from oracles.fibres import (
     LONG,
-    PERFECT,
     SECTIONS,
     STEEL_YIELD,
     composite_cells,
@@ -52,47 +52,44 @@ def test_forces_of_an_elastic_section_are_exact():
 
 
 def test_exact_inertia_is_differentiable():
-    """d(EI)/d(diameter) of a tube through its traced dimensions: pi (d^3 - d_i^3) / 16."""
+    """d(EI)/d(diameter) of a tube and a disc, by traced dimensions: pi (d^3 - d_i^3) / 16."""
 
     @jax.jit
-    @jax.grad
-    def slope(d):
-        return Section.ring(d, 0.01, ONE, (1, 6)).stiffness()[1, 1]
+    @jax.jacrev
+    def slopes(d):
+        both = Section.ring(d, 0.01, ONE, (1, 6)), Section.disc(d, ONE, (2, 2))
+        return jnp.stack([section.stiffness()[1, 1] for section in both])
 
     # sums over cells, of which fourth powers cancel to a tenth
-    assert float(slope(0.3)) == pytest.approx(np.pi / 16 * (0.3**3 - 0.28**3), rel=1e-12)
+    expected = np.pi / 16 * np.array([0.3**3 - 0.28**3, 0.3**3])
+    np.testing.assert_allclose(slopes(0.3), expected, rtol=1e-12)
+
+
+@jax.jit
+def all_of(section, strains):
+    """Forces, slope of the energy, forces again with their tangents."""
+    slope = jax.vmap(jax.grad(lambda v: section.energy(*v)))(strains)
+    force, tangents = section.linearized(*strains.T)
+    return jnp.stack(section.forces(*strains.T), axis=-1), slope, force, tangents
 
 
 @pytest.mark.parametrize("name", SECTIONS)
 def test_forces_of_a_nonlinear_section_are_the_fibre_sum(name):
+    """And the slope of its energy; its tangent is the derivative of its forces."""
     section = SECTIONS[name]
     strains = np.random.default_rng(1).normal(size=(200, 3)) * [5e-3, 0.1, 0.1]
-    got, expected = forces(section, strains), law_sum(section, strains)
-    # rounding of stresses E e, up to 10 times the yield stress, in sums over some 50 fibres
-    assert np.abs(got - expected).max() <= 1e-13 * np.abs(expected).max()
+    *found, tangents = all_of(section, strains)
+    expected = law_sum(section, strains)
+    for force in found:
+        # rounding of stresses E e, up to 10 times the yield stress, in sums over some 50 fibres
+        assert np.abs(force - expected).max() <= 1e-13 * np.abs(expected).max()
     at_zero = tangent(section, np.zeros(3))
     # the slope at the origin is that of tension; a sum in another order
     assert np.abs(at_zero - section.stiffness()).max() <= 1e-14 * np.abs(at_zero).max()
-    force, matrices = jax.jit(lambda s, e: s.linearized(*e.T))(section, strains)
-    assert np.abs(force - expected).max() <= 1e-13 * np.abs(expected).max()
-    for strain, own in zip(strains[:5], matrices, strict=False):
+    for strain, own in zip(strains[:5], tangents, strict=False):
         matrix = np.asarray(tangent(section, strain))
         assert np.abs(matrix - matrix.T).max() <= 1e-14 * np.abs(at_zero).max()
         assert np.abs(matrix - own).max() <= 1e-14 * np.abs(at_zero).max()
-
-
-@pytest.mark.parametrize("name", SECTIONS)
-def test_energy_and_its_slope(name):
-    section = SECTIONS[name]
-    strains = np.random.default_rng(2).normal(size=(50, 3)) * [2e-3, 0.05, 0.05]
-
-    @jax.jit
-    @jax.vmap
-    def energy(v):
-        return jax.grad(lambda v: section.energy(*v))(v)
-
-    expected = law_sum(section, strains)
-    assert np.abs(energy(strains) - expected).max() <= 1e-13 * np.abs(expected).max()  # as above
 
 
 def test_fibre_strains_and_stresses_have_a_last_axis_of_fibres():
@@ -100,15 +97,15 @@ def test_fibre_strains_and_stresses_have_a_last_axis_of_fibres():
     e0, ky, kz = strains = np.random.default_rng(3).normal(size=(3, 2, 5)) * 1e-3
 
     @jax.jit
-    def all_of(section, v):
+    def each(section, v):
         return section.fibre_strain(*v), section.fibre_stress(*v), section.forces(*v)
 
-    strain, stress, force = all_of(section, strains)
+    strain, stress, force = each(section, strains)
     assert strain.shape == stress.shape == (2, 5, section.n_fibre)
     assert [f.shape for f in force] == [(2, 5)] * 3
     expected = e0[1, 2] + ky[1, 2] * np.asarray(section.z) - kz[1, 2] * np.asarray(section.y)
     assert np.abs(strain[1, 2] - expected).max() <= 1e-18  # rounding of strains of 1e-3
-    single = jax.eval_shape(all_of, section, np.zeros(3))
+    single = jax.eval_shape(each, section, np.zeros(3))
     assert single[0].shape == single[1].shape == (section.n_fibre,)
     assert [v.shape for v in single[2]] == [()] * 3
     virgin = Section.rectangle(1.0, 1.0, materials.steel(), (2, 3)).initial_memory((4,))
@@ -132,46 +129,29 @@ def test_distance_of_the_nearest_fibre_from_a_corner():
 
 
 def test_moment_of_an_elastic_plastic_rectangle():
-    """M = My (1.5 - 0.5 (k_y / k)^2), perfectly plastic; second order in the fibre size."""
-    b, h = 0.1, 0.2
+    """M = My (1.5 - 0.5 (k_y / k)^2), perfectly plastic; second order in the fibre size.
+
+    At last b h^2 s_y / 4, exact for a sum over fibres of which all have yielded.
+    """
+    b, h, numbers = 0.1, 0.2, (20, 40, 80)
     first = b * h**2 / 6 * 235e6  # moment at first yield
     ratio = np.array([1.5, 2.0, 3.0, 5.0, 8.0])  # k / k_y
+    curvature = np.outer(ratio * STEEL_YIELD / (h / 2), [0, 1, 0])
     exact = first * (1.5 - 0.5 / ratio**2)
     errors = []
-    for n in (20, 40, 80, 160):
-        section = Section.rectangle(b, h, PERFECT, (1, n))
-        k = ratio * STEEL_YIELD / (h / 2)
-        got = forces(section, np.column_stack([np.zeros(5), k, np.zeros(5)]))
+    for n in numbers:
+        got = forces(Section.rectangle(b, h, LONG, (1, n)), curvature)
         assert np.abs(got[:, 0]).max() <= 1e-9 * first / h  # no axial force: rounding
         # the error of one curvature jumps with the place of the last elastic fibre: their largest
         errors.append(np.abs(got[:, 1] - exact).max() / first)
         assert errors[-1] <= 0.5 / (n / 2 * 1.0) ** 2 * ratio.max()
-    assert abs(np.polyfit(np.log([20, 40, 80, 160]), np.log(errors), 1)[0] + 2) < 0.3, errors
-
-
-def test_plastic_moment_of_a_rectangle():
-    """b h^2 s_y / 4: exact for a sum over fibres of which all have yielded."""
-    b, h = 0.1, 0.2
-    section = Section.rectangle(b, h, LONG, (1, 50))
-    # the innermost fibre, h / 100 from the axis, yields at 50 times first yield
-    k = np.array([[0.0, 50.5 * STEEL_YIELD / (h / 2), 0.0]])
-    assert forces(section, k)[0, 1] == pytest.approx(b * h**2 / 4 * 235e6, rel=1e-13)
+    assert abs(np.polyfit(np.log(numbers), np.log(errors), 1)[0] + 2) < 0.3, errors
+    # the innermost fibre, h / 2 n from the axis, yields at n times first yield
+    got = forces(Section.rectangle(b, h, LONG, (1, n)), curvature / ratio[0] * (n + 0.5))
+    assert float(got[0, 1]) == pytest.approx(b * h**2 / 4 * 235e6, rel=1e-13)
 
 
 # --- history
-
-
-def kinematic(E, tangent, yield_stress):
-    """State and update of bilinear kinematic hardening by return mapping, for many fibres."""
-    H = E * tangent / (E - tangent)
-
-    def update(strain, memory):
-        over = E * (strain - memory) - H * memory
-        flow = np.maximum(0.0, np.abs(over) - yield_stress) / (E + H)
-        memory = memory + np.sign(over) * flow
-        return E * (strain - memory), memory
-
-    return update
 
 
 CYCLE = 0.05 * np.concatenate(
@@ -232,40 +212,23 @@ def test_strains_at_given_plastic_strains():
 
 
 def test_strains_of_a_batch_do_not_forget_the_plastic_strains():
-    """One state for many forces: either taken into account or refused, never ignored."""
+    """One memory for many forces, or one for each of them."""
     section = Section.rectangle(0.1, 0.2, materials.steel(), (1, 2))
-    p = 0.01 - STEEL_YIELD  # all fibres pulled to 0.01
-    state = (np.full((2, 1), p),)
-    try:
-        found = jax.jit(lambda t: section.strains(*t, state).strain[0])(
-            np.array([[1e6], [0.0], [0.0]])
-        )
-    except ValueError as error:
-        assert "memory" in str(error)
-    else:
-        # unloading: E e - (E - Et) p = N / A
-        expected = (1e6 / 0.02 + (210e9 - 2.1e9) * p) / 210e9
-        assert float(found[0]) == pytest.approx(expected, rel=1e-12)
+    p, force = 0.01 - STEEL_YIELD, np.array([1e6, -1e6])  # all fibres pulled to 0.01
+    one, each = (np.full((2, 1), p),), (np.full((2, 2, 1), [[[p]], [[0.0]]]),)
+    found = jax.jit(lambda m: section.strains(force, 0 * force, 0 * force, m).strain[0])
+    # unloading: E e - (E - Et) p = N / A
+    for memory, left in ((one, [p, p]), (each, [p, 0.0])):
+        expected = (force / 0.02 + (210e9 - 2.1e9) * np.array(left)) / 210e9
+        np.testing.assert_allclose(found(memory), expected, rtol=1e-12)
 
 
-def test_own_second_moments_of_a_fibre_are_those_of_its_points():
-    """A right triangle as one fibre with its second moments, and as 5 000 points.
-
-    With legs b along y and h along z: I_yy = b h^3 / 36, I_zz = h b^3 / 36 and the product
-    -b^2 h^2 / 72 about its centroid.
-    """
-    b, h, n, law = 0.3, 0.2, 100, jc.Elastic(2e9)
-    area = b * h / 2
-    own = [[b * h**3 / 36, h * b**3 / 36, -(b**2) * h**2 / 72]]
-    one = jc.Section([0.01], [-0.02], [area], law, own=own)
-    i, j = (at.ravel() for at in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    y, z = (i + 0.5) / n * b, (j + 0.5) / n * h
-    share = np.where(i + j < n - 1, 1.0, np.where(i + j == n - 1, 0.5, 0.0)) * b * h / n**2
-    there = share > 0
-    y, z, share = y[there], z[there], share[there]
-    y, z = y - share @ y / area + 0.01, z - share @ z / area - 0.02
-    many = jc.Section(y, z, share, law)
-    apart = np.abs(np.asarray(one.stiffness() - many.stiffness()))
-    bending = float(one.stiffness()[2, 2])
-    assert apart[1:, 1:].max() < 2e-3 * bending  # the points are squares: of second order in 1/n
-    assert abs(float(one.stiffness()[1, 2])) > 0.1 * bending
+def test_own_second_moments_of_a_fibre_are_moved_to_the_axis():
+    """A right triangle as one fibre, legs b along y and h along z, by parallel axes."""
+    b, h, y, z, area = 0.3, 0.2, 0.01, -0.02, 0.03
+    own = np.array([b * h**3 / 36, h * b**3 / 36, -(b**2) * h**2 / 72])
+    one = Section([y], [z], [area], jc.Elastic(2e9), own=own[None])
+    i_y, i_z, i_yz = own + area * np.array([z * z, y * y, y * z])
+    rows = [[area, area * z, -area * y], [area * z, i_y, -i_yz], [-area * y, -i_yz, i_z]]
+    # a few roundings
+    assert np.allclose(one.stiffness(), 2e9 * np.array(rows), rtol=1e-14)
