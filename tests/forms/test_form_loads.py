@@ -93,8 +93,15 @@ def test_a_net_under_all_loads_is_in_balance():
     assert unbalanced(places, 4e3 * length) < LEFT
 
 
-@pytest.mark.parametrize("solver", ["dense", pytest.param("superlu", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("find", ["forces", "densities"])
+@pytest.mark.parametrize(
+    ("find", "solver"),
+    [
+        ("forces", "dense"),
+        pytest.param("forces", "superlu", marks=pytest.mark.slow),
+        pytest.param("densities", "dense", marks=pytest.mark.slow),
+        pytest.param("densities", "superlu", marks=pytest.mark.slow),
+    ],
+)
 def test_gradient(find, solver):
     """Taylor test by the loads, the prestress, and the stiffness (unstressed lengths weigh)."""
 

@@ -136,6 +136,7 @@ def test_supports_of_the_phase_that_the_state_belongs_to():
     assert both.shape == (9, 9)
 
 
+@pytest.mark.slow
 def test_modes_of_a_cantilever_beam():
     """The softest mode under no load is bending about the weak axis; sections do not turn by it."""
     n, length = 2, 3.0

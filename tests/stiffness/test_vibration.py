@@ -63,13 +63,9 @@ def test_order_of_the_mass_matrices():
     assert float(light.frequency[0]) == pytest.approx(2 * float(found[0]), rel=1e-9)
 
 
-def test_derivatives():
-    """By the pretension, and of a shape by a mass.
-
-    f^2 is proportional to T (1 + T/EA), whatever the number of elements. Two masses on a string,
-    1 and m > 1, have the shape ``(1 / (2 - k), 1)``, with the root k of ``det(K - k M)``.
-    """
-    structure, solution = string(3, plane=True)
+@pytest.mark.slow
+def test_derivative_by_the_pretension():
+    """f^2 is proportional to T (1 + T/EA), whatever the number of elements."""
 
     def frequency(pretension):
         return frequencies(*string(3, pretension, plane=True), n=1).frequency[0]
@@ -77,6 +73,11 @@ def test_derivatives():
     value, rate = jax.value_and_grad(frequency)(1000.0)
     share = 0.5 / 1000.0 + 0.5 / EA / (1 + 1000.0 / EA)
     assert abs(float(rate / value) / share - 1) < 1e-8
+
+
+def test_derivative_of_a_shape_by_a_mass():
+    """Two masses on a string, 1 and m > 1: ``(1 / (2 - k), 1)``, k the root of ``det(K - k M)``."""
+    structure, solution = string(3, plane=True)
 
     def shape(mass):
         masses = jnp.array([0.0, 1e3, 1e3, 0.0]) * jnp.stack([1.0, 1.0, mass, 1.0])
