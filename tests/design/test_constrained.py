@@ -3,6 +3,7 @@
 The problems of `experiments/constrained.py` have known optima: published, or closed forms.
 """
 
+import functools
 import importlib
 import importlib.util
 import sys
@@ -29,10 +30,19 @@ SOLVERS = pytest.mark.parametrize("solver", ["slsqp", "trust-constr", IPOPT])
 TOL = 1e-6  # the default: of limits and of the KKT residual
 
 
-@pytest.fixture
-def study(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
-    yield importlib.import_module("constrained")
+@pytest.fixture(scope="module")
+def study():
+    """`experiments/constrained.py`, with the minimum of each of its problems."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parents[2] / "experiments"))
+        module = importlib.import_module("constrained")
+
+        @functools.cache
+        def minimum(name):
+            problem, start, bounds, _ = module.PROBLEMS[name]
+            return design.minimize_subject_to(problem, jnp.asarray(start), bounds)
+
+        yield module, minimum
     sys.modules.pop("constrained", None)
 
 
@@ -55,32 +65,33 @@ def minimum_is_stated(found, tol=TOL):
     ],
 )
 def test_known_optima(study, name, digits):
-    problem, start, bounds, known = study.PROBLEMS[name]
-    found = design.minimize_subject_to(problem, jnp.asarray(start), bounds)
+    module, minimum = study
+    found = minimum(name)
     minimum_is_stated(found)
-    assert abs(float(found.loss) / known - 1) < digits
+    assert abs(float(found.loss) / module.PROBLEMS[name][-1] - 1) < digits
     assert found.evaluations < 300  # the method of multipliers has taken 61 000 for the dome
 
 
 def test_the_dome_by_numpy(study):
     """The load path and the moves in plan of the optimum, by a dense matrix of force densities."""
-    problem, start, bounds, _ = study.PROBLEMS["dome"]
-    found = design.minimize_subject_to(problem, jnp.asarray(start), bounds)
-    links, plan, free = np.asarray(study.LINKS), study.PLAN, study.FREE
-    assert len(links) == 1800 and study.GROUP.max() == 33
-    density = np.asarray(found.params)[study.GROUP]
+    dome, minimum = study
+    found = minimum("dome")
+    assert int(found.status) == status.OK
+    links, plan, free = np.asarray(dome.LINKS), dome.PLAN, dome.FREE
+    assert len(links) == 1800 and dome.GROUP.max() == 33
+    density = np.asarray(found.params)[dome.GROUP]
     branch = np.zeros((1800, len(plan)))
     branch[np.arange(1800), links[:, 0]], branch[np.arange(1800), links[:, 1]] = 1, -1
     matrix = branch.T @ (density[:, None] * branch)
     fixed = np.setdiff1d(np.arange(len(plan)), free)
     x = np.column_stack([plan, np.zeros(len(plan))])
     load = np.zeros_like(x)
-    load[:, 2] = -np.array([study.TOP, *(study.WEIGHTS * 36)])
+    load[:, 2] = -np.array([dome.TOP, *(dome.WEIGHTS * 36)])
     held = matrix[np.ix_(free, fixed)] @ x[fixed]
     x[free] = np.linalg.solve(matrix[np.ix_(free, free)], load[free] - held)
     path = np.abs(density) @ np.sum((branch @ x) ** 2, axis=1)
     assert abs(path - float(found.loss)) < 1e-6
-    assert np.abs(x[free, :2] - plan[free]).max() <= study.NEAR
+    assert np.abs(x[free, :2] - plan[free]).max() <= dome.NEAR
 
 
 def disc(p, radius):
@@ -88,28 +99,52 @@ def disc(p, radius):
     return p[0] + 2 * p[1], jnp.array([(p @ p) / radius**2 - 1, p[0] - 10.0])
 
 
+DISC = {"params": jnp.array([0.3, 0.1]), "args": (2.0,)}
+ROOT = np.sqrt(5)
+
+
+def outside(p):
+    return jnp.sum((p - jnp.array([3.0, 4.0])) ** 2), jnp.array([p @ p - 1.0])
+
+
+CLOSED_FORMS = {  # problem, arguments, parameters, multipliers
+    # of f = -sqrt(5) r: relaxing the limit by 1 of r^2 is dr = r / 2
+    "disc": (disc, DISC, -2 * np.array([1, 2]) / ROOT, [ROOT, 0.0]),
+    # starts far outside of a circle; by the gradient 2 (5 - 1) = 2 m
+    "outside": (outside, {"params": jnp.array([5.0, -7.0])}, [0.6, 0.8], [4.0]),
+    "starts at zero, where it is flat": (
+        lambda p: (p @ p, 1 - p[:1]),
+        {"params": jnp.zeros(2)},
+        [1.0, 0.0],
+        [2.0],
+    ),
+    # no limits: one parameter ends at a bound exactly, one is fixed, one is free
+    "bounds alone": (
+        lambda p: (jnp.sum((p - 0.5) ** 2), jnp.zeros(0)),
+        {
+            "params": jnp.array([4.0, 3.0, 5.0]),
+            "bounds": (jnp.array([1.0, 3.0, -9.0]), jnp.array([5.0, 3.0, 9.0])),
+        },
+        [1.0, 3.0, 0.5],
+        [],
+    ),
+}
+
+
 @SOLVERS
-def test_closed_form_by_every_library(solver):
-    found = design.minimize_subject_to(disc, jnp.array([0.3, 0.1]), args=(2.0,), solver=solver)
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+def test_closed_form_by_every_library(name, solver):
+    problem, given, params, multipliers = CLOSED_FORMS[name]
+    found = design.minimize_subject_to(problem, **given, solver=solver)
     minimum_is_stated(found)
     # what is missing of the gradient, 1e-6 of the loss, moves the point by its root at most
-    assert np.abs(np.asarray(found.params) + 2 * np.array([1, 2]) / np.sqrt(5)).max() < 4e-3
-    assert abs(float(found.loss) + 2 * np.sqrt(5)) < 1e-5
-    assert np.abs(found.multipliers - [np.sqrt(5), 0.0]).max() < 1e-2
-
-
-@SOLVERS
-def test_bounds_alone(solver):
-    """No limits; one parameter ends at a bound exactly, one is fixed, one is free."""
-    bounds = (jnp.array([1.0, 3.0, -9.0]), jnp.array([5.0, 3.0, 9.0]))
-    start = jnp.array([4.0, 3.0, 5.0])
-    found = design.minimize_subject_to(
-        lambda p: (jnp.sum((p - 0.5) ** 2), jnp.zeros(0)), start, bounds, solver=solver
-    )
-    assert int(found.status) == status.OK and found.multipliers.shape == (0,)
-    # trust-constr and IPOPT stay inside of bounds: they end within the tolerance of them
-    assert np.abs(np.asarray(found.params) - [1, 3, 0.5]).max() < 1e-4
-    if solver == "slsqp":
+    near, close = (1e-4, 1e-4) if solver == "slsqp" else (4e-3, 1e-2)
+    assert np.abs(np.asarray(found.params) - params).max() < near
+    assert found.multipliers.shape == np.shape(multipliers)
+    assert np.abs(found.multipliers - multipliers).max(initial=0.0) < close
+    if name == "disc":
+        assert found.constraints[0] > -3e-6 and abs(float(found.loss) + 2 * ROOT) < 1e-5
+    if name == "bounds alone" and solver == "slsqp":  # others stay inside of bounds
         assert found.params[0] == 1 and found.params[1] == 3
 
 
@@ -147,30 +182,17 @@ def test_a_minimum_beyond_the_wall_is_not_claimed(solver):
     assert float(found.loss) > 2.0  # never that of a failed analysis
 
 
+def apart(p):
+    return p[0] ** 2, jnp.array([1 - p[0], p[0] + 1])
+
+
 @SOLVERS
 def test_limits_that_contradict_each_other(solver):
     """The violation is 1 where both limits are missed by as much, and more elsewhere."""
-
-    def problem(p):
-        return p[0] ** 2, jnp.array([1 - p[0], p[0] + 1])
-
     given = {"steps": 60, "rounds": 4}
-    found = design.minimize_subject_to(problem, jnp.array([0.3]), solver=solver, **given)
+    found = design.minimize_subject_to(apart, jnp.array([0.3]), solver=solver, **given)
     assert int(found.status) == status.CONSTRAINTS_VIOLATED
     assert 1 - 1e-9 <= float(found.constraints.max()) <= 1.3  # that of the start
-
-
-@SOLVERS
-def test_a_start_that_violates_the_limits(solver):
-    """On a circle of radius 1, from far outside: the closest point to (3, 4) is (0.6, 0.8)."""
-
-    def problem(p):
-        return jnp.sum((p - jnp.array([3.0, 4.0])) ** 2), jnp.array([p @ p - 1.0])
-
-    found = design.minimize_subject_to(problem, jnp.array([5.0, -7.0]), solver=solver)
-    minimum_is_stated(found)
-    assert np.abs(np.asarray(found.params) - [0.6, 0.8]).max() < 1e-3
-    assert abs(found.multipliers[0] - 4.0) < 1e-2  # by the gradient: 2 (5 - 1) = 2 m
 
 
 def test_a_library_is_not_believed(monkeypatch):
@@ -206,38 +228,37 @@ def test_a_library_that_goes_on_for_ever_is_ended(monkeypatch):
 
 
 def point(x, gradient, constraints=(), jacobian=(), code=0):
-    n = len(x)
-    return trials.Point(
-        np.array(x, float),
-        1.0,
-        np.array(gradient, float),
-        np.array(constraints, float),
-        np.array(jacobian, float).reshape(-1, n),
-        code,
-    )
+    x, gradient, constraints = (np.array(v, float) for v in (x, gradient, constraints))
+    jacobian = np.array(jacobian, float).reshape(-1, len(x))
+    return trials.Point(x, 1.0, gradient, constraints, jacobian, code)
 
 
-def test_conditions_of_a_minimum_by_hand():
-    """One limit ``-x <= 0`` and bounds 0 to 1 on y; sizes 2 and 1."""
-    low, high, size = np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]), np.array([2.0, 1.0])
+LEFT = [[-1.0, 0.0]]  # the Jacobian of a limit -x <= 0
 
-    def judged(*given):
-        return kkt_conditions(point(*given), (low, high), size, 0.0)
 
-    multipliers, residual = judged([0.0, 0.0], [3.0, 5.0], [0.0], [[-1.0, 0.0]])
-    assert np.allclose(multipliers, [3.0]) and residual < 1e-14
-    # a limit that would have to pull, a bound likewise: 2 times the slope, and the slope
-    assert judged([0.0, 0.0], [-3.0, 5.0], [0.0], [[-1.0, 0.0]])[1] == pytest.approx(6.0)
-    assert judged([0.0, 0.0], [3.0, -5.0], [0.0], [[-1.0, 0.0]])[1] == pytest.approx(5.0)
-    assert judged([0.0, 1.0], [3.0, -5.0], [0.0], [[-1.0, 0.0]])[1] < 1e-14  # the upper bound
-    # a limit that is far from active has no force, one inside of bounds neither
-    assert judged([0.5, 0.0], [3.0, 5.0], [-0.5], [[-1.0, 0.0]])[1] == pytest.approx(6.0)
-    assert judged([0.0, 0.5], [3.0, 5.0], [0.0], [[-1.0, 0.0]])[1] == pytest.approx(5.0)
-    # two that pull against each other share the force; what none can bear is left
-    both = [[-1.0, 0.0], [1.0, 0.0]]
-    assert judged([0.0, 0.5], [0.0, 0.25], [0.0, 0.0], both)[1] == pytest.approx(0.25)
-    failed = kkt_conditions(point([0.0, 0.0], [0.0, 0.0], code=1), (low, high), size, 0.0)
-    assert failed[1] == np.inf
+@pytest.mark.parametrize(
+    ("given", "residual"),
+    [
+        (([0.0, 0.0], [3.0, 5.0], [0.0], LEFT), 0.0),
+        # a limit that would have to pull, a bound likewise: 2 times the slope, and the slope
+        (([0.0, 0.0], [-3.0, 5.0], [0.0], LEFT), 6.0),
+        (([0.0, 0.0], [3.0, -5.0], [0.0], LEFT), 5.0),
+        (([0.0, 1.0], [3.0, -5.0], [0.0], LEFT), 0.0),  # the upper bound
+        # a limit that is far from active has no force, one inside of bounds neither
+        (([0.5, 0.0], [3.0, 5.0], [-0.5], LEFT), 6.0),
+        (([0.0, 0.5], [3.0, 5.0], [0.0], LEFT), 5.0),
+        # two that pull against each other share the force; what none can bear is left
+        (([0.0, 0.5], [0.0, 0.25], [0.0, 0.0], [[-1.0, 0.0], [1.0, 0.0]]), 0.25),
+        (([0.0, 0.0], [0.0, 0.0], [], [], 1), np.inf),  # failed
+    ],
+)
+def test_conditions_of_a_minimum_by_hand(given, residual):
+    """Bounds 0 to 1 on y; sizes 2 and 1."""
+    bounds = np.array([-np.inf, 0.0]), np.array([np.inf, 1.0])
+    multipliers, found = kkt_conditions(point(*given), bounds, np.array([2.0, 1.0]), 0.0)
+    assert found == pytest.approx(residual, abs=1e-14)
+    if given[0:2] == ([0.0, 0.0], [3.0, 5.0]):
+        assert np.allclose(multipliers, [3.0])
 
 
 def test_trial_points_are_within_bounds_and_never_nan():
@@ -278,21 +299,28 @@ def test_single_precision():
         found = design.minimize_subject_to(disc, start, args=(2.0,))
         assert found.params.dtype == found.loss.dtype == jnp.float32
     minimum_is_stated(found, 1e-3)
-    assert abs(float(found.loss) + 2 * np.sqrt(5)) < 1e-2
+    assert abs(float(found.loss) + 2 * ROOT) < 1e-2
 
 
 def test_progress_is_that_of_accepted_points():
     told = []
-    found = design.minimize_subject_to(
-        disc, jnp.array([0.3, 0.1]), args=(2.0,), progress=told.append
-    )
+    found = design.minimize_subject_to(disc, **DISC, progress=told.append)
     assert [step.number for step in told] == list(range(len(told)))
     assert told[-1].gradient_norm == found.kkt_residual < TOL < told[0].gradient_norm
 
 
-def test_a_solver_that_there_is_not(monkeypatch):
-    with pytest.raises(ValueError, match="solver = 'cobyla': expected one of slsqp, trust-constr"):
-        design.minimize_subject_to(disc, jnp.zeros(2), args=(2.0,), solver="cobyla")
+def test_wrong_arguments(monkeypatch):
+    bad = design.minimize_subject_to(lambda p: (jnp.log(p[0]), -p), jnp.array([-1.0]))
+    assert int(bad.status) == status.BAD_START
+    for problem, given, said in (
+        (disc, {"solver": "cobyla"}, "solver = 'cobyla': expected one of slsqp, trust-constr"),
+        (lambda p: p[0], {}, "problem: expected"),
+        (lambda p: (p, -p), {}, "loss: expected a scalar float"),
+        (lambda p: (p[0], p[0]), {}, r"constraints: expected floats \[n\]"),
+    ):
+        args = (2.0,) if problem is disc else ()
+        with pytest.raises(ValueError, match=said):
+            design.minimize_subject_to(problem, jnp.ones(2), args=args, **given)
     monkeypatch.setitem(sys.modules, "ipyopt", None)
     with pytest.raises(ValueError, match=r"solver = 'ipopt': .*pip install 'jaxcable\[ipopt\]'"):
         solvers.solver_named("ipopt")
