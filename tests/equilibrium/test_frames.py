@@ -23,6 +23,7 @@ def tip(force, structure=None):
     return solution.displacement[2, 2], solution
 
 
+@pytest.mark.slow
 def test_gradient_through_a_batch():
     """By a shared parameter of a batch, as by differences, and nearly that of small deflections."""
     forces = jnp.array([500.0, 1000.0])

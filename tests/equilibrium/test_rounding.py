@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks import shapes
 from extensions.own_membrane import Membranes, sheet
 
 import jaxcable as jc
@@ -50,7 +51,9 @@ def of(path):
     return [np.asarray(getattr(path, name)) for name in names]
 
 
-@pytest.mark.parametrize("kind", [jc.Cables, jc.Bars, jc.SlidingCables])
+@pytest.mark.parametrize(
+    "kind", [jc.Cables, jc.Bars, pytest.param(jc.SlidingCables, marks=pytest.mark.slow)]
+)
 def test_two_links_by_hand(kind):
     solution = solved(SINK, kind=kind)
     assert int(solution.status) == 0
@@ -114,35 +117,15 @@ def test_along_a_traced_path():
 
 def tripod():
     """Bars without any force, one shortened: all that is there is rounding."""
-    angle = 2 * np.pi * np.arange(3) / 3
-    feet = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    legs = jc.Bars([[k, 3] for k in range(3)], axial_stiffness=2e7)
-    structure = jc.Structure([*feet, [0.0, 0, 1.0]], legs, jc.pinned([0, 1, 2]))
-    return structure, [jc.Phase(shortening=np.array([0.01, 0.0, 0.0]), increments=4)]
+    phase = jc.Phase(shortening=np.array([0.01, 0.0, 0.0]), increments=4)
+    return shapes.tripod(stiffness=2e7).structure, [phase]
 
 
 def cantilever():
-    section = jc.Section.rectangle(0.02, 0.05, jc.Elastic(210e9))
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    beams = jc.Beams([[0, 1], [1, 2]], section=section)
-    loads = [jc.Phase(loads=jc.NodalLoads([2], (0, 0, f)), increments=2) for f in (-500.0, 500.0)]
-    return jc.Structure(nodes, beams, jc.clamped([0])), loads
-
-
-def stiff_rope():
-    """A pulley that falls by two metres on a rope of EA/N = 1e8: the fine part resolves it."""
-    nodes = [[0.0, 0, 0], [3.0, 0, -0.5], [8.0, 0, 1.5]]
-    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e8, rest_length=10.0)
-    load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
-    return jc.Structure(nodes, rope, jc.pinned([0, 2])), [jc.Phase(loads=load, increments=2)]
-
-
-def stiff_chain():
-    """A slack chain of EA/N = 1e8 that falls: without a fine part it had half of its digits."""
-    nodes = [[k, 0.3 * np.sin(k), 0.0] for k in range(7)]
-    cables = jc.Cables([[k, k + 1] for k in range(6)], axial_stiffness=1e8, rest_length=1.2)
-    load = jc.NodalLoads(range(1, 6), (0.0, 0.1, -1.0))
-    return jc.Structure(nodes, cables, jc.pinned([0, 6])), [jc.Phase(loads=load)]
+    shape = shapes.cantilever(2, length=2.0, side=0.05)
+    return shape.structure, [
+        jc.Phase(loads=shape.load(force), increments=2) for force in (500.0, -500.0)
+    ]
 
 
 def hanging():
@@ -166,8 +149,6 @@ SCENES = {
     "net": lambda: jc.scenes.flat_net(load=15.0),
     "tripod": tripod,
     "cantilever": cantilever,
-    "pulley": stiff_rope,
-    "chain": stiff_chain,
     "catenaries": hanging,
     "membrane": membrane,
 }
@@ -185,8 +166,12 @@ def test_converged_means_below_tolerance_or_rounding(name):
     assert ((relative <= TOL) | (residual <= rounding)).all()
     if name in BY_ROUNDING:  # control: of the tolerance alone it would not be true
         assert (relative > TOL).any()
+    if name == "cantilever":  # rests at exactly no load, up to rounding of where it came from
+        moved = (np.abs(phase.displacement).max() for phase in solution.phases)
+        assert np.abs(solution.displacement).max() < 1e-11 * max(moved)
     if name == "membrane":  # its element states none
         assert (rounding == 0).all() and (residual > 0).any()
+        assert "rounding" not in jc.report(structure, solution).text()
 
 
 def test_of_what_has_failed():
@@ -197,24 +182,6 @@ def test_of_what_has_failed():
     residual, relative, rounding = of(failed.phases[1].path)
     assert relative[0] > TOL and residual[0] > rounding[0]  # control: no equilibrium
     assert np.isfinite(rounding[0]) and np.isnan(rounding[1:]).all() and len(rounding) == 10
-
-
-def test_of_forces_that_it_hides():
-    """AT_ROUNDING: residual and rounding are alike, and both are more than 1 % of the forces."""
-    nodes = np.array([[k, 0.3 * np.sin(k), 0.0] for k in range(9)], np.float32)
-    forces = np.random.default_rng(1).normal(size=(7, 3)).astype(np.float32)
-    links = [[k, k + 1] for k in range(8)]
-    cables = jc.Cables(links, axial_stiffness=np.float32(1e15), rest_length=np.float32(1.3))
-    structure = jc.Structure(nodes, cables, jc.pinned([0, 8]))
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads(range(1, 8), forces)))
-    assert int(solution.status) == jc.status.AT_ROUNDING
-    residual, relative, rounding = of(solution.phases[0].path)
-    assert rounding.dtype == np.float32
-    # the status is told from NOT_CONVERGED by a factor of 8
-    assert residual[0] <= 8 * rounding[0]
-    assert relative[0] > 1e-2 and rounding[0] > 1e-2 * residual[0] / relative[0]
-    # by hand: 8 eps^2 EA/L0 times the largest move (8 x 1.3 m over 8 m), two links a node
-    assert rounding[0] < 2 * 8 * 2.0**-46 * 1e15 / 1.3 * 8.0
 
 
 # --- it goes where the residual goes
@@ -273,7 +240,3 @@ def test_tables_and_reports_have_it(tmp_path):
     assert column == [float(phase.path.rounding[0]) for phase in solution.phases]
     text = jc.report(two_links(), solution).text()
     assert f"(rounding leaves up to {column[-1]:.1e} N)" in text
-    structure, phases = membrane()
-    none = jc.solve(structure, phases)
-    assert int(none.status) == 0
-    assert "rounding" not in jc.report(structure, none).text()  # where none is stated
