@@ -12,7 +12,7 @@ from banks.bar_bank import KINDS, drawn, judged
 import jaxcable as jc
 from jaxcable.common.tree import copy
 
-DEFAULT = "arm", "prism", "string"  # with a beam, with cables, with bars only
+DEFAULT = "string", "prism"  # bars only, and with prestressed cables
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,7 @@ def test_scenes_of_other_shapes(recipe):
 
 
 @ODD
+@pytest.mark.slow
 def test_random_nets_of_falling_laws_end_with_a_reason():
     """Load and prestress over decades: an equilibrium, a broken curve, a peak, or rounding."""
     rng, ended = np.random.default_rng(7), collections.Counter()
@@ -109,6 +110,7 @@ def test_a_corrupted_solution_is_caught():
     assert verdict(structure, phases, wrong).excess > 1
 
 
+@pytest.mark.slow
 def test_slack_nets_without_load_come_to_rest():
     """Half of the cables slack and no load: an equilibrium without force, which always exists."""
     for seed in range(6):

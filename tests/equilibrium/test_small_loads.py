@@ -59,7 +59,7 @@ def answers(kind):
     return jax.jit(jax.vmap(jax.value_and_grad(moved, has_aux=True), in_axes=(0, None)))
 
 
-@pytest.mark.parametrize("kind", [jc.Cables, jc.Bars])
+@pytest.mark.parametrize("kind", [jc.Cables, pytest.param(jc.Bars, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("height", [0.0, HEIGHT])
 def test_twelve_decades(kind, height):
     forces = 1e7 * 10.0 ** -np.arange(13.0)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import problems
+from oracles.stiffness_method import plastic_tip_deflection
 from oracles.taylor import TIGHT, slope
 
 import jaxcable as jc
@@ -119,6 +120,32 @@ def test_plastic_strains_freeze_at_a_failure():
     assert int(again.status) == 0
     expected = 0.1 * FY * (1 / (HARD * E) - 1 / E)
     assert float(again.positions[1, 0]) / 2 - 1 == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*unstable")  # one fibre wide: nothing keeps it in its plane
+def test_an_elastic_plastic_cantilever_loaded_and_released():
+    """Moments and curvatures along the undeformed axis of a material without hardening."""
+    b, h, length, n = 0.1, 0.2, 2.0, 6
+    section = jc.Section.rectangle(b, h, jc.materials.steel(FY, E, 1e-5), (1, 40))
+    nodes = np.linspace([0.0, 0, 0], [length, 0, 0], n + 1)
+    beams = jc.Beams(np.column_stack([np.arange(n), np.arange(1, n + 1)]), section=section)
+    structure = jc.Structure(nodes, beams, jc.clamped([0]))
+    load = 1.3 * FY * b * h**2 / 6 / length
+    down, up = (jc.NodalLoads([n], (0, 0, sign * load)) for sign in (-1, 1))
+    solution = jc.solve(structure, [jc.Phase(loads=down, increments=6), jc.Phase(loads=up)])
+    assert int(solution.status) == 0
+    exact = plastic_tip_deflection(load, L=length, b=b, h=h, E=E, strength=FY)
+    elastic = load * length**3 / 3 / (E * b * h**3 / 12)
+    # 6 elements and 40 fibres, and large against small displacements
+    deflection = -float(solution.phases[0].displacement[n, 2])
+    assert deflection == pytest.approx(exact, rel=5e-3) and exact > 1.05 * elastic
+    left = -float(solution.displacement[n, 2])
+    assert left == pytest.approx(exact - elastic, abs=5e-3 * exact)
+    # outermost fibres at the clamp, and the rest of the stress after release
+    stress = [np.asarray(jc.fibre_stress(structure, phase))[-1] for phase in solution.phases]
+    assert np.abs(stress[0][0, 0]).max() == pytest.approx(FY, rel=1e-2)
+    assert np.abs(stress[1]).max() > 0.05 * FY
 
 
 # --- derivatives, through increments past yield and back
