@@ -139,7 +139,7 @@ def test_an_elastic_plastic_cantilever_loaded_and_released():
     elastic = load * length**3 / 3 / (E * b * h**3 / 12)
     # 6 elements and 40 fibres, and large against small displacements
     deflection = -float(solution.phases[0].displacement[n, 2])
-    assert deflection == pytest.approx(exact, rel=5e-3) and exact > 1.05 * elastic
+    assert deflection == pytest.approx(exact, rel=5e-3) and exact > 1.03 * elastic
     left = -float(solution.displacement[n, 2])
     assert left == pytest.approx(exact - elastic, abs=5e-3 * exact)
     # outermost fibres at the clamp, and the rest of the stress after release
