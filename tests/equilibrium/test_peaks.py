@@ -44,6 +44,14 @@ def test_the_peak_is_the_reason_where_steps_end_beyond_it():
     assert int(jc.solve(*load).status) == status.MATERIAL_FAILURE  # the curve ends before it rises
 
 
+def test_a_mechanism_is_not_said_to_be_beyond_the_peak():
+    """Nothing holds the cable across: there is no equilibrium of the law that rises either."""
+    structure, _ = hanger(100.0)
+    loose = jc.replace(structure, supports=jc.restrained([0], "z"))
+    solution = jc.solve(loose, jc.Phase(loads=jc.NodalLoads([1], (10.0, 0.0, -100.0))))
+    assert int(solution.status) == status.MECHANISM
+
+
 def test_two_cables_share_what_one_cannot_carry():
     """Beyond the peak of one there is an equilibrium of both: by the sum of two curves."""
     weak = jc.Polygonal([0.0, 0.01, 0.5], [0.0, 1e7, 0.5e7])
