@@ -42,6 +42,8 @@ def check_failed(solution, code, phase, increment):
         missing = np.isnan(np.asarray(result.path.displacement)).all(axis=(1, 2))
         assert missing.tolist() == [c != 0 for c in expected]
         assert all_nan(result.displacement) == (expected[-1] != 0)
+        later = [(k, i) > (phase, increment) for i in range(len(codes))]
+        assert not np.asarray(result.path.iterations)[later].any()
     for name in ("displacement", "positions", "tension", "rest_length", "reactions", "load"):
         assert all_nan(getattr(solution, name))
     with pytest.raises(jc.AnalysisError) as error:
