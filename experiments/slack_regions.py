@@ -4,8 +4,8 @@ Question   Square grids of cables, held at the corners, a load at one node in tw
            plane; cables of one half, of a third at random, of the fields of a chessboard or all of
            them 15 % too long: how many steps from the plane grid to equilibrium, for EA over a
            quarter of the load from 1e2 to 1e6?
-Reference  `tests/equilibrium/test_slack_nets.py` compares tensions of 20 x 20 nodes with those of
-           least energy, found by a barrier method in NumPy.
+Reference  `tests/equilibrium/test_slack_nets.py` compares tensions of 12 x 12 nodes with those of
+           least energy, found by a cone program in extended precision.
 Error      Largest unbalanced force at a node, N, as the analysis reports it; loads are 1 N.
 Peer       OpenSees, where OPENSEES_PYTHON names an interpreter with openseespy: the fastest of four
            ways that converges (Newton's method, with a line search and without; slack cables have

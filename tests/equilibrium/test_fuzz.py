@@ -1,11 +1,13 @@
 """Random scenes and random mistakes: a ValueError that names the argument, or an honest status."""
 
+import collections
+import dataclasses
 import re
 
 import hypothesis
 import numpy as np
 import pytest
-from banks.fuzz_scenes import RANGES, Recipe, build, outcome
+from banks.fuzz_scenes import RANGES, Recipe, build, outcome, random_recipe
 from banks.mistakes import MISTAKES
 from hypothesis import strategies as st
 from oracles.independent import verdict
@@ -56,7 +58,7 @@ ODD = pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers ove
 
 
 @ODD
-@settings(150)
+@settings(100)
 @hypothesis.given(recipes(SHAPES))
 def test_scenes(recipe):
     name, defect = outcome(recipe)
@@ -65,28 +67,37 @@ def test_scenes(recipe):
 
 @ODD
 @pytest.mark.slow
-@settings(300)
+@settings(200)
 @hypothesis.given(recipes(SLOW_SHAPES))
 def test_scenes_of_other_shapes(recipe):
     name, defect = outcome(recipe)
     assert defect is None, f"{name}; {defect}; {recipe}"
 
 
+@ODD
+@pytest.mark.slow
+def test_random_nets_of_falling_laws_end_with_a_reason():
+    """Load and prestress over decades: an equilibrium, a broken curve, a peak, or rounding."""
+    rng, ended = np.random.default_rng(7), collections.Counter()
+    for _ in range(40):
+        name, defect = outcome(random_recipe(rng, ["softening"], ["float64"]))
+        assert defect is None
+        ended[name] += 1
+    assert set(ended) <= {"OK", "MATERIAL_FAILURE", "BEYOND_PEAK", "AT_ROUNDING"}
+    assert ended["OK"] >= 15 and ended["AT_ROUNDING"] <= 1
+
+
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes(name):
     make, pattern = MISTAKES[name]
-    for seed in range(4):
-        check_mistake(make, pattern, seed)
-
-
-def check_mistake(make, pattern, seed):
-    rng = np.random.default_rng(seed)
-    if pattern is None:
-        assert int(make(rng).status) != status.OK
-        return
-    with pytest.raises(ValueError) as error:
-        make(rng)
-    assert re.search(pattern, str(error.value)), error.value
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        if pattern is None:
+            assert int(make(rng).status) != status.OK
+            continue
+        with pytest.raises(ValueError) as error:
+            make(rng)
+        assert re.search(pattern, str(error.value)), error.value
 
 
 def test_a_corrupted_solution_is_caught():
@@ -95,8 +106,16 @@ def test_a_corrupted_solution_is_caught():
     assert outcome(recipe) == ("OK", None)
     structure, phases = build(recipe)
     solution = jc.solve(structure, phases)
-    moved = np.asarray(solution.displacement) * (1 + 1e-4)
-    wrong = jc.solve(structure, phases)
-    object.__setattr__(wrong, "displacement", moved)
-    judged = verdict(structure, phases, wrong)
-    assert judged.excess > 1
+    wrong = dataclasses.replace(solution, displacement=(1 + 1e-4) * solution.displacement)
+    assert verdict(structure, phases, wrong).excess > 1
+
+
+@pytest.mark.slow
+def test_slack_nets_without_load_come_to_rest():
+    """Half of the cables slack and no load: an equilibrium without force, which always exists."""
+    for seed in range(6):
+        recipe = Recipe("net", "float64", seed, 6.0, 0.5, -3.0, 0.0, 0.0, 0.0, 0.5, -0.5)
+        structure, (prestress, loading) = build(recipe)
+        none = jc.replace(loading.loads, forces=0 * loading.loads.forces)
+        solution = jc.solve(structure, [prestress, jc.replace(loading, loads=none)])
+        assert int(solution.status) == status.OK

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 from banks import hard_nets
-from banks.fuzz_scenes import Recipe, build
 from banks.hard_cases import CASES
 from oracles.independent import verdict
 
@@ -37,48 +36,38 @@ def test_hard_case(case, dtype):
         assert error <= limit, case.reason
 
 
-@pytest.mark.parametrize("name", ["displacement", "tension", "reactions", "rest_length", "load"])
-def test_the_check_sees_a_wrong_result(name):
-    """Control: one number off by a part in a million is found, in each of the results."""
+def test_the_check_sees_a_wrong_result():
+    """Controls: one number off by a part in a million, and equilibrium to 1e-3, do not pass."""
     problem = hard_nets.net(1e-3, 1e-5)(False, "float64")
     solution = problem.solve()
     assert problem.verdict(solution).passed
-    values = np.asarray(getattr(solution, name)).copy()
-    where = np.unravel_index(np.abs(values).argmax(), values.shape)
-    values[where] *= 1 + 1e-6
-    wrong = _with(solution, **{name: values})
-    assert not verdict(problem.structure, problem.phases, wrong).passed
+    for name in ("displacement", "tension", "reactions", "rest_length", "load"):
+        values = np.asarray(getattr(solution, name)).copy()
+        where = np.unravel_index(np.abs(values).argmax(), values.shape)
+        values[where] *= 1 + 1e-6
+        wrong = dataclasses.replace(solution, **{name: values})
+        assert not verdict(problem.structure, problem.phases, wrong).passed, name
+    loose = jc.solve(problem.structure, problem.phases, jc.Newton(tol=1e-3))
+    assert verdict(problem.structure, problem.phases, loose, tol=1e-3).passed
+    assert not verdict(problem.structure, problem.phases, loose).passed
 
 
 def test_figures_see_a_wrong_result():
     """Control: a displacement off by a thousandth is beyond the limit of the closed form."""
     problem = hard_nets.two_links(1e-3, 1e-6)(False, "float64")
     solution = problem.solve()
-    error, limit = problem.figure(solution)
-    assert error <= limit
-    error, limit = problem.figure(_with(solution, displacement=1.001 * solution.displacement))
-    assert error > limit
-
-
-def test_the_check_sees_what_the_method_was_not_asked_for():
-    """Control: equilibrium to 1e-3 does not pass for one to 1e-10."""
-    problem = hard_nets.net(1e-3, 1e-5)(False, "float64")
-    loose = jc.solve(problem.structure, problem.phases, jc.Newton(tol=1e-3))
-    assert verdict(problem.structure, problem.phases, loose, tol=1e-3).passed
-    assert not verdict(problem.structure, problem.phases, loose).passed
-
-
-def _with(solution, **changes):
-    """The solution with some results replaced."""
-    return dataclasses.replace(solution, **changes)
+    for factor, right in ((1.0, True), (1.001, False)):
+        moved = dataclasses.replace(solution, displacement=factor * solution.displacement)
+        error, limit = problem.figure(moved)
+        assert (error <= limit) == right
 
 
 def test_a_rope_far_from_the_origin():
     """Tensions at 1e6 m from the origin are those at the origin; there straight cables' are."""
     angle = 2 * np.pi * np.arange(3) / 3
     nodes = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    nodes = np.concatenate([nodes, np.zeros((1, 3))]).round(6)  # exact at 2**20 as well
-    nodes = np.ldexp(np.round(np.ldexp(nodes, 20)), -20)
+    nodes = np.concatenate([nodes, np.zeros((1, 3))])
+    nodes = np.ldexp(np.round(np.ldexp(nodes, 20)), -20)  # exact at 2**20 as well
     elements = {
         "rope": jc.SlidingCables([[0, 3, 1]], axial_stiffness=1e6),
         "cable": jc.Cables([[2, 3]], axial_stiffness=1e6),
@@ -94,13 +83,3 @@ def test_a_rope_far_from_the_origin():
     assert int(near.status) == int(far.status) == status.OK
     # the same numbers but for the places: a part in 1e12 is rounding, some times
     assert np.allclose(far.tension["rope"], near.tension["rope"], rtol=1e-12, atol=0)
-
-
-def test_slack_nets_without_load_come_to_rest():
-    """Half of the cables slack and no load: an equilibrium without force, which always exists."""
-    codes = []
-    for seed in range(10):
-        recipe = Recipe("net", "float64", seed, 6.0, 0.5, -3.0, 0.0, 0.0, 0.0, 0.5, -0.5)
-        structure, phases = build(recipe)
-        codes.append(int(jc.solve(structure, phases[:1]).status))
-    assert codes == 10 * [status.OK]

@@ -14,11 +14,14 @@ import jaxcable as jc
 from jaxcable.common.tree import copy
 
 
-@pytest.mark.parametrize("dtype", ["float64", "float32"])
-@pytest.mark.parametrize("kind", KINDS)
-def test_nets_converge_from_anywhere(kind, dtype):
+def some(kinds, *default):
+    """Parameters; those that are no `default` are slow: every kind has its own program."""
+    return [pytest.param(k, marks=[] if k in default else pytest.mark.slow) for k in kinds]
+
+
+def check(kind, dtype, seeds=range(12)):
     steps = []
-    for seed in range(12):
+    for seed in seeds:
         one = drawn(kind, seed, dtype)
         result = judged(one, jc.solve(one.structure, one.phases))
         assert result.ok and not result.missed and not result.wrong, (seed, result)
@@ -27,8 +30,19 @@ def test_nets_converge_from_anywhere(kind, dtype):
     assert np.concatenate(steps).max() <= 100
 
 
+@pytest.mark.parametrize("kind", some(KINDS, "far", "jacks"))
+def test_nets_converge_from_anywhere(kind):
+    check(kind, "float64")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["cut net", "released", "sliding", "far hung"])
+def test_nets_converge_in_single_precision(kind):
+    check(kind, "float32")
+
+
 def test_a_judgement_can_fail():
-    one = drawn("cut net", 3)
+    one = drawn("far", 3)
     solution = jc.solve(one.structure, one.phases)
     assert judged(one, solution).excess <= 1
     for name in ("displacement", "tension"):
@@ -38,7 +52,7 @@ def test_a_judgement_can_fail():
     assert stopped.missed and not stopped.ok
 
 
-@pytest.mark.parametrize("kind", ["net", "rope", "jacks", "catenaries"])
+@pytest.mark.parametrize("kind", some(["jacks", "rope", "catenaries"], "jacks"))
 def test_a_net_ends_alone_as_in_a_batch(kind):
     scenes = [drawn(kind, seed) for seed in range(12)]
     flat = [jax.tree.flatten((one.structure, one.phases)) for one in scenes]
@@ -65,7 +79,7 @@ def test_a_net_ends_alone_as_in_a_batch(kind):
         assert apart.max() <= floor
 
 
-@pytest.mark.parametrize("kind", ["net", "far", "sliding", "jacks", "catenaries", "far hung"])
+@pytest.mark.parametrize("kind", some(["jacks", "far", "sliding", "far hung"], "jacks"))
 def test_derivatives_are_those_of_the_independent_equilibrium(kind):
     compared = 0
     for seed in range(8):

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from banks import shapes
 from extensions.own_membrane import Membranes, sheet
 
 import jaxcable as jc
@@ -36,12 +37,19 @@ def by_hand(sink):
     return 8 * EPS * sink * EA / L0 * 2 * np.maximum(4.0, RISE + sink) / sunk(sink)[0]
 
 
-def solved(sink, method=None, kind=jc.Cables):
-    """Prestress that a load balances from the start, then loads under which the node sinks."""
+def under(steps, method=None, kind=jc.Cables):
+    """Prestress that a load balances from the start, then three loads more, N."""
     begin = jc.Phase(pretension=FORCE, loads=jc.NodalLoads([1], (0.0, 0.0, -sunk(0.0)[1])))
-    steps = np.diff(sunk(np.append(0.0, sink))[1])
-    loads = [jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -step))) for step in steps]
+    down = jnp.array([0.0, 0.0, -1.0])
+    loads = [jc.Phase(loads=jc.NodalLoads([1], steps[k] * down)) for k in range(3)]
     return jc.solve(two_links(kind), [begin, *loads], method)
+
+
+def solved(sink, method=None, kind=jc.Cables):
+    """The same for loads under which the node sinks so far."""
+    solution = under(np.diff(sunk(np.append(0.0, sink))[1]), method, kind)
+    assert int(solution.status) == 0
+    return solution
 
 
 def of(path):
@@ -50,13 +58,17 @@ def of(path):
     return [np.asarray(getattr(path, name)) for name in names]
 
 
-@pytest.mark.parametrize("kind", [jc.Cables, jc.Bars, jc.SlidingCables])
+@pytest.mark.parametrize(
+    "kind", [jc.Cables, jc.Bars, pytest.param(jc.SlidingCables, marks=pytest.mark.slow)]
+)
 def test_two_links_by_hand(kind):
     solution = solved(SINK, kind=kind)
-    assert int(solution.status) == 0
     # nets carry a fine part of the displacements: what is left is eps of eps of them
     fine = 1.0 if kind is jc.Bars else EPS
     begin, *ends = (float(phase.path.rounding[0]) / fine for phase in solution.phases)
+    for phase in solution.phases:
+        residual, relative, rounding = of(phase.path)
+        assert ((relative <= TOL) | (residual <= rounding)).all()
     # nothing has moved but by the tolerance, 1e-10 of some 1e4 N, over some 1e4 N/m
     assert begin <= by_hand(1e-10)
     # the tolerance leaves 1e-10 of some 1e4 N, over some 1e4 N/m, of 0.1 m
@@ -68,24 +80,16 @@ def test_two_links_by_hand(kind):
 
 def test_what_is_released_keeps_the_rounding_of_where_it_came_from():
     """Bars come back to the start, where the displacements are zero and have no rounding."""
-    first, more = sunk(0.0)[1], sunk(0.3)[1] - sunk(0.0)[1]
-    balance, down, up = (jc.NodalLoads([1], (0.0, 0.0, f)) for f in (-first, -more, more))
-    begin = jc.Phase(pretension=FORCE, loads=balance)
-    phases = [begin, jc.Phase(loads=down), jc.Phase(loads=up, increments=2)]
-    solution = jc.solve(two_links(jc.Bars), phases)
-    assert int(solution.status) == 0
+    solution = solved(np.array([0.3, 0.15, 0.0]), kind=jc.Bars)
     assert float(solution.displacement[1, 2]) == pytest.approx(0.0, abs=1e-9)
-    half = 0.3 - float(solution.phases[2].path.displacement[0, 1, 2])
-    assert 0.1 < half < 0.2
-    # both increments have that of their start, which is more than that of their end
-    rounding = np.asarray(solution.phases[2].path.rounding)
-    np.testing.assert_allclose(rounding, by_hand(np.array([0.3, half])), rtol=1e-9)
+    # the last two have that of their start, which is more than that of their end
+    rounding = [float(phase.path.rounding[0]) for phase in solution.phases[2:]]
+    np.testing.assert_allclose(rounding, by_hand(np.array([0.3, 0.15])), rtol=1e-9)
 
 
 def test_the_incremental_scheme_has_that_of_its_own_states():
     """A state has it, whatever led there: 8 eps u with the u of the scheme, which drifts."""
     solution = solved(SINK, jc.Incremental(corrections=1))
-    assert int(solution.status) == 0
     sinks = np.cumsum([-float(phase.displacement[1, 2]) for phase in solution.phases])
     residual, _, rounding = np.concatenate([of(p.path) for p in solution.phases[1:]], axis=1)
     np.testing.assert_allclose(rounding, by_hand(sinks[1:]), rtol=1e-12)
@@ -114,35 +118,15 @@ def test_along_a_traced_path():
 
 def tripod():
     """Bars without any force, one shortened: all that is there is rounding."""
-    angle = 2 * np.pi * np.arange(3) / 3
-    feet = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    legs = jc.Bars([[k, 3] for k in range(3)], axial_stiffness=2e7)
-    structure = jc.Structure([*feet, [0.0, 0, 1.0]], legs, jc.pinned([0, 1, 2]))
-    return structure, [jc.Phase(shortening=np.array([0.01, 0.0, 0.0]), increments=4)]
+    phase = jc.Phase(shortening=np.array([0.01, 0.0, 0.0]), increments=4)
+    return shapes.tripod(stiffness=2e7).structure, [phase]
 
 
 def cantilever():
-    section = jc.Section.rectangle(0.02, 0.05, jc.Elastic(210e9))
-    nodes = [[0.0, 0, 0], [1.0, 0, 0], [2.0, 0, 0]]
-    beams = jc.Beams([[0, 1], [1, 2]], section=section)
-    loads = [jc.Phase(loads=jc.NodalLoads([2], (0, 0, f)), increments=2) for f in (-500.0, 500.0)]
-    return jc.Structure(nodes, beams, jc.clamped([0])), loads
-
-
-def stiff_rope():
-    """A pulley that falls by two metres on a rope of EA/N = 1e8: the fine part resolves it."""
-    nodes = [[0.0, 0, 0], [3.0, 0, -0.5], [8.0, 0, 1.5]]
-    rope = jc.SlidingCables([[0, 1, 2]], axial_stiffness=1e8, rest_length=10.0)
-    load = jc.NodalLoads([1], (0.0, 0.0, -1.0))
-    return jc.Structure(nodes, rope, jc.pinned([0, 2])), [jc.Phase(loads=load, increments=2)]
-
-
-def stiff_chain():
-    """A slack chain of EA/N = 1e8 that falls: without a fine part it had half of its digits."""
-    nodes = [[k, 0.3 * np.sin(k), 0.0] for k in range(7)]
-    cables = jc.Cables([[k, k + 1] for k in range(6)], axial_stiffness=1e8, rest_length=1.2)
-    load = jc.NodalLoads(range(1, 6), (0.0, 0.1, -1.0))
-    return jc.Structure(nodes, cables, jc.pinned([0, 6])), [jc.Phase(loads=load)]
+    shape = shapes.cantilever(2, length=2.0, side=0.05)
+    return shape.structure, [
+        jc.Phase(loads=shape.load(force), increments=2) for force in (500.0, -500.0)
+    ]
 
 
 def hanging():
@@ -166,8 +150,6 @@ SCENES = {
     "net": lambda: jc.scenes.flat_net(load=15.0),
     "tripod": tripod,
     "cantilever": cantilever,
-    "pulley": stiff_rope,
-    "chain": stiff_chain,
     "catenaries": hanging,
     "membrane": membrane,
 }
@@ -185,8 +167,12 @@ def test_converged_means_below_tolerance_or_rounding(name):
     assert ((relative <= TOL) | (residual <= rounding)).all()
     if name in BY_ROUNDING:  # control: of the tolerance alone it would not be true
         assert (relative > TOL).any()
+    if name == "cantilever":  # rests at exactly no load, up to rounding of where it came from
+        moved = (np.abs(phase.displacement).max() for phase in solution.phases)
+        assert np.abs(solution.displacement).max() < 1e-11 * max(moved)
     if name == "membrane":  # its element states none
         assert (rounding == 0).all() and (residual > 0).any()
+        assert "rounding" not in jc.report(structure, solution).text()
 
 
 def test_of_what_has_failed():
@@ -199,54 +185,25 @@ def test_of_what_has_failed():
     assert np.isfinite(rounding[0]) and np.isnan(rounding[1:]).all() and len(rounding) == 10
 
 
-def test_of_forces_that_it_hides():
-    """AT_ROUNDING: residual and rounding are alike, and both are more than 1 % of the forces."""
-    nodes = np.array([[k, 0.3 * np.sin(k), 0.0] for k in range(9)], np.float32)
-    forces = np.random.default_rng(1).normal(size=(7, 3)).astype(np.float32)
-    links = [[k, k + 1] for k in range(8)]
-    cables = jc.Cables(links, axial_stiffness=np.float32(1e15), rest_length=np.float32(1.3))
-    structure = jc.Structure(nodes, cables, jc.pinned([0, 8]))
-    solution = jc.solve(structure, jc.Phase(loads=jc.NodalLoads(range(1, 8), forces)))
-    assert int(solution.status) == jc.status.AT_ROUNDING
-    residual, relative, rounding = of(solution.phases[0].path)
-    assert rounding.dtype == np.float32
-    # the status is told from NOT_CONVERGED by a factor of 8
-    assert residual[0] <= 8 * rounding[0]
-    assert relative[0] > 1e-2 and rounding[0] > 1e-2 * residual[0] / relative[0]
-    # by hand: 8 eps^2 EA/L0 times the largest move (8 x 1.3 m over 8 m), two links a node
-    assert rounding[0] < 2 * 8 * 2.0**-46 * 1e15 / 1.3 * 8.0
-
-
 # --- it goes where the residual goes
 
 
 def test_batches_and_parts_have_it():
-    @jax.jit
-    @jax.vmap
-    def cases(force):
-        balance = jc.NodalLoads([1], (0.0, 0.0, -sunk(0.0)[1]))
-        more = jc.NodalLoads([1], jnp.array([0.0, 0.0, -1.0]) * force)
-        phases = [jc.Phase(pretension=FORCE, loads=balance), jc.Phase(loads=more, increments=3)]
-        return jc.solve(two_links(), phases)
-
-    factors = np.array([1e3, 2e3])  # N
-    batch = cases(factors)
-    assert (np.asarray(batch.status) == 0).all()
-    path = batch.phases[1].path
-    assert path.rounding.shape == path.residual.shape == (2, 3)
-    sinks = -np.asarray(path.displacement)[..., 1, 2]
-    # 1e-10 m at the start
-    np.testing.assert_allclose(path.rounding, EPS * by_hand(sinks), rtol=1e-7)
-    second = jax.tree.map(lambda x: x[1], batch)
-    np.testing.assert_array_equal(second.phases[1].path.rounding, path.rounding[1])
-    alone = jax.tree.map(lambda x: x[0], cases(factors[1:]))
-    np.testing.assert_allclose(alone.phases[1].path.rounding, path.rounding[1], rtol=1e-9)
+    steps = np.array([[1e3, 2e3, 3e3], [2e3, 1e3, 4e3]])
+    batch = jax.jit(jax.vmap(under))(steps)
+    assert batch.status.tolist() == [0, 0]
+    second, alone = jax.tree.map(lambda x: x[1], batch), under(steps[1])
+    for many, part in zip(batch.phases, second.phases, strict=True):
+        assert many.path.rounding.shape == many.path.residual.shape == (2, 1)
+        np.testing.assert_array_equal(part.path.rounding, many.path.rounding[1])
+    # where the node has moved by more than rounding
+    rounding = alone.phases[-1].path.rounding
+    np.testing.assert_allclose(second.phases[-1].path.rounding, rounding, rtol=1e-9)
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".json"])
 def test_files_have_it_and_older_ones_are_read(suffix, tmp_path):
     solution = solved(SINK)
-    assert int(solution.status) == 0
     (path,) = jc.files.save_result(tmp_path / f"r{suffix}", two_links(), solution)
     read = jc.files.load_result(path)
     for number, phase in enumerate(solution.phases, 1):
@@ -266,14 +223,9 @@ def test_files_have_it_and_older_ones_are_read(suffix, tmp_path):
 
 def test_tables_and_reports_have_it(tmp_path):
     solution = solved(SINK)
-    assert int(solution.status) == 0
     paths = jc.files.save_result(tmp_path / "r.csv", two_links(), solution)
     header, *rows = (line.split(",") for line in paths[2].read_text().splitlines())
     column = [float(row[header.index("rounding (N)")]) for row in rows]
     assert column == [float(phase.path.rounding[0]) for phase in solution.phases]
     text = jc.report(two_links(), solution).text()
     assert f"(rounding leaves up to {column[-1]:.1e} N)" in text
-    structure, phases = membrane()
-    none = jc.solve(structure, phases)
-    assert int(none.status) == 0
-    assert "rounding" not in jc.report(structure, none).text()  # where none is stated
