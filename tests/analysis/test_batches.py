@@ -1,5 +1,6 @@
 """Chunks, devices and processes change nothing in the answers of a batch."""
 
+import functools
 import json
 import os
 import socket
@@ -40,21 +41,29 @@ def test_chunks(chunk, devices):
 
 
 def test_analyses_and_gradients_of_shared_and_own_parameters():
-    def loss(map_, pretension, forces):
-        found, status = map_(lambda F: tension(F, pretension))(forces)
+    """Beside single analyses, and differences."""
+
+    @jax.jit
+    @functools.partial(jax.value_and_grad, argnums=(0, 1), has_aux=True)
+    def loss(pretension, forces):
+        found, status = jc.batched(lambda F: tension(F, pretension), 3)(forces)
         return jnp.sum(found**2), (found, status)
 
-    def chunked(*args):
-        return loss(lambda f: jc.batched(f, 3), *args)
-
-    args = 200.0 * jnp.ones(12), jnp.asarray(FORCES)
-    (one, aux), slopes = jax.value_and_grad(
-        lambda *args: loss(jax.vmap, *args), (0, 1), has_aux=True
-    )(*args)
-    (two, other), chunk_slopes = jax.value_and_grad(chunked, (0, 1), has_aux=True)(*args)
-    assert not aux[1].any() and not other[1].any()
-    for a, b in zip((one, aux[0], *slopes), (two, other[0], *chunk_slopes), strict=True):
-        assert a.shape == b.shape and jnp.abs(a - b).max() < 1e-12 * jnp.abs(a).max()
+    at = 200.0 * jnp.ones(12), jnp.asarray(FORCES)
+    (_, (found, status)), slopes = loss(*at)
+    assert found.shape == (7, 12) and not status.any()
+    for force, row in zip(FORCES, found, strict=True):
+        assert jnp.abs(row - tension(force, at[0])[0]).max() < 1e-9 * row.max()
+    rng = np.random.default_rng(1)
+    way = [jnp.asarray(rng.normal(size=x.shape)) for x in at]
+    for k in (0, 1):  # 1e-3 N of 200 N: truncation and rounding are near 1e-9
+        ends = []
+        for step in (1e-3, -1e-3):
+            moved = list(at)
+            moved[k] = at[k] + step * way[k]
+            ends.append(float(loss(*moved)[0][0]))
+        difference = (ends[0] - ends[1]) / 2e-3
+        assert float(jnp.sum(slopes[k] * way[k])) == pytest.approx(difference, rel=1e-6)
 
 
 def test_several_arguments_as_pytrees():

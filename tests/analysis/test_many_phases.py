@@ -88,27 +88,6 @@ def test_all_at_once_is_one_after_the_other(method):
     np.testing.assert_allclose(whole.positions, step.positions, atol=1e-11)
 
 
-def test_gradients_through_a_building_site():
-    structure, phases = carrier()
-
-    def end(nodes):
-        solution = jc.solve(jc.replace(structure, nodes=nodes), phases[:-1], TIGHT)
-        return jnp.sum(solution.tension) + 1e3 * solution.displacement[1, 2]
-
-    nodes = jnp.asarray(structure.nodes)
-    direction = jnp.asarray(np.random.default_rng(0).normal(size=nodes.shape))
-    there = jax.jit(jax.value_and_grad(end))
-    value, gradient = there(nodes)
-    rate = np.sum(np.asarray(gradient * direction))
-    steps = np.array([1e-2, 5e-3, 2.5e-3])
-    change = np.array([there(nodes + h * direction)[0] - value for h in steps])
-    left = np.abs(change - steps * rate)
-    slopes = np.diff(np.log(left)) / np.diff(np.log(steps))
-    assert np.abs(slopes - 2).max() < 0.1  # Taylor
-    left = np.abs(change - 1.01 * steps * rate)
-    assert (np.diff(np.log(left)) / np.diff(np.log(steps))).max() < 1.6  # a gradient 1 % off
-
-
 def test_loads_of_later_phases_are_not_known_before():
     """A NaN in the third phase: the second stands, and so do its derivatives."""
     line = jc.LineLoads((0.0, 0.0, -3.0))

@@ -225,15 +225,15 @@ def test_what_has_yielded_comes_back_as_new():
     }
     supports = jc.pinned([0]) + jc.restrained([1], "xy")
     structure = jc.Structure([[0, 0, 0], [0, 0, -length]], groups, supports=supports)
-    load = jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -push)))
-    stages = [load, jc.Phase(removes="yields"), jc.Phase(adds="yields"), load]
+    load, less = (jc.Phase(loads=jc.NodalLoads([1], (0.0, 0.0, -p))) for p in (push, 0.3 * push))
+    stages = [load, jc.Phase(removes="yields"), jc.Phase(adds="yields"), less]
     solution = solved(structure, stages, TIGHT)
     loaded, alone, back, more = [phase.tension["yields"][0] for phase in solution.phases]
     strain = (push - 1e3 * (1 - 1 / 99)) / (EA + 1e3 / 0.099)  # the law beyond its corner
     assert float(loaded) == pytest.approx(push - EA * strain, rel=1e-11)
     assert abs(float(alone)) == 0.0 and abs(float(back)) < 1e-8
-    longer = 1 + push / EA  # of what is loaded again, to its new length
-    assert float(more) == pytest.approx(push / (1 + longer), rel=1e-9)
+    longer = 1 + push / EA  # its new length, over that of the other bar
+    assert float(more) == pytest.approx(0.3 * push / (1 + longer), rel=1e-9)
 
 
 # --- what waits

@@ -188,19 +188,19 @@ def plain(kind, solver):
 # --- which are tried with each other: with * in `make test`, the others in `make test-all`
 
 CASES = """
-              net                    groups     bars               beams     catenaries  sliding
-jit           chosen,secant          superlu    pardiso            dense     dense*      chosen
-jvp           dense                  superlu    scheme-superlu     dense*    tangent     chosen
-jacfwd        chosen,secant*         dense      cholmod            -         dense       superlu
-jacrev        chosen,scheme-superlu  superlu*   dense,pardiso      superlu   tangent     dense
-grad          dense,secant           superlu    tangent*           dense     -           chosen
-checkpoint    superlu                -          pardiso*           -         tangent     -
-hessian       chosen,superlu         cholmod    cholmod*           -         -           -
-jvp-of-grad   chosen*,secant         superlu    tangent            -         dense       -
-vmap          chosen,scheme-superlu  superlu*   pardiso,tangent    dense     -           dense
-vmap-of-grad  chosen,dense           superlu    scheme-superlu*    -         tangent     chosen
-scan          superlu                dense      tangent,pardiso    -         dense       chosen*
-grad-of-scan  chosen,secant          superlu    cholmod*           dense     tangent     -
+              net             groups    bars             beams    catenaries  sliding
+jit           secant          -         pardiso          -        dense*      -
+jvp           dense           -         -                dense*   -           chosen
+jacfwd        chosen,secant*  -         cholmod          -        dense       superlu
+jacrev        scheme-superlu  superlu*  -                superlu  -           -
+grad          -               -         tangent*         dense    dense       chosen
+checkpoint    superlu         -         pardiso*         -        tangent     -
+hessian       superlu         -         cholmod*         -        -           -
+jvp-of-grad   chosen*,secant  superlu   tangent          -        -           -
+vmap          chosen          superlu*  pardiso          dense    -           -
+vmap-of-grad  chosen          -         scheme-superlu*  -        -           chosen
+scan          superlu         dense     -                -        dense       chosen*
+grad-of-scan  secant          -         cholmod*         dense    -           -
 """
 
 
