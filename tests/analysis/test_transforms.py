@@ -233,3 +233,45 @@ def test_every_one_occurs_in_the_default_run():
         zip(*usual, strict=True), (TRANSFORMATIONS, KINDS, SOLVERS), strict=True
     ):
         assert set(found) >= set(known)
+
+
+FREE = [3, 4, 7, 8]
+NET, (PRESTRESS, _) = jc.scenes.flat_net()
+
+
+def test_loads_as_a_batch():
+    """Many load cases at once from one prestressed state, each with a traced component."""
+    first = jc.solve(NET, [PRESTRESS])
+
+    def tension(down):
+        load = jc.Phase(loads=jc.NodalLoads(FREE, (0.0, 0.0, -down)))
+        solution = jc.solve(NET, [load], start=first)
+        return solution.tension, solution.status
+
+    cases = jnp.array([15.0, 18.75, 30.0])
+    tensions, codes = jax.vmap(tension)(cases)
+    assert int(first.status) == 0 and not codes.any()
+    for case, row in zip(cases, tensions, strict=True):
+        assert jnp.abs(tension(case)[0] - row).max() < 1e-7
+
+
+@pytest.mark.slow
+def test_a_gradient_by_a_structure_is_a_structure():
+    load = jc.Phase(loads=jc.NodalLoads(FREE, (0.0, 0.0, -15.0)))
+
+    @jax.jit
+    @functools.partial(jax.value_and_grad, has_aux=True)
+    def deflection(structure):
+        solution = jc.solve(structure, [PRESTRESS, load], jc.Newton(**TIGHT))
+        return solution.displacement[3, 2], solution.status
+
+    def at(stiffness):
+        elements = jc.replace(NET.elements, axial_stiffness=stiffness)
+        return float(deflection(jc.replace(NET, elements=elements))[0][0])
+
+    (_, status), gradient = deflection(NET)
+    assert int(status) == 0
+    assert gradient.nodes.shape == (12, 3) and gradient.elements.axial_stiffness.shape == (12,)
+    base = np.asarray(NET.elements.axial_stiffness)
+    difference = (at(base + 1.0) - at(base - 1.0)) / 2.0
+    assert float(gradient.elements.axial_stiffness.sum()) == pytest.approx(difference, rel=1e-5)
