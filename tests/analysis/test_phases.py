@@ -217,3 +217,19 @@ def test_incremental_needs_no_more_than_its_corrections(by_tension):
     assert (path.iterations == 3).all() and not path.equilibrated.any()
     assert all(bool(phase.stable) for phase in solution.phases)
     assert np.abs(np.asarray(solution.displacement - by_tension.displacement)).max() < 1e-9
+
+
+def test_a_phase_shorter_than_others_is_judged_where_it_ends():
+    """A strut of h = 1 m that a bar of k = 1 kN/m holds: unstable above k h = 1 kN."""
+    groups = {
+        "strut": jc.Bars([[0, 1]], axial_stiffness=1e8),
+        "side": jc.Bars([[1, 2]], axial_stiffness=1e3),
+    }
+    supports = jc.pinned([0, 2]) + jc.restrained([1], "y")
+    structure = jc.Structure([[0, 0, 0], [0, 0, 1.0], [1.0, 0, 1.0]], groups, supports)
+    down, up = (jc.NodalLoads([1], (0.0, 0.0, force)) for force in (-1.2e3, 700.0))
+    stages = [jc.Phase(loads=down), jc.Phase(loads=up, increments=3)]
+    with pytest.warns(jc.UnstableWarning, match=r"phases\[0\] ends in an unstable equilibrium"):
+        solution = jc.solve(structure, stages, jc.Incremental(2))
+    assert int(solution.status) == 0
+    assert [bool(phase.stable) for phase in solution.phases] == [False, True]

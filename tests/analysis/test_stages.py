@@ -312,7 +312,7 @@ def test_hanging_and_sliding_cables_come():
     stages = [
         jc.Phase(pretension=tense, loads=jc.NodalLoads([2], (0.0, -100.0, 0.0))),
         jc.Phase(adds=["hung", "rope"], loads=jc.SelfWeight()),
-        jc.Phase(loads=jc.NodalLoads([2], (0.0, 150.0, 0.0))),
+        jc.Phase(loads=jc.NodalLoads([2], (900.0, 150.0, 0.0))),
     ]
     solution = solved(structure, stages, TIGHT)
     # the cable as long as its chord hangs by itself: the elastic catenary of EA, w, L0 = span
