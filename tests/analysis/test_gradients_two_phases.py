@@ -130,48 +130,20 @@ def net_with_everything(p):
     solution = analyse(p)
     moved, pulls = (solution.displacement, 10), (solution.tension, 1e-3)
     measure = weighed(moved, pulls, (solution.reactions, 1e-3), (solution.rest_length, 1))
-    return measure, solution.status
-
-
-def at_the_start(function, parameters):
-    """Values of the parameters, and gradients there."""
-    values = {name: value for name, (value, _) in parameters.items()}
-    (_, status), gradients = function(values)
-    assert int(status) == 0
-    return values, gradients
-
-
-def assert_taylor(function, parameters, name):
-    """Slope 2, and less with one entry of the gradient off by a hundredth of the largest."""
-    values, gradients = at_the_start(function, parameters)
-    gradient, (p, size) = gradients[name], parameters[name]
-    assert jnp.isfinite(gradient).all() and (gradient != 0).all()  # every entry matters
-
-    def value(leaf):
-        return function({**values, name: leaf})[0][0]
-
-    assert abs(slope(value, p, gradient, size) - 2) < 0.1
-    wrong = gradient.at[(-1,) * gradient.ndim].add(1e-2 * jnp.abs(gradient).max())
-    assert slope(value, p, wrong, size) < 1.5
-
-
-@pytest.mark.slow
-def test_the_net_has_slack_cables_and_none_that_nearly_is():
-    solution = analyse({name: value for name, (value, _) in PARAMETERS.items()})
-    assert int(solution.status) == 0
     path = solution.phases[1].path
-    assert int(path.n_slack[-1]) > 0 and int(path.n_loose[-1]) == 0
-    positions = np.asarray(solution.positions)
+    slack = path.n_slack[-1], path.n_loose[-1], solution.positions, solution.rest_length
+    return measure, (solution.status, *slack)
+
+
+def test_the_net_has_slack_cables_and_none_that_nearly_is():
+    values = {name: value for name, (value, _) in PARAMETERS.items()}
+    (_, (status, n_slack, n_loose, positions, rest_length)), _ = net_with_everything(values)
+    assert int(status) == 0
+    assert int(n_slack) > 0 and int(n_loose) == 0
     for name in GROUPS:
-        rest = np.asarray(solution.rest_length[name])
-        strain = lengths(positions, OWN[name]) / rest - 1
+        strain = lengths(np.asarray(positions), OWN[name]) / np.asarray(rest_length[name]) - 1
         corners = STRAIN if name == "curved" else np.zeros(1)
         assert np.abs(strain[:, None] - corners).min() > 1e-3, name  # see PARAMETERS
-
-
-@pytest.mark.parametrize("name", PARAMETERS)
-def test_taylor_of_a_net(name):
-    assert_taylor(net_with_everything, PARAMETERS, name)
 
 
 # --- A guyed mast of two beams.
@@ -212,12 +184,49 @@ def mast(p):
     solution = jc.solve(jc.Structure(p["nodes"], groups, jc.Supports(first)), phases, TIGHT)
     moved, pulls = (solution.displacement, solution.rotation), solution.tension["guys"]
     held_by = (solution.reactions, solution.reaction_moments)
-    return weighed((moved, 100), (pulls, 0.01), (held_by, 0.01)), solution.status
+    return weighed((moved, 100), (pulls, 0.01), (held_by, 0.01)), (solution.status,)
+
+
+# --- Taylor tests of both, from one program each
+
+MEASURES = {"net": (net_with_everything, PARAMETERS), "mast": (mast, MAST_PARAMETERS)}
+
+
+@functools.cache
+def taylor(kind):
+    """By parameter: its gradient, the slope with it, and with one entry off by a hundredth."""
+    function, parameters = MEASURES[kind]
+    values = {name: value for name, (value, _) in parameters.items()}
+    (_, (status, *_)), gradients = function(values)
+    assert int(status) == 0
+    found = {}
+    for name, (p, size) in parameters.items():
+        gradient = gradients[name]
+        wrong = gradient.at[(-1,) * gradient.ndim].add(1e-2 * jnp.abs(gradient).max())
+
+        def value(leaf, name=name):
+            return function({**values, name: leaf})[0][0]
+
+        found[name] = gradient, *(slope(value, p, own, size) for own in (gradient, wrong))
+    return found
+
+
+def assert_taylor(kind, name):
+    """Slope 2, and less with a corrupted gradient."""
+    gradient, right, wrong = taylor(kind)[name]
+    assert jnp.isfinite(gradient).all() and (gradient != 0).all()  # every entry matters
+    assert abs(right - 2) < 0.1
+    assert wrong < 1.5
+
+
+@pytest.mark.parametrize("name", PARAMETERS)
+def test_taylor_of_a_net(name):
+    assert_taylor("net", name)
 
 
 @pytest.mark.parametrize("name", MAST_PARAMETERS)
 def test_taylor_of_a_mast(name):
-    assert_taylor(mast, MAST_PARAMETERS, name)
+    assert_taylor("mast", name)
 
 
 # --- Three nets beside central differences.
@@ -235,9 +244,8 @@ NETS = {  # and how many pretensions
 }
 
 
-@functools.cache
 def derivatives(name):
-    """Pretensions, and value, gradient, slope and Hessian times a direction, as one program."""
+    """Pretensions, and a program of value, gradient, slope and Hessian times a direction."""
     scene, kind, mean, _ = NETS[name]
     structure, (prestress, loading) = scene()
     factor = np.random.default_rng(0).uniform(0.9, 1.1, len(structure.elements.links))
@@ -272,27 +280,24 @@ def differences(function, p, direction):
     return jax.tree.map(lambda whole, half: (4 * half - whole) / 3, at(h), at(h / 2))
 
 
-@pytest.mark.parametrize("name", NETS)
-def test_gradients_of_nets(name):
+LARGE = ("hypar", "saddle")
+CASES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LARGE)) for name in NETS]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_gradients_and_hessian_vector_products_of_nets(name):
     p, function = derivatives(name)
-    rng = np.random.default_rng(1)
-    direction = jnp.asarray(rng.normal(size=p.shape))
-    (_, gradient), rate, _, status = function(p, direction)
+    u, v = jnp.asarray(np.random.default_rng(2).normal(size=(2, len(p))))
+    (_, gradient), rate, of_u, status = function(p, u)
+    of_v = function(p, v)[2]
     assert int(status) == 0
     largest = jnp.abs(gradient).max()
-    chosen = rng.choice(len(p), NETS[name][3], replace=False)
-    for one in [*jnp.eye(len(p))[chosen], direction]:
+    chosen = np.random.default_rng(1).choice(len(p), NETS[name][3], replace=False)
+    for one in [*jnp.eye(len(p))[chosen], u]:
         # asked is 1e-6; see STEP for why 1e-8 can be had
         assert abs(differences(function, p, one)[0] - gradient @ one) < 1e-8 * largest
     # forward and reverse mode solve two systems of the same matrix
-    assert abs(rate - gradient @ direction) < 1e-11 * largest * jnp.linalg.norm(direction)
-
-
-@pytest.mark.parametrize("name", NETS)
-def test_hessian_vector_products_of_nets(name):
-    p, function = derivatives(name)
-    u, v = jnp.asarray(np.random.default_rng(2).normal(size=(2, len(p))))
-    of_u, of_v = (function(p, direction)[2] for direction in (u, v))
+    assert abs(rate - gradient @ u) < 1e-11 * largest * jnp.linalg.norm(u)
     # The stiff saddle is hardly curved: rounding of its gradients, 1e-14, is 1e-9 of the 1e-5 by
     # which this step changes them.
     expected = differences(function, p, v)[1]
@@ -301,16 +306,7 @@ def test_hessian_vector_products_of_nets(name):
     assert abs(u @ of_v - v @ of_u) < 1e-10 * size  # no differences: rounding alone
 
 
-PLUS = np.array([[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, 1.0, 0]])
-
-
-def plus(p, statements):
-    """A node between four cables in a plane, after an unstressed phase, loaded across it."""
-    stiffness = 1e4 * p[0] * jnp.ones(4)
-    cables = jc.Cables([[0, 1], [1, 2], [1, 3], [1, 4]], axial_stiffness=stiffness)
-    structure = jc.Structure(PLUS, cables, jc.pinned([0, 2, 3, 4]))
-    load = jc.NodalLoads([1], 10.0 * p[1] * jnp.array([0.1, 0.2, -1.0]))
-    return jc.solve(structure, [statements, jc.Phase(loads=load)])
+# --- Kinks: where stiffness begins
 
 
 def test_second_derivatives_after_an_unstressed_phase():
@@ -318,16 +314,26 @@ def test_second_derivatives_after_an_unstressed_phase():
 
     The oracle is differences of first derivatives, which Taylor tests hold.
     """
-    at = jnp.array([1.0, 1.0])
+    nodes = np.array([[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, 1.0, 0]])
 
     def sag(p):
-        return plus(p, jc.Phase(prestrain=0.0 * p[0])).displacement[1, 2]
+        """A node between four cables in a plane, loaded across it."""
+        stiffness = 1e4 * p[0] * jnp.ones(4)
+        cables = jc.Cables([[0, 1], [1, 2], [1, 3], [1, 4]], axial_stiffness=stiffness)
+        structure = jc.Structure(nodes, cables, jc.pinned([0, 2, 3, 4]))
+        load = jc.NodalLoads([1], 10.0 * p[1] * jnp.array([0.1, 0.2, -1.0]))
+        solution = jc.solve(structure, [jc.Phase(prestrain=0.0 * p[0]), jc.Phase(loads=load)])
+        return solution.displacement[1, 2], solution.status
 
-    assert plus(at, jc.Phase()).status == 0
-    hessian = jax.jit(jax.hessian(sag))(at)
-    gradient, h = jax.jit(jax.grad(sag)), 1e-4
-    steps = h * np.eye(2)
-    differences = np.array([(gradient(at + s) - gradient(at - s)) / (2 * h) for s in steps])
+    def rates(p):
+        gradient, status = jax.grad(sag, has_aux=True)(p)
+        return gradient, (gradient, status)
+
+    both, at, h = jax.jit(jax.jacfwd(rates, has_aux=True)), jnp.ones(2), 1e-4
+    hessian, (_, status) = both(at)
+    assert int(status) == 0
+    pairs = [[both(at + sign * h * step)[1][0] for sign in (1, -1)] for step in np.eye(2)]
+    differences = np.array([(up - down) / (2 * h) for up, down in pairs])
     np.testing.assert_allclose(hessian, differences, rtol=1e-6)  # h^2 and rounding / h
 
 
@@ -337,22 +343,23 @@ def test_no_derivative_between_taut_and_slack():
     The mean of both tangents is twice that: half the displacement, wrong on both sides. NaN.
     """
     nodes = [[-1.0, 0, 0], [0, 0, 0], [1.0, 0, 0], [0, -1.0, 0], [0, 1.0, 0]]
+    along = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4)
+    across = jc.Cables([[1, 3], [1, 4]], axial_stiffness=1e4)
+    structure = jc.Structure(nodes, [along, across], jc.pinned([0, 2, 3, 4]))
 
+    @jax.jit
+    @functools.partial(jax.value_and_grad, has_aux=True)
     def pushed(load, strain):
-        along = jc.Cables([[0, 1], [1, 2]], axial_stiffness=1e4)
-        across = jc.Cables([[1, 3], [1, 4]], axial_stiffness=1e4)
-        structure = jc.Structure(nodes, [along, across], jc.pinned([0, 2, 3, 4]))
         loads = jc.NodalLoads([1], load * jnp.array([1.0, 0.0, 0.0]))
         phase = jc.Phase(prestrain=[strain * jnp.ones(2), jnp.full(2, 1e-2)], loads=loads)
-        return jc.solve(structure, phase)
+        solution = jc.solve(structure, phase)
+        return solution.displacement[1, 0], solution.status
 
-    rate = jax.jit(jax.grad(lambda *p: pushed(*p).displacement[1, 0]))
     N = 100.0  # of the cables across, which have N / l each
     for strain in (1e-4, -1e-4):
-        solution = pushed(0.0, strain)
-        assert solution.status == 0
+        (_, status), rate = pushed(0.0, strain)
+        assert status == 0
         taut = 2e4 * (1 + strain) if strain > 0 else 0.0  # EA / L0 each
-        np.testing.assert_allclose(rate(0.0, strain), 1 / (taut + 2 * N), rtol=1e-9)
-    kink = pushed(0.0, 0.0)
-    assert kink.status == 0 and np.isfinite(kink.displacement).all()
-    assert np.isnan(rate(0.0, 0.0))
+        np.testing.assert_allclose(rate, 1 / (taut + 2 * N), rtol=1e-9)
+    (moved, status), rate = pushed(0.0, 0.0)
+    assert status == 0 and np.isfinite(moved) and np.isnan(rate)

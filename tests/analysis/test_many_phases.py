@@ -18,25 +18,24 @@ def push(force, nodes=FREE):
     return jc.NodalLoads(nodes, (0.0, 0.0, -force))
 
 
-def lines(phases, gradient=False):
-    """Lines of StableHLO of an analysis of the flat net, by its nodes."""
+def lines(phases):
+    """Lines of StableHLO of an analysis of the flat net with its gradient by its nodes."""
 
     def deflection(nodes):
         return jc.solve(jc.replace(STRUCTURE, nodes=nodes), phases).displacement[3, 2]
 
-    function = jax.value_and_grad(deflection) if gradient else deflection
-    return jax.jit(function).lower(jnp.asarray(STRUCTURE.nodes)).as_text().count("\n")
+    function = jax.jit(jax.value_and_grad(deflection))
+    return function.lower(jnp.asarray(STRUCTURE.nodes)).as_text().count("\n")
 
 
-@pytest.mark.parametrize("gradient", [False, True])
-def test_their_number_does_not_enter_the_size_of_the_program(gradient):
+def test_their_number_does_not_enter_the_size_of_the_program():
     # 4 increments: arrays of phases and of increments that are equally long share small functions
     more = jc.Phase(loads=push(1.0), increments=4)
-    sizes = [lines([PRESTRESS] + [more] * n, gradient) for n in (1, 7, 31)]
-    assert sizes[0] == sizes[1] == sizes[2]
+    few, many = (lines([PRESTRESS] + [more] * n) for n in (1, 31))
+    assert few == many
     # another kind of load is another piece of program (a dead one: under others it is no net)
     wind = jc.LineLoads((0.0, 1.0, 0.0), per="initial")
-    assert lines([PRESTRESS, jc.Phase(loads=[push(1.0), wind], increments=4)], gradient) > sizes[0]
+    assert lines([PRESTRESS, jc.Phase(loads=[push(1.0), wind], increments=4)]) > few
 
 
 def carrier():
@@ -67,44 +66,26 @@ def carrier():
     "method", [TIGHT, pytest.param(jc.Incremental(corrections=3), marks=pytest.mark.slow)]
 )
 def test_all_at_once_is_one_after_the_other(method):
+    """Two phases at a time, each analysis from the end of the one before."""
     structure, phases = carrier()
     whole = jc.solve(structure, phases, method)
     assert int(whole.status) == 0
     step = None
-    for k, phase in enumerate(phases):
-        step = jc.solve(structure, phase, method, start=step)
+    # equilibrium to 1e-13 of some kN at stiffnesses of 1e4 N/m
+    near = {"tension": 1e-8, "reactions": 1e-8, "load": 1e-8}
+    near |= dict.fromkeys(("displacement", "rest_length", "positions"), 1e-11)
+    for k in range(0, len(phases), 2):
+        step = jc.solve(structure, phases[k : k + 2], method, start=step)
         assert int(step.status) == 0
-        own, (alone,) = whole.phases[k], step.phases
-        assert own.path.load_factor.shape == (phase.increments,)
-        for name in ("displacement", "tension", "rest_length", "reactions", "load", "positions"):
-            found, expected = getattr(own, name), getattr(alone, name)
-            # equilibrium to 1e-13 of some kN at stiffnesses of 1e4 N/m
-            tol = {"tension": 1e-8, "reactions": 1e-8, "load": 1e-8}.get(name, 1e-11)
-            np.testing.assert_allclose(found, expected, atol=tol, err_msg=f"{k} {name}")
-        np.testing.assert_allclose(own.path.tension, alone.path.tension, atol=1e-8)
+        for j, alone in enumerate(step.phases):
+            own = whole.phases[k + j]
+            assert own.path.load_factor.shape == (phases[k + j].increments,)
+            for name, tol in near.items():
+                found, expected = getattr(own, name), getattr(alone, name)
+                np.testing.assert_allclose(found, expected, atol=tol, err_msg=f"{k + j} {name}")
+            np.testing.assert_allclose(own.path.tension, alone.path.tension, atol=1e-8)
     np.testing.assert_allclose(whole.load, step.load, atol=1e-9)
     np.testing.assert_allclose(whole.positions, step.positions, atol=1e-11)
-
-
-def test_gradients_through_a_building_site():
-    structure, phases = carrier()
-
-    def end(nodes):
-        solution = jc.solve(jc.replace(structure, nodes=nodes), phases[:-1], TIGHT)
-        return jnp.sum(solution.tension) + 1e3 * solution.displacement[1, 2]
-
-    nodes = jnp.asarray(structure.nodes)
-    direction = jnp.asarray(np.random.default_rng(0).normal(size=nodes.shape))
-    there = jax.jit(jax.value_and_grad(end))
-    value, gradient = there(nodes)
-    rate = np.sum(np.asarray(gradient * direction))
-    steps = np.array([1e-2, 5e-3, 2.5e-3])
-    change = np.array([there(nodes + h * direction)[0] - value for h in steps])
-    left = np.abs(change - steps * rate)
-    slopes = np.diff(np.log(left)) / np.diff(np.log(steps))
-    assert np.abs(slopes - 2).max() < 0.1  # Taylor
-    left = np.abs(change - 1.01 * steps * rate)
-    assert (np.diff(np.log(left)) / np.diff(np.log(steps))).max() < 1.6  # a gradient 1 % off
 
 
 def test_loads_of_later_phases_are_not_known_before():
@@ -170,28 +151,19 @@ def wedge(**law):
 YIELDING = jc.Polygonal([0.0, 0.004, 0.05], [0.0, 4e8, 6e8], "elastic")
 
 
-@pytest.mark.parametrize(
-    ("structure", "method"),
-    [
-        (wedge(area=1e-4, law=YIELDING), TIGHT),
-        pytest.param(
-            *(wedge(axial_stiffness=1e7), jc.Incremental(corrections=2)), marks=pytest.mark.slow
-        ),
-    ],
-    ids=["yielded", "first increment iterated"],
-)
-def test_second_derivatives_within_increments(structure, method):
+def test_second_derivatives_within_increments():
     """Increments with derivatives of their own are scanned: see `test_rooted`.
 
     The oracle is differences of first derivatives.
     """
+    structure = wedge(area=1e-4, law=YIELDING)
 
     def analyse(p):
         phases = [
             jc.Phase(pretension=1e4, loads=push(4e4 * p[0], [1]), increments=3),
             jc.Phase(loads=push(-2e4 * p[1], [1]), increments=2),
         ]
-        return jc.solve(structure, phases, method)
+        return jc.solve(structure, phases, TIGHT)
 
     def sag(p):
         solution = analyse(p)
@@ -218,17 +190,23 @@ def test_paths_of_phases_of_unlike_length_have_derivatives(method):
     """Of a phase of 2 increments beside one of 5: what fills it up is not in them."""
     structure = wedge(axial_stiffness=1e7)
 
-    def half_way(force):
+    def half_way(force, differentiate=True):
         phases = [
             jc.Phase(pretension=1e4, loads=push(4e4 * force, [1]), increments=2),
             jc.Phase(loads=push(2e4, [1]), increments=5),
         ]
-        first, second = jc.solve(structure, phases, method, differentiate_path=True).phases
-        return first.path.displacement[0, 1, 2] + second.path.tension[2, 0] / 1e6
+        solution = jc.solve(structure, phases, method, differentiate_path=differentiate)
+        first, second = solution.phases
+        measure = first.path.displacement[0, 1, 2] + second.path.tension[2, 0] / 1e6
+        return measure, solution.status
 
     at, h = 1.5, 1e-4
-    there = jax.jit(jax.value_and_grad(half_way))
-    difference = (there(at + h)[0] - there(at - h)[0]) / (2 * h)
-    assert abs(float(difference)) > 1e-3
-    for rate in (there(at)[1], jax.jit(jax.jacfwd(half_way))(at)):
-        assert float(rate) == pytest.approx(float(difference), rel=1e-6)
+    there = jax.jit(jax.value_and_grad(half_way, has_aux=True))
+    ((above, code), _), ((below, _), _), (_, rate) = (there(at + k * h) for k in (1, -1, 0))
+    assert int(code) == 0
+    difference = float(above - below) / (2 * h)
+    assert abs(difference) > 1e-3
+    for found in (rate, jax.jit(jax.jacfwd(lambda p: half_way(p)[0]))(at)):
+        assert float(found) == pytest.approx(difference, rel=1e-6)
+    if isinstance(method, jc.Newton):  # not without being asked for; of the scheme they always are
+        assert np.isnan(jax.grad(lambda p: half_way(p, False)[0])(at))

@@ -38,14 +38,13 @@ def test_a_conductor_that_breaks_hangs_before(line):
     shapes = Shapes(solution, structure)
     for k in (0, 1):
         curves = shapes.after(k)
-        middle = curves.apart[1, curves.apart.shape[1] // 2]
-        so_far = jc.solve(structure, phases[: k + 1])
-        assert int(so_far.status) == 0
         count = curves.apart.shape[1]
-        expected = np.asarray(jc.forms.catenary_curves(structure, so_far, count)["conductor"])
-        found = curves.points(np.asarray(solution.phases[k].positions))
-        np.testing.assert_allclose(found, expected, atol=1e-6)  # of sags of metres
-        assert middle[2] < -0.9 * SAG
+        assert curves.apart[1, count // 2, 2] < -0.9 * SAG
+    so_far = jc.solve(structure, phases[:2])
+    assert int(so_far.status) == 0
+    expected = np.asarray(jc.forms.catenary_curves(structure, so_far, count)["conductor"])
+    found = curves.points(np.asarray(solution.phases[1].positions))
+    np.testing.assert_allclose(found, expected, atol=1e-6)  # of sags of metres
     assert not shapes.after(2).known[1] and shapes.after(2).known[[0, 2]].all()
 
 

@@ -16,6 +16,7 @@ import pytest
 import jaxcable as jc
 
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
+NUMBERS = np.arange(6.0)
 FORCES = np.random.default_rng(0).uniform(-9.0, 9.0, (23, 4, 3))
 
 
@@ -25,50 +26,63 @@ def analyse(forces):
     return {"tension": solution.tension, "status": solution.status}
 
 
-def files(folder):
-    return sorted(f.name for f in folder.iterdir())
+def square(x):
+    return {"square": x**2}
 
 
-@pytest.mark.parametrize("chunk", [5, 23, 100])
-def test_results_are_those_of_a_batch(tmp_path, chunk):
-    study = jc.streamed(analyse, FORCES, tmp_path, chunk)
-    assert study.missing == [] and study.n_chunk == len(files(tmp_path)) - 1 == -(-23 // chunk)
+def untouched(folder):
+    """The contents of all files of a folder."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+def refused(message, function, *arguments, **options):
+    with pytest.raises(ValueError, match=message):
+        function(*arguments, **options)
+
+
+def test_results_are_those_of_a_batch(tmp_path):
+    study = jc.streamed(analyse, FORCES, tmp_path, 5)
     found = study.load()
     batch = jc.batched(analyse)(jnp.asarray(FORCES))
     assert set(found) == {"tension", "status"}
     assert found["status"].shape == (23,) and not found["status"].any()
-    np.testing.assert_allclose(
-        found["tension"], batch["tension"], rtol=1e-9
-    )  # other orders of sums
-    numbers = np.concatenate([numbers for numbers, _ in study.chunks()])
-    assert numbers.tolist() == list(range(23))
+    # other orders of sums
+    np.testing.assert_allclose(found["tension"], batch["tension"], rtol=1e-9)
     assert list(study.load("status")) == ["status"]
 
 
+@pytest.mark.parametrize("chunk", [5, 23, 100])
+def test_chunks(tmp_path, chunk):
+    study = jc.streamed(square, np.arange(23.0), tmp_path, chunk)
+    n_chunk = -(-23 // chunk)
+    assert study.missing == [] and study.n_chunk == len(untouched(tmp_path)) - 1 == n_chunk
+    np.testing.assert_array_equal(study.load()["square"], np.arange(23.0) ** 2)
+    numbers = np.concatenate([numbers for numbers, _ in study.chunks()])
+    assert numbers.tolist() == list(range(23))
+
+
 def test_what_is_there_is_not_computed_again(tmp_path):
-    study = jc.streamed(analyse, FORCES, tmp_path, 5)
-    before = study.load()
-    times = {name: (tmp_path / name).stat().st_mtime_ns for name in files(tmp_path)}
+    study = jc.streamed(square, NUMBERS, tmp_path, 2)
+    before = untouched(tmp_path)
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     study.file(2).unlink()
     assert study.missing == [2]
-    with pytest.raises(ValueError, match="1 of 5 chunks are missing, the first is 2"):
-        study.load()
-    after = jc.streamed(analyse, FORCES, tmp_path, 5).load()
-    np.testing.assert_array_equal(after["tension"], before["tension"])
-    changed = {n for n in times if (tmp_path / n).stat().st_mtime_ns != times[n]}
-    assert changed == {"chunk-000002.npz"}
+    refused("1 of 3 chunks are missing, the first is 2", study.load)
+    jc.streamed(square, NUMBERS, tmp_path, 2)
+    assert untouched(tmp_path) == before
+    changed = [path for path in times if path.stat().st_mtime_ns != times[path]]
+    assert changed == [study.file(2)]
 
 
 def test_shares_are_all_of_it_and_do_not_meet(tmp_path):
     def cases(numbers):
-        return FORCES[numbers]
+        return numbers.astype(float)
 
-    first = jc.streamed(analyse, cases, tmp_path, 4, n_case=23, share=(0, 2))
+    first = jc.streamed(square, cases, tmp_path, 4, n_case=23, share=(0, 2))
     assert first.missing == [1, 3, 5]
-    second = jc.streamed(analyse, cases, tmp_path, 4, n_case=23, share=(1, 2))
+    second = jc.streamed(square, cases, tmp_path, 4, n_case=23, share=(1, 2))
     assert second.missing == []
-    whole = jc.streamed(analyse, FORCES, tmp_path / "whole", 4)
-    np.testing.assert_array_equal(second.load()["tension"], whole.load()["tension"])
+    np.testing.assert_array_equal(second.load()["square"], np.arange(23.0) ** 2)
 
 
 KILLED = """
@@ -90,14 +104,15 @@ KILLED = """
 def test_a_killed_process_loses_nothing_that_it_has_finished(tmp_path):
     command = [sys.executable, "-c", textwrap.dedent(KILLED), str(tmp_path)]
     assert subprocess.run(command, env=os.environ).returncode == -signal.SIGKILL
-    assert files(tmp_path) == [f"chunk-00000{k}.npz" for k in range(3)] + ["study.json"]
+    found = [f"chunk-00000{k}.npz" for k in range(3)]
+    assert sorted(untouched(tmp_path)) == [*found, "study.json"]
     begun = []
 
     def cases(numbers):
         begun.append(int(numbers[0]))
         return numbers.astype(float)
 
-    study = jc.streamed(lambda x: {"square": x**2}, cases, tmp_path, 2, n_case=10)
+    study = jc.streamed(square, cases, tmp_path, 2, n_case=10)
     assert begun == [0, 6, 8]  # first some cases, to see that they are the same
     np.testing.assert_array_equal(study.load()["square"], np.arange(10.0) ** 2)
 
@@ -110,50 +125,40 @@ def test_a_file_is_there_as_a_whole_or_not_at_all(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("jaxcable.analysis.chunk_files.put_arrays", cut)
         with pytest.raises(OSError, match="no space left"):
-            jc.streamed(analyse, FORCES, tmp_path, 5)
-    assert files(tmp_path) == ["study.json"]
-    study = jc.streamed(analyse, FORCES, tmp_path, 5)
-    assert study.missing == [] and all(zipfile.is_zipfile(study.file(k)) for k in range(5))
+            jc.streamed(square, NUMBERS, tmp_path, 2)
+    assert [*untouched(tmp_path)] == ["study.json"]
+    study = jc.streamed(square, NUMBERS, tmp_path, 2)
+    assert study.missing == [] and all(zipfile.is_zipfile(study.file(k)) for k in range(3))
 
 
 def test_what_is_refused(tmp_path):
-    jc.streamed(analyse, FORCES, tmp_path, 5)
-    for other, said in (
-        ({"cases": FORCES[:20]}, "n_case = 23, not 20"),
-        ({"chunk": 4}, "chunk = 5, not 4"),
-        ({"cases": FORCES + 1.0}, "holds a study with cases = "),
+    jc.streamed(square, NUMBERS, tmp_path, 2)
+    for said, cases, chunk in (
+        ("n_case = 6, not 4", NUMBERS[:4], 2),
+        ("chunk = 2, not 4", NUMBERS, 4),
+        ("holds a study with cases = ", NUMBERS + 1.0, 2),
     ):
-        with pytest.raises(ValueError, match=said):
-            jc.streamed(analyse, **{"cases": FORCES, "chunk": 5, "folder": tmp_path, **other})
+        refused(said, jc.streamed, square, cases, tmp_path, chunk)
     new = tmp_path / "new"
-    for arguments, options, said in (
-        ((FORCES, new, 0), {}, "chunk"),
-        ((FORCES, new), {"share": (2, 2)}, "processes are numbered from 0"),
-        ((FORCES, new), {"share": (-1, 2)}, r"share\[0\]"),
-        ((FORCES, new), {"n_case": 5}, "n_case = 5: there are 23 cases"),
-        ((lambda numbers: FORCES[numbers], new), {}, "n_case: missing"),
-        (((FORCES, FORCES[:3]), new), {}, "one common leading axis"),
-        ((np.zeros((0, 3)), new), {}, "one common leading axis"),
+    for said, cases, options in (
+        ("chunk", NUMBERS, {"chunk": 0}),
+        ("processes are numbered from 0", NUMBERS, {"share": (2, 2)}),
+        (r"share\[0\]", NUMBERS, {"share": (-1, 2)}),
+        ("n_case = 5: there are 6 cases", NUMBERS, {"n_case": 5}),
+        ("n_case: missing", lambda numbers: NUMBERS[numbers], {}),
+        ("one common leading axis", (NUMBERS, NUMBERS[:3]), {}),
+        ("one common leading axis", np.zeros((0, 3)), {}),
+        (r"expected arrays \[7, ...\] for 7", lambda numbers: np.zeros(3), {"n_case": 7}),
     ):
-        with pytest.raises(ValueError, match=said):
-            jc.streamed(analyse, *arguments, **options)
+        refused(said, jc.streamed, square, cases, new, **options)
     assert not new.exists()
-    with pytest.raises(ValueError, match="expected a dict of arrays by name, got"):
-        jc.streamed(lambda force: force, FORCES, new)
+    refused("expected a dict of arrays by name, got", jc.streamed, lambda x: x, NUMBERS, new)
 
 
 def sums(values, key=0):
     """A function of one case that closes over an array and a random key."""
     values, random = np.array(values), jax.random.key(key)
     return lambda x: {"sum": x * values.sum() + jax.random.normal(random)}
-
-
-def square(x):
-    return {"square": x**2}
-
-
-def untouched(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
 
 
 def test_another_function_is_refused(tmp_path):
@@ -173,8 +178,8 @@ def test_another_function_is_refused(tmp_path):
         again = jc.streamed(same, np.arange(3.0) + 1.0, folder).load()
         assert all((again[name] == first[name]).all() for name in first)
         for other in others:
-            with pytest.raises(ValueError, match=r"with function = \w+, not \w+ .* another folder"):
-                jc.streamed(other, np.arange(3.0) + 1.0, folder)
+            said = r"with function = \w+, not \w+ .* another folder"
+            refused(said, jc.streamed, other, np.arange(3.0) + 1.0, folder)
         assert untouched(folder) == before
 
 
@@ -182,16 +187,14 @@ def test_other_cases_of_a_function_and_other_versions_are_refused(tmp_path, monk
     def cases(scale):
         return lambda numbers: scale * numbers.astype(float)
 
-    jc.streamed(square, cases(1.0), tmp_path, 4, n_case=100)
-    jc.streamed(square, cases(1.0), tmp_path, 4, n_case=100)
-    with pytest.raises(ValueError, match="a study with cases = "):
-        jc.streamed(square, cases(2.0), tmp_path, 4, n_case=100)
-    with monkeypatch.context() as patch:
-        patch.setattr(jax, "__version__", "0.1")
-        with pytest.raises(ValueError, match=r"a study with jax = .*, not 0.1; take"):
-            jc.streamed(square, cases(1.0), tmp_path, 4, n_case=100)
-    with pytest.raises(ValueError, match=r"expected arrays \[7, ...\] for 7 numbers"):
-        jc.streamed(square, lambda numbers: np.zeros(3), tmp_path / "new", n_case=7)
+    def study(scale):
+        return jc.streamed(square, cases(scale), tmp_path, 4, n_case=100)
+
+    study(1.0)
+    study(1.0)
+    refused("a study with cases = ", study, 2.0)
+    monkeypatch.setattr(jax, "__version__", "0.1")
+    refused("a study with jax = .*, not 0.1; take", study, 1.0)
 
 
 def test_results_may_have_any_names(tmp_path):
@@ -205,52 +208,42 @@ def test_results_may_have_any_names(tmp_path):
     found = study.load()
     assert {n: found[n].tolist() for n in names} == {n: [k] * 3 for k, n in enumerate(names)}
     assert np.load(study.file(0))["allow_pickle"].tolist() == [1.0, 1.0]
-    with pytest.raises(ValueError, match=r"no result 'fle'; there are .*; did you mean 'file'"):
-        study.load("fle")
+    refused("no result 'fle'; there are .*; did you mean 'file'", study.load, "fle")
     for name in ("", "a\nb", 3):
-        with pytest.raises(ValueError, match="no name of printable characters"):
-            jc.streamed(lambda x, name=name: {name: x}, np.zeros(3), tmp_path / "new")
-    assert not (tmp_path / "new").exists()
+        said, new = "no name of printable characters", tmp_path / "new"
+        refused(said, jc.streamed, lambda x, name=name: {name: x}, np.zeros(3), new)
+    assert not new.exists()
 
 
-def damage(study, kind):
-    """Do something to the second chunk of a study."""
-    path, first = study.file(1), study.file(0).read_bytes()
-    data = path.read_bytes()
-    if kind == "cut":
-        path.write_bytes(data[: len(data) // 2])
-    elif kind == "empty":
-        path.write_bytes(b"")
-    elif kind == "text":
-        path.write_text("a letter")
-    elif kind == "of other cases":
-        path.write_bytes(first)
-    elif kind == "other results":
-        np.savez(path, other=np.zeros(1))
-    elif kind == "objects":
-        np.savez(path, square=np.array([{}], dtype=object))
-    elif kind == "a folder":
-        path.unlink()
-        path.mkdir()
-    else:
-        at = data.index(np.float64(4.0).tobytes())
-        path.write_bytes(data[:at] + b"\x01" + data[at + 1 :])
+def put_folder(path):
+    path.unlink()
+    path.mkdir()
 
 
-KINDS = ["cut", "empty", "text", "of other cases", "other results", "objects", "a folder", "a byte"]
+DAMAGES = {  # of the file of a chunk, whose contents and those of the first chunk are given
+    "cut": lambda path, data, _: path.write_bytes(data[: len(data) // 2]),
+    "empty": lambda path, *_: path.write_bytes(b""),
+    "text": lambda path, *_: path.write_text("a letter"),
+    "of other cases": lambda path, _, first: path.write_bytes(first),
+    "other results": lambda path, *_: np.savez(path, other=np.zeros(1)),
+    "objects": lambda path, *_: np.savez(path, square=np.array([{}], dtype=object)),
+    "a folder": lambda path, *_: put_folder(path),
+    # which only those who read the numbers see
+    "a byte": lambda path, data, _: path.write_bytes(data.replace(FOUR, b"\x01" + FOUR[1:])),
+}
+FOUR = np.float64(4.0).tobytes()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", DAMAGES)
 def test_damaged_chunks_are_named(tmp_path, kind):
     study = jc.streamed(square, np.arange(3.0), tmp_path, 2)
-    damage(study, kind)
+    own = study.file(1)
+    DAMAGES[kind](own, own.read_bytes(), study.file(0).read_bytes())
     before = untouched(tmp_path)
-    said = rf"{re.escape(str(study.file(1)))}: .*; delete this file and run the study again"
-    with pytest.raises(ValueError, match=said):
-        study.load()
-    if kind != "a byte":  # which only those who read the numbers see
-        with pytest.raises(ValueError, match=said):
-            jc.streamed(square, np.arange(3.0), tmp_path, 2)
+    said = rf"{re.escape(str(own))}: .*; delete this file and run the study again"
+    refused(said, study.load)
+    if kind != "a byte":
+        refused(said, jc.streamed, square, np.arange(3.0), tmp_path, 2)
     assert untouched(tmp_path) == before
 
 
@@ -259,34 +252,31 @@ def cubed(x):
 
 
 @pytest.mark.parametrize(
-    ("other", "k", "said"),
+    ("function", "cases", "k", "said"),
     [
-        ((cubed, np.arange(6.0), 2), 1, "holds results of another study"),
-        ((square, np.arange(6.0) + 1.0, 2), 1, "holds results of another study"),
-        ((square, np.arange(8.0), 2), 1, "holds results of another study"),
-        ((square, np.arange(6.0), 2), 0, "holds the results of chunk 0, not of chunk 1"),
-        ((square, np.arange(6.0), 2), 2, "holds the results of chunk 2, not of chunk 1"),
+        (cubed, NUMBERS, 1, "holds results of another study"),
+        (square, NUMBERS + 1.0, 1, "holds results of another study"),
+        (square, np.arange(8.0), 1, "holds results of another study"),
+        (square, NUMBERS, 0, "holds the results of chunk 0, not of chunk 1"),
+        (square, NUMBERS, 2, "holds the results of chunk 2, not of chunk 1"),
     ],
 )
-def test_files_of_other_studies_and_chunks_are_named(tmp_path, other, k, said):
+def test_files_of_other_studies_and_chunks_are_named(tmp_path, function, cases, k, said):
     """They have results of the same names, shapes and numbers of cases."""
-    study = jc.streamed(square, np.arange(6.0), tmp_path / "own", 2)
-    function, cases, chunk = other
-    stranger = jc.streamed(function, cases, tmp_path / "other", chunk)
+    study = jc.streamed(square, NUMBERS, tmp_path / "own", 2)
+    stranger = jc.streamed(function, cases, tmp_path / "other", 2)
     study.file(1).write_bytes(stranger.file(k).read_bytes())
     before = untouched(study.folder)
     for read in (
         study.load,
         lambda: list(study.chunks()),
-        lambda: jc.streamed(square, np.arange(6.0), study.folder, 2),
+        lambda: jc.streamed(square, NUMBERS, study.folder, 2),
         jc.results.Study(study.folder, 6, 2).load,
     ):
-        with pytest.raises(ValueError, match=rf"{re.escape(str(study.file(1)))}: {said}.*; delete"):
-            read()
+        refused(rf"{re.escape(str(study.file(1)))}: {said}.*; delete", read)
     assert untouched(study.folder) == before
     (study.folder / "study.json").unlink()  # nothing describes the study: its files disagree
-    with pytest.raises(ValueError, match=r"chunk-000001\.npz: holds"):
-        study.load()
+    refused(r"chunk-000001\.npz: holds", study.load)
 
 
 def test_equal_studies_can_exchange_files(tmp_path):
@@ -303,14 +293,13 @@ def test_files_that_do_not_say_what_they_are(tmp_path):
     study = jc.streamed(square, np.arange(4.0), tmp_path, 2)
     np.savez(study.file(1), square=np.array([7.0, 8.0]))
     for read in (study.load, lambda: jc.streamed(square, np.arange(4.0), tmp_path, 2)):
-        with pytest.raises(ValueError, match=r"000001\.npz: does not say of which study"):
-            read()
+        refused(r"000001\.npz: does not say of which study", read)
     np.savez(study.file(0), square=np.array([5.0, 6.0]))
     (tmp_path / "study.json").write_text('{"n_case": 4, "chunk": 2, "cases": "ab"}')
     assert study.load()["square"].tolist() == [5.0, 6.0, 7.0, 8.0]
     for n_case, chunk in ((4, 1), (3, 2), (4, 4)):
-        with pytest.raises(ValueError, match=f"of 4 cases in chunks of 2, not of {n_case} in"):
-            jc.results.Study(tmp_path, n_case, chunk).load()
+        said = f"of 4 cases in chunks of 2, not of {n_case} in"
+        refused(said, jc.results.Study(tmp_path, n_case, chunk).load)
     (tmp_path / "study.json").unlink()
     assert study.load()["square"].tolist() == [5.0, 6.0, 7.0, 8.0]
 
@@ -330,11 +319,9 @@ def test_folders_of_strangers_are_left_alone(tmp_path):
         (folder / name).write_text(content)
         (folder / "letter.txt").write_text("mine")
         before = untouched(folder)
-        with pytest.raises(ValueError, match=said):
-            jc.streamed(square, np.arange(3.0), folder, 2)
+        refused(said, jc.streamed, square, np.arange(3.0), folder, 2)
         assert untouched(folder) == before
     (folder / name).unlink()
     jc.streamed(square, np.arange(3.0), folder, 2)  # beside other files
-    assert (folder / "letter.txt").read_text() == "mine" and len(files(folder)) == 4
-    with pytest.raises(ValueError, match="is a file"):
-        jc.streamed(square, np.arange(3.0), folder / "letter.txt", 2)
+    assert (folder / "letter.txt").read_text() == "mine" and len(untouched(folder)) == 4
+    refused("is a file", jc.streamed, square, np.arange(3.0), folder / "letter.txt", 2)

@@ -1,147 +1,277 @@
-"""Every transformation of jax runs on `solve` and agrees with plain evaluation."""
+"""Every transformation of jax, with every solver, on every kind of structure, beside plain numbers.
+
+The oracle are analyses at 5 x 5 points around one, without any transformation: their values, and
+first and second derivatives by differences of fourth order.
+"""
+
+import functools
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.problems import INSTALLED
+from banks.shapes import tripod
 
 import jaxcable as jc
 
-STRUCTURE, _ = jc.scenes.flat_net()
-FREE = np.array([3, 4, 7, 8])
-METHODS = {
-    "newton": jc.Newton(tol=1e-13),
-    "tangent": jc.Incremental(1, tol=9.0),
-    "superlu": jc.Newton(tol=1e-13, linear_solver="superlu"),
-    "tangent, superlu": jc.Incremental(1, tol=9.0, linear_solver="superlu"),
+TIGHT = {"tol": 1e-13}
+SCHEME = {"corrections": 1, "tol": np.inf}  # its derivatives are exact wherever it ends
+SOLVERS = {
+    "chosen": jc.Newton(**TIGHT),  # dense; where XLA fuses loops, rolling for nets
+    **{name: jc.Newton(linear_solver=name, **TIGHT) for name in ("dense", "superlu")},
+    **{name: jc.Newton(linear_solver=name, **TIGHT) for name in ("cholmod", "pardiso")},
+    "tangent": jc.Incremental(**SCHEME),
+    "secant": jc.Incremental(**SCHEME, stiffness="secant"),
+    "scheme-superlu": jc.Incremental(**SCHEME, linear_solver="superlu"),
 }
-for name in [name for name in ("cholmod", "pardiso") if name in INSTALLED]:
-    METHODS[name] = jc.Newton(tol=1e-13, linear_solver=name)
 
-# compiled anew for every method, and alike: one is enough but for `make test-all`
-NAMES = [pytest.param(n, marks=pytest.mark.slow if n != "newton" else []) for n in METHODS]
-NEWTONS = [name for name in NAMES if "tangent" not in name.values[0]]
-P = jnp.array([180.0, 220.0, -5.0])  # pretension of rows and of columns, load
+# --- kinds of structures: of two factors, of prestress or stiffness and of a load, three numbers
 
 
-def make(method):
-    def end(p):
-        tension = jnp.repeat(p[:2], 6, total_repeat_length=12)
-        load = jc.NodalLoads(FREE, jnp.stack([3.0, 1.0, p[2]]))
-        phases = [jc.Phase(pretension=tension, increments=2), jc.Phase(loads=load, increments=2)]
-        solution = jc.solve(STRUCTURE, phases, method)
-        return 1e3 * solution.displacement[3]
-
-    return end
+def flat_net(p):
+    structure, _ = jc.scenes.flat_net()
+    tension = p[0] * jnp.repeat(jnp.array([180.0, 220.0]), 6, total_repeat_length=12)
+    load = jc.NodalLoads([3, 4, 7, 8], p[1] * jnp.array([3.0, 1.0, -15.0]))
+    return structure, [jc.Phase(pretension=tension, increments=2), jc.Phase(loads=load)], 3
 
 
-def differences(f, p, h):
-    return jnp.stack([(f(p + h * e) - f(p - h * e)) / (2 * h) for e in jnp.eye(len(p))], axis=-1)
+def groups(p):
+    """Two groups in one bundle, and a bar; a pressure that follows."""
+    nodes = [[-1.0, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0.1, 0, 0.1], [0, 0, -1.0]]
+    own = jc.Cables([[0, 4], [1, 4]], 1e5 * p[0]), jc.Cables([[2, 4], [3, 4]], 2e5)
+    elements = dict(zip("ab", own, strict=True)) | {"bar": jc.Bars([[4, 5]], 1e3)}
+    structure = jc.Structure(nodes, elements, jc.pinned([0, 1, 2, 3, 5]))
+    loads = [
+        jc.NodalLoads([4], p[1] * jnp.array([20.0, 10.0, -90.0])),
+        jc.CablePressure(20.0, axis=(0.0, 1.0, 0.0), on="a"),
+    ]
+    return structure, [jc.Phase(pretension={"a": 200.0, "b": 300.0, "bar": None}, loads=loads)], 4
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_first_derivatives(name):
-    end = make(METHODS[name])
-    value = end(P)
-    assert jnp.isfinite(value).all()
-    assert jnp.abs(jax.jit(end)(P) - value).max() < 1e-12
-    expected = differences(end, P, 1e-2)
-    # central differences with h = 1e-2 of 100 N: relative truncation near 1e-8
-    size = jnp.abs(expected).max()
-    forward, backward = jax.jacfwd(end)(P), jax.jacrev(end)(P)
-    assert jnp.abs(forward - expected).max() < 1e-6 * size
-    assert jnp.abs(forward - backward).max() < 1e-12 * size
+def bars(p):
+    shape = tripod(height=0.5)
+    elements = jc.replace(shape.structure.elements, axial_stiffness=p[0] * jnp.full(3, 1e5))
+    load = shape.load(2e3 * p[1], direction=np.array([0.1, 0.2, -1.0]))
+    return jc.replace(shape.structure, elements=elements), [jc.Phase(loads=load)], 0
 
 
-@pytest.mark.parametrize("name", NEWTONS)
-def test_jvp(name):
-    end, vector = make(METHODS[name]), jnp.array([0.3, -1.0, 2.0])
-    value, tangent = jax.jvp(end, (P,), (vector,))
-    assert jnp.abs(value - end(P)).max() < 1e-12
-    expected = (end(P + 1e-3 * vector) - end(P - 1e-3 * vector)) / 2e-3
-    assert jnp.abs(tangent - expected).max() < 1e-6 * jnp.abs(expected).max()
+def beams(p):
+    section = jc.Section.rectangle(0.05, 0.08, jc.Elastic(1e9 * p[0]), (2, 2))
+    group = jc.Beams([[0, 1]], section=section)
+    structure = jc.Structure([[0.0, 0, 0], [2.0, 0, 0]], group, jc.clamped([0]))
+    load = jc.NodalLoads([1], p[1] * jnp.array([100.0, 200.0, -300.0]))
+    return structure, [jc.Phase(loads=load)], 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_batches(name):
-    end = make(METHODS[name])
-    batch = jnp.stack([P, 1.1 * P, 0.7 * P])
-    values = jax.vmap(end)(batch)
-    both = jax.jit(jax.value_and_grad(lambda p: end(p)[2]))
-    twins, gradients = jax.vmap(both)(batch)
-    assert jnp.abs(twins - values[:, 2]).max() < 1e-10
-    for p, value, g in zip(batch, values, gradients, strict=True):
-        alone, gradient = both(p)
-        assert abs(alone - value[2]) < 1e-10
-        assert jnp.abs(gradient - g).max() < 1e-10
+def catenaries(p):
+    group = jc.Catenaries([[0, 1], [1, 2]], axial_stiffness=1e6, weight=30.0)
+    nodes = [[0.0, 0, 0], [20.0, 0, -4], [50.0, 0, 4.0]]
+    structure = jc.Structure(nodes, group, jc.pinned([0, 2]))
+    load = jc.NodalLoads([1], p[1] * jnp.array([50.0, 90.0, -900.0]))
+    rest = p[0] * jnp.array([20.3, 30.9])
+    return structure, [jc.Phase(rest_length=rest, loads=[jc.SelfWeight(), load])], 1
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NEWTONS)
-def test_second_derivatives(name):
-    end = make(METHODS[name])
-
-    def f(p):
-        return end(p)[2]
-
-    hessian = jax.hessian(f)(P)
-    expected = differences(jax.grad(f), P, 1e-2)
-    assert jnp.abs(hessian - expected).max() < 1e-6 * jnp.abs(expected).max()
-    assert jnp.abs(hessian - hessian.T).max() < 1e-10 * jnp.abs(hessian).max()
-    vector = jnp.array([0.3, -1.0, 2.0])
-    product = jax.jvp(jax.grad(f), (P,), (vector,))[1]
-    assert jnp.abs(product - hessian @ vector).max() < 1e-10 * jnp.abs(hessian).max()
+def sliding(p):
+    """A rope over a node that cables hold."""
+    held = jc.Cables([[0, 1], [0, 2], [0, 3], [0, 4]], 1e5)
+    elements = {"held": held, "rope": jc.SlidingCables([[1, 0, 2]], 1e4 * p[0])}
+    nodes = [[0.1, 0.2, 0], [-1.0, 0, 0.2], [1, 0, 0.2], [0, -1, 0], [0, 1, 0.0]]
+    structure = jc.Structure(nodes, elements, jc.pinned([1, 2, 3, 4]))
+    load = jc.NodalLoads([0], p[1] * jnp.array([5.0, 10.0, -90.0]))
+    return structure, [jc.Phase(pretension={"held": 300.0, "rope": 50.0}, loads=load)], 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NEWTONS)
-def test_solve_inside_scan_and_of_a_whole_structure_pytree(name):
-    end = make(METHODS[name])
-    batch = jnp.stack([P, 1.1 * P])
-    _, values = jax.lax.scan(lambda c, p: (c, end(p)), 0, batch)
-    assert jnp.abs(values - jax.vmap(end)(batch)).max() < 1e-10
+KINDS = {
+    "net": flat_net,
+    "groups": groups,
+    "bars": bars,
+    "beams": beams,
+    "catenaries": catenaries,
+    "sliding": sliding,
+}
 
-    def deflection(structure):
-        phases = jc.scenes.flat_net(load=15.0).phases
-        return jc.solve(structure, phases, METHODS[name]).displacement[3, 2]
+# --- transformations: of a function of two numbers; what they give, by what it is
 
-    gradient = jax.grad(deflection)(STRUCTURE)  # a Structure of derivatives
-    assert gradient.nodes.shape == (12, 3) and gradient.elements.axial_stiffness.shape == (12,)
-    h = 1.0
-    elements = STRUCTURE.elements
-
-    def at(stiffness):
-        changed = jc.replace(elements, axial_stiffness=stiffness)
-        return deflection(jc.replace(STRUCTURE, elements=changed))
-
-    base = np.asarray(elements.axial_stiffness)
-    difference = (at(base + h) - at(base - h)) / (2 * h)
-    assert float(gradient.elements.axial_stiffness.sum()) == pytest.approx(
-        float(difference), rel=1e-5
-    )
+P = np.ones(2)
+STEP = 0.01
+OFFSETS = STEP * np.arange(-2, 3)
+FIRST = np.array([1, -8, 0, 8, -1]) / (12 * STEP)
+SECOND = np.array([-1, 16, -30, 16, -1]) / (12 * STEP**2)
+PLAIN = np.eye(5)[2]
+WEIGHTS = np.array([1.0, -0.7, 0.4])  # make one number of three
+WAY = np.array([0.3, -1.0])
+ENDS = P + OFFSETS[[0, 4]], P + OFFSETS[[4, 0]]  # of a line through the points
+ROOTS, SHARES = np.polynomial.legendre.leggauss(3)
+ON_LINE = P + np.outer(ROOTS, OFFSETS[[4, 0]])
 
 
-def test_a_traced_component_of_a_force():
-    def end(down):
-        load = jc.NodalLoads(FREE, (0.0, 0.0, -down))
-        return jc.solve(STRUCTURE, [jc.Phase(pretension=200.0), jc.Phase(loads=load)]).tension[0]
+def along_line(both):
+    """Integrals of the derivative of a function along a line, from gradients at three points."""
+    values, slopes = both
+    return {"change": slopes @ (ENDS[1] - ENDS[0]) @ SHARES / 2, "values": values}
 
-    slope = jax.jit(jax.grad(end))(15.0)
-    assert float(slope) == pytest.approx(float(end(15.01) - end(14.99)) / 0.02, rel=1e-5)
+
+def weighed(f):
+    return lambda p: jnp.asarray(WEIGHTS) @ f(p)
+
+
+def scanned(f):
+    """A scan over points; `f` may return several arrays."""
+    return jax.lax.scan(lambda carry, p: (carry, f(p)), 0, ON_LINE)[1]
+
+
+def summed(f):
+    """The sum of a scan in which every step weighs `f` anew."""
+    shares = np.array([[0.2], [0.3], [0.5]]) * WEIGHTS
+
+    def total(p):
+        step = lambda carry, share: (carry + share @ f(p), None)  # noqa: E731
+        return jax.lax.scan(step, 0.0, shares)[0]
+
+    return total
+
+
+TRANSFORMATIONS = {
+    "jit": lambda f: {"value": jax.jit(f)(P)},
+    "jvp": lambda f: dict(zip(("value", "rate"), jax.jvp(f, (P,), (WAY,)), strict=True)),
+    "jacfwd": lambda f: {"jacobian": jax.jacfwd(f)(P)},
+    "jacrev": lambda f: {"jacobian": jax.jacrev(f)(P)},
+    "grad": lambda f: {"gradient": jax.grad(weighed(f))(P)},
+    "checkpoint": lambda f: {"gradient": jax.grad(weighed(jax.checkpoint(f)))(P)},
+    "hessian": lambda f: {"hessian": jax.hessian(weighed(f))(P)},
+    "jvp-of-grad": lambda f: {"product": jax.jvp(jax.grad(weighed(f)), (P,), (WAY,))[1]},
+    "vmap": lambda f: {"ends": jax.vmap(f)(np.array(ENDS))},
+    "vmap-of-grad": lambda f: along_line(jax.vmap(jax.value_and_grad(weighed(f)))(ON_LINE)),
+    "scan": lambda f: along_line(scanned(jax.value_and_grad(weighed(f)))),
+    "grad-of-scan": lambda f: {"gradient": jax.grad(summed(f))(P)},
+}
+
+# Sizes of errors: of two programs of an iteration that ends at 1e-13; of differences, whose steps
+# are 1e-2, to the fourth power, and roundings divided by the step once or twice.
+NEAR = {"value": 1e-11, "ends": 1e-11, "change": 1e-9, "values": 1e-3, "hessian": 1e-6}
+NEAR |= {"product": 1e-6, "jacobian": 1e-6, "gradient": 1e-6, "rate": 1e-6}
+
+
+def end(kind, solver, p):
+    structure, phases, node = KINDS[kind](p)
+    solution = jc.solve(structure, phases, SOLVERS[solver])
+    return solution.displacement[node], solution.status
+
+
+@functools.cache
+def plain(kind, solver):
+    """What transformations shall give, from analyses without any."""
+    grid = np.zeros((5, 5, 3))
+    for i, j in np.ndindex(5, 5):
+        grid[i, j], status = end(kind, solver, P + OFFSETS[[i, j]])
+        assert int(status) == 0
+    jacobian = np.stack([FIRST @ grid[:, 2], FIRST @ grid[2]], axis=-1)
+    of_one = grid @ WEIGHTS
+    mixed = FIRST @ of_one @ FIRST
+    hessian = np.array([[SECOND @ of_one @ PLAIN, mixed], [mixed, PLAIN @ of_one @ SECOND]])
+    gradient = WEIGHTS @ jacobian
+    return {
+        "value": grid[2, 2],
+        "ends": grid[[0, 4], [4, 0]],
+        "jacobian": jacobian,
+        "rate": jacobian @ WAY,
+        "gradient": gradient,
+        "hessian": hessian,
+        "product": hessian @ WAY,
+        "change": of_one[4, 0] - of_one[0, 4],
+        "values": of_one[2, 2] + (ON_LINE - P) @ gradient,  # to first order
+    }
+
+
+# --- which are tried with each other: with * in `make test`, the others in `make test-all`
+
+CASES = """
+              net             groups    bars             beams    catenaries  sliding
+jit           secant          -         pardiso          -        dense*      -
+jvp           dense           -         -                dense*   -           chosen
+jacfwd        chosen,secant*  -         cholmod          -        dense       superlu
+jacrev        scheme-superlu  superlu*  -                superlu  -           -
+grad          -               -         tangent*         dense    dense       chosen
+checkpoint    superlu         -         pardiso*         -        tangent     -
+hessian       superlu         -         cholmod*         -        -           -
+jvp-of-grad   chosen*,secant  superlu   tangent          -        -           -
+vmap          chosen          superlu*  pardiso          dense    -           -
+vmap-of-grad  chosen          -         scheme-superlu*  -        -           chosen
+scan          superlu         dense     -                -        dense       chosen*
+grad-of-scan  secant          -         cholmod*         dense    -           -
+"""
+
+
+def cases():
+    """Read the table."""
+    header, *rows = CASES.strip().splitlines()
+    for row in rows:
+        name, *cells = row.split()
+        for kind, cell in zip(header.split(), cells, strict=True):
+            for solver in cell.split(",") if cell != "-" else ():
+                marks = [] if solver.endswith("*") else [pytest.mark.slow]
+                solver = solver.rstrip("*")
+                if solver in ("cholmod", "pardiso") and solver not in INSTALLED:
+                    marks.append(pytest.mark.skip(reason=f"{solver} is not installed"))
+                yield pytest.param(name, kind, solver, marks=marks, id=f"{name}-{kind}-{solver}")
+
+
+@pytest.mark.parametrize(("name", "kind", "solver"), [*cases()])
+def test_transformations(name, kind, solver):
+    expected = plain(kind, solver)
+    found = TRANSFORMATIONS[name](lambda p: end(kind, solver, p)[0])
+    for what, numbers in found.items():
+        error = np.abs(numbers - expected[what]).max() / np.abs(expected[what]).max()
+        assert error < NEAR[what], (what, error)
+
+
+def test_every_one_occurs_in_the_default_run():
+    usual = [case.values for case in cases() if pytest.mark.slow not in case.marks]
+    for found, known in zip(
+        zip(*usual, strict=True), (TRANSFORMATIONS, KINDS, SOLVERS), strict=True
+    ):
+        assert set(found) >= set(known)
+
+
+FREE = [3, 4, 7, 8]
+NET, (PRESTRESS, _) = jc.scenes.flat_net()
 
 
 def test_loads_as_a_batch():
-    """The batch of the interface note: many load cases at once, from one prestressed state."""
-    first = jc.solve(STRUCTURE, [jc.Phase(pretension=200.0)])
-    cases = jnp.array([[0, 0, -15.0], [0, 0, -18.75], [1.0, 2.0, -30.0]])
+    """Many load cases at once from one prestressed state, each with a traced component."""
+    first = jc.solve(NET, [PRESTRESS])
 
-    def tension(force):
-        load = jc.Phase(loads=jc.NodalLoads(FREE, force))
-        return jc.solve(STRUCTURE, [load], start=first).tension
+    def tension(down):
+        load = jc.Phase(loads=jc.NodalLoads(FREE, (0.0, 0.0, -down)))
+        solution = jc.solve(NET, [load], start=first)
+        return solution.tension, solution.status
 
-    tensions = jax.vmap(tension)(cases)
+    cases = jnp.array([15.0, 18.75, 30.0])
+    tensions, codes = jax.vmap(tension)(cases)
+    assert int(first.status) == 0 and not codes.any()
     for case, row in zip(cases, tensions, strict=True):
-        assert jnp.abs(tension(case) - row).max() < 1e-7
+        assert jnp.abs(tension(case)[0] - row).max() < 1e-7
+
+
+@pytest.mark.slow
+def test_a_gradient_by_a_structure_is_a_structure():
+    load = jc.Phase(loads=jc.NodalLoads(FREE, (0.0, 0.0, -15.0)))
+
+    @jax.jit
+    @functools.partial(jax.value_and_grad, has_aux=True)
+    def deflection(structure):
+        solution = jc.solve(structure, [PRESTRESS, load], jc.Newton(**TIGHT))
+        return solution.displacement[3, 2], solution.status
+
+    def at(stiffness):
+        elements = jc.replace(NET.elements, axial_stiffness=stiffness)
+        return float(deflection(jc.replace(NET, elements=elements))[0][0])
+
+    (_, status), gradient = deflection(NET)
+    assert int(status) == 0
+    assert gradient.nodes.shape == (12, 3) and gradient.elements.axial_stiffness.shape == (12,)
+    base = np.asarray(NET.elements.axial_stiffness)
+    difference = (at(base + 1.0) - at(base - 1.0)) / 2.0
+    assert float(gradient.elements.axial_stiffness.sum()) == pytest.approx(difference, rel=1e-5)
