@@ -611,48 +611,6 @@ def test_a_process_keeps_its_program_and_draws_without_a_display(scene):
     assert {path.stat().st_ino for path in kept.glob("*.program")} == made
 
 
-INSIDE = """
-    import os, sys, warnings
-    import jax, matplotlib
-    import jaxcable as jc
-    from jaxcable.cli import main
-    from jaxcable.common import fusion, keeping
-
-    def settings():
-        backend = dict.__getitem__(matplotlib.rcParams, "backend")
-        own = list(keeping._place), list(keeping._before)
-        return dict(jax.config.values), list(warnings.filters), dict(os.environ), str(backend), own
-
-    def run(dtype):
-        before = settings()
-        assert main(["new", "net", "--force"]) == 0
-        assert main(["solve", "net.json", "--quiet", "--plot", "net.png"]) == 0
-        assert main(["solve", "none.json"]) == 2
-        changed = [(a, b) for a, b in zip(before, settings()) if a != b]
-        assert not changed, changed
-        assert not fusion.fuses()
-        assert jax.numpy.ones(2).dtype == dtype
-
-    run("float32")
-    jc.keep_programs("own")
-    jax.config.update("jax_enable_x64", True)
-    run("float64")
-"""
-
-
-def test_a_program_that_runs_commands_keeps_its_settings(tmp_path):
-    """Of jax, warnings, kept programs, whatever they are; there is no fusing of loops then."""
-    flags = os.environ.get("XLA_FLAGS", "").split()
-    flags = [flag for flag in flags if not flag.startswith("--xla_backend_extra_options")]
-    around = environment(XLA_FLAGS=" ".join(flags), JAXCABLE_PROGRAMS=str(tmp_path / "programs"))
-    for name in ("JAX_ENABLE_X64", "JAX_COMPILATION_CACHE_DIR"):
-        around.pop(name, None)
-    run = [sys.executable, "-c", textwrap.dedent(INSIDE)]
-    run = subprocess.run(run, cwd=tmp_path, env=around, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    assert list((tmp_path / "programs" / "programs").glob("*.program"))  # kept meanwhile
-
-
 @pytest.mark.parametrize("begun", [False, True])
 def test_ctrl_c_ends_with_one_line(begun, scene):
     """While jax still loads, and in the middle of a long analysis."""

@@ -113,55 +113,46 @@ def started(folder, role, seed):
     )
 
 
-@pytest.fixture(scope="module")
-def processes(tmp_path_factory):
-    """A folder, and what processes with it have told: two at once, and one after them."""
-    folder = tmp_path_factory.mktemp("processes")
-    for module, text in module_texts().items():
-        (folder / f"{module}.py").write_text(text)
-    both = [started(folder, role, seed) for role, seed in (("first", "1"), ("beside", "2"))]
-    said = []
-    for process in both:
-        said.append(process.communicate(timeout=300))
-        assert process.returncode == 0, said[-1][1]
-    process = started(folder, "next", "3")
-    said.append(process.communicate(timeout=300))
-    assert process.returncode == 0, said[-1][1]
-    assert not any("Warning" in err for _, err in said)
-    return folder / "kept", [json.loads(out) for out, _ in said], [err for _, err in said]
-
-
 def programs(folder):
     return sorted((folder / "programs").glob("*.program"))
 
 
-def test_another_process_neither_traces_nor_compiles(processes):
-    """Two have written at once: one of them from threads, and programs that call the host."""
-    folder, (first, beside, after), errors = processes
-    assert len(programs(folder)) == 3 and not list(folder.glob("**/*.new"))
-    assert after["tension"] == first["tension"] and len(first["tension"]) == 3
-    assert beside["tension"]["dense"] == first["tension"]["dense"]
-    assert after["control"] == "traced"
-    assert "phase 2 of 2" in errors[2]  # the progress of a program that is kept
-
-
-def test_processes_agree_on_digests(processes):
-    (first, beside, after) = (told["digests"] for told in processes[1])
-    assert first == beside == after and len(set(first)) == 3
-
-
-def test_another_process_finds_programs_that_call_numpy_in_the_cache_of_jax(processes):
-    first, _, after = (told["twice"] for told in processes[1])
-    assert first == [6.0, 0] and after[0] == 6.0 and after[1] > 0
-
-
-def test_all_modules_that_programs_are_made_of_are_imported_with_the_package(processes):
-    """What is imported later would be missing in the digest."""
+def described_modules():
+    """Names of all modules of the package that programs can be made of."""
     root = Path(jc.__file__).parent
     files = [path.relative_to(root).with_suffix("").parts for path in root.rglob("*.py")]
     modules = {".".join(("jaxcable", *parts)).removesuffix(".__init__") for parts in files}
-    described = set(filter(code_digest.is_described, modules))
-    assert described <= set(processes[1][0]["modules"]) and len(described) > 150
+    return set(filter(code_digest.is_described, modules))
+
+
+def test_another_process_neither_traces_nor_compiles(tmp_path):
+    """Two write at once, one of them from threads, and programs that call the host; a third reads.
+
+    All agree on digests, and have what programs are made of from the beginning: a module that is
+    imported later would be missing in the digest of the code.
+    """
+    for module, text in module_texts().items():
+        (tmp_path / f"{module}.py").write_text(text)
+    both = [started(tmp_path, role, seed) for role, seed in (("first", "1"), ("beside", "2"))]
+    said = [process.communicate(timeout=300) for process in both]
+    assert [process.returncode for process in both] == [0, 0], said
+    folder = tmp_path / "kept"
+    assert len(programs(folder)) == 3 and not list(folder.glob("**/*.new"))
+    process = started(tmp_path, "next", "3")
+    said.append(process.communicate(timeout=300))
+    assert process.returncode == 0, said[-1][1]
+    assert "phase 2 of 2" in said[-1][1]  # the progress of a program that is kept
+    assert not any("Warning" in err for _, err in said)
+    first, beside, after = told = [json.loads(out) for out, _ in said]
+    assert after["tension"] == first["tension"] and len(first["tension"]) == 3
+    assert beside["tension"]["dense"] == first["tension"]["dense"]
+    assert after["control"] == "traced"
+    assert first["digests"] == beside["digests"] == after["digests"]
+    assert len(set(first["digests"])) == 3
+    # the function of NumPy; the third finds it in the cache of jax
+    assert {own["twice"][0] for own in told} == {6.0}
+    assert first["twice"][1] == 0 < after["twice"][1]
+    assert described_modules() <= set(first["modules"]) and len(described_modules()) > 150
     for run in compilation._PROGRAMS:
         made = run.__wrapped__
         if made.__module__.startswith("jaxcable"):
