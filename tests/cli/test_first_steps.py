@@ -165,7 +165,7 @@ def test_scripts_agree_with_their_scenes(kind, folder, scripts, solved):
     told = re.search(r"largest displacement by .*: ([\d.]+) mm at node (\d+)", printed)
     assert abs(float(told[1]) - moved.max()) < 0.011  # two digits after the point
     assert moved[int(told[2])] > moved.max() - 0.01
-    assert printed.startswith("status: converged\nlargest displacement by ")
+    assert printed.startswith("status: converged")
     assert kind != "net" or "by snow: 17.68 mm" in printed
     assert (folder / f"{kind}.png").read_bytes().startswith(b"\x89PNG")
     assert "<canvas" in (folder / f"{kind}.html").read_text()

@@ -365,6 +365,8 @@ def test_the_digest_is_of_the_code_in_memory(monkeypatch):
     changes.append(
         (Straight.tension, "__code__", code.replace(co_consts=(*code.co_consts, "more")))
     )
+    changes.append((Straight.tension, "__defaults__", (1.0,)))
+    changes.append((Straight.tension, "__kwdefaults__", {"more": 1.0}))
     found = {same}
     for place, name, value in changes:
         with monkeypatch.context() as patch:
