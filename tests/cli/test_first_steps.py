@@ -1,6 +1,7 @@
-"""The first steps of a new user: `new`, its scenes and scripts, `plot`, `--quiet`, comments."""
+"""The first steps of a new user: `new`, its scenes and scripts, and `plot`."""
 
 import contextlib
+import inspect
 import io
 import json
 import re
@@ -9,15 +10,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import jsonschema
 import numpy as np
 import pytest
-from test_cli import environment, one_line
+from matplotlib.figure import Figure
+from test_cli import objects, one_line
 
 import jaxcable as jc
+from jaxcable import plots
 from jaxcable.cli import main, new
-from jaxcable.files import FileError, codec
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,13 +41,26 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def scripts(folder):
-    """What the scripts have printed and their solutions, by kind; with the programs of scenes."""
-    found = {}
+def scripts(folder, tmp_path_factory):
+    """What the scripts have printed and their solutions, by kind; with the programs of scenes.
+
+    As ``python net.py`` in another folder: they set precision by themselves, and write beside them.
+    """
+    found, elsewhere = {}, tmp_path_factory.mktemp("elsewhere")
     for kind in new.KINDS:
-        with contextlib.redirect_stdout(io.StringIO()) as out:
-            names = runpy.run_path(str(folder / f"{kind}.py"))
+        with (
+            pytest.MonkeyPatch.context() as patch,
+            contextlib.redirect_stdout(io.StringIO()) as out,
+        ):
+            patch.chdir(elsewhere)
+            jax.config.update("jax_enable_x64", False)
+            try:
+                names = runpy.run_path(str(folder / f"{kind}.py"), run_name="__main__")
+                assert jax.config.jax_enable_x64
+            finally:
+                jax.config.update("jax_enable_x64", True)
         found[kind] = out.getvalue(), names["solution"]
+    assert not list(elsewhere.iterdir())
     return found
 
 
@@ -56,19 +72,6 @@ def solved(folder):
 
 
 # --- new
-
-
-def objects(value, inside=None):
-    """All objects of classes in a scene: what has a type, and what need not name it."""
-    if isinstance(value, dict):
-        implied = inside in ("structure", "supports", "section", "phases")
-        if implied or value.get("type") in codec.TYPES:
-            yield value
-        for key, item in value.items():
-            yield from objects(item, key)
-    elif isinstance(value, list):
-        for item in value:
-            yield from objects(item, inside)
 
 
 @pytest.mark.parametrize("kind", new.KINDS)
@@ -147,21 +150,6 @@ def test_scripts_pass_the_linter(folder):
         assert "jc.scenes" not in text and 40 <= len(text.splitlines()) <= 70
 
 
-def test_a_script_runs_by_itself(folder, tmp_path):
-    """As ``python net.py``; what it prints does not depend on the folder it is called in."""
-    done = subprocess.run(
-        [sys.executable, str(folder / "net.py")],
-        cwd=tmp_path,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0 and done.stderr == "", done.stderr
-    assert done.stdout.startswith("status: converged\nlargest displacement by snow: 17.68 mm")
-    assert not list(tmp_path.iterdir())  # its pictures are beside it
-
-
 @pytest.mark.parametrize("kind", new.KINDS)
 def test_scripts_agree_with_their_scenes(kind, folder, scripts, solved):
     """Scenes have coordinates to 1e-6 m: a stretch of 1e-6 m over 6 m is 5 N of 32 MN."""
@@ -178,6 +166,7 @@ def test_scripts_agree_with_their_scenes(kind, folder, scripts, solved):
     assert abs(float(told[1]) - moved.max()) < 0.011  # two digits after the point
     assert moved[int(told[2])] > moved.max() - 0.01
     assert printed.startswith("status: converged")
+    assert kind != "net" or "by snow: 17.68 mm" in printed
     assert (folder / f"{kind}.png").read_bytes().startswith(b"\x89PNG")
     assert "<canvas" in (folder / f"{kind}.html").read_text()
 
@@ -280,30 +269,60 @@ def scenes(folder, monkeypatch, tmp_path):
     return tmp_path
 
 
-def test_plot_draws_what_it_is_asked_for(scenes, capsys):
-    pictures = {}
-    for words in (
-        "net.json",
-        "net.json --of utilisation --save u.png",
-        "net.json --view elevation --save e.png",
-        "net.json --magnify 20 --save m.png",
-        "net.json --reactions --save r.png",
-        "net.json --sequence --save s.png",
-        "net.json --sequence --magnify 20 --of utilisation --save t.png",
-        "mast.json --of My --save my.png",
-        "mast.json --of Vz --view elevation --save vz.png",
+def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch):
+    """Calls of `plots`, whose pictures have their own tests."""
+    drawn = []
+
+    def recorded(name):
+        function = getattr(plots, name)
+
+        def draw(*given, **options):
+            call = inspect.signature(function).bind(*given, **options)
+            call.apply_defaults()
+            drawn.append((name, call.arguments))
+            return Figure()
+
+        return draw
+
+    for name in ("net", "diagram", "sequence"):
+        monkeypatch.setattr(plots, name, recorded(name))
+    by_nodes = {len(scene[0].nodes): scene[2] for scene in solved.values()}
+    monkeypatch.setattr(
+        "jaxcable.cli.analysed.solver.solve",
+        lambda structure, *_, **__: by_nodes[len(structure.nodes)],
+    )
+    plain = {"magnify": 1.0, "colour": "tension", "view": None}
+    colour = {"colour": "utilisation"}
+    for words, name, expected in (
+        ("net.json", "net", plain | {"reactions": False}),
+        ("net.json --of utilisation", "net", plain | colour),
+        ("net.json --view elevation", "net", plain | {"view": "elevation"}),
+        ("net.json --magnify 20", "net", plain | {"magnify": 20.0}),
+        ("net.json --reactions", "net", plain | {"reactions": True}),
+        ("net.json --sequence", "sequence", plain),
+        (
+            "net.json --sequence --magnify 20 --of utilisation",
+            "sequence",
+            plain | colour | {"magnify": 20.0},
+        ),
+        ("mast.json --of My", "diagram", {"of": "My", "view": None}),
+        ("mast.json --of Vz --view elevation", "diagram", {"of": "Vz", "view": "elevation"}),
     ):
         assert main(["plot", *words.split()]) == 0, words
-        name = words.split()[-1].replace("net.json", "net.png")
-        out, err = capsys.readouterr()
-        assert out == f"wrote {name}\n" and err == ""
-        data = Path(name).read_bytes()
-        assert data.startswith(b"\x89PNG") and len(data) > 10_000
-        pictures[data] = words
-    assert len(pictures) == 9  # every option changes something
+        file = words.split()[0].replace(".json", ".png")
+        assert capsys.readouterr() == (f"wrote {file}\n", "")
+        assert Path(file).read_bytes().startswith(b"\x89PNG")
+        kind, call = drawn.pop()
+        assert kind == name and not drawn
+        assert {key: call[key] for key in expected} == expected, words
+        assert call["solution"] is by_nodes[len(call["structure"].nodes)]
+
+
+def test_plot_writes_pictures_of_every_kind(scenes, capsys):
     assert main(["plot", "mast.json", "--of", "N", "--save", "n.pdf"]) == 0
     assert main(["plot", "mast.json", "--of", "T", "--save", "t.svg"]) == 0
     assert Path("n.pdf").read_bytes().startswith(b"%PDF") and "</svg>" in Path("t.svg").read_text()
+    assert capsys.readouterr() == ("wrote n.pdf\nwrote t.svg\n", "")
 
 
 def test_plot_lies_beside_its_scene(scenes, capsys):
@@ -331,121 +350,3 @@ def test_plot_names_what_it_cannot_draw(scenes, capsys):
     assert main(["plot", "net.json"]) == 1
     assert "jaxcable: net.png: not drawn: the analysis failed" in capsys.readouterr().err
     assert not Path("net.png").exists()
-
-
-# --- quiet, and progress
-
-
-QUIET = {
-    "new": "bridge",
-    "info": "net.json",
-    "solve": "net.json --report --plot q.png",
-    "plot": "net.json",
-    "view": "net.json --no-open",
-    "form": "net.json --tension 15000 --save formed.json",
-    "optimize": "net.json --target 15000 --one --bounds 16000 20000 --save tuned.json",
-    "convert": "net.json --save net.dxf",
-    "schema": "",
-    "demo": "",
-}
-
-
-@pytest.mark.parametrize("command", QUIET)
-def test_quiet_prints_nothing(command, scenes, capsys, monkeypatch):
-    """No results, no warnings (optimize has one), no progress, with every command."""
-    monkeypatch.setattr(jc.progress.SHOW, "pause", 0.0)
-    if command == "convert":
-        pytest.importorskip("ezdxf")
-    before = set(scenes.iterdir())
-    status = main([command, *QUIET[command].split(), "--quiet"])
-    assert capsys.readouterr() == ("", "")
-    assert status == 0
-    assert (set(scenes.iterdir()) > before) == (command not in ("info", "schema"))
-
-
-def test_every_command_is_among_them():
-    from jaxcable.cli.parser import parser
-
-    (commands,) = [a.choices for a in parser()._actions if a.dest == "command"]
-    assert list(commands) == list(QUIET)  # in the order of a first use
-    for command in commands.values():
-        assert "--quiet" in command.format_help()
-
-
-def test_quiet_prints_errors(scenes, capsys):
-    assert main(["info", "none.json", "--quiet"]) == 2
-    told = capsys.readouterr()
-    assert told.out == "" and one_line(told.err).endswith("No such file or directory")
-    assert main(["info", "net.json"]) == 0  # stdout is back
-    assert capsys.readouterr().out.startswith("scene of 21 nodes")
-
-
-@pytest.mark.parametrize(
-    "words",
-    ["form --tension 9000", "form --force-density 900", "optimize --deflection 0.02 --one"],
-)
-def test_compiling_is_said(words, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(jc.progress.SHOW, "pause", 1e-3)
-    jc.save_scene("net.json", jc.scenes.saddle(2, 3))
-    command, *others = words.split()
-    assert main([command, "net.json", *others]) == 0
-    out, err = capsys.readouterr()
-    assert err.startswith("compiling\n") and "compiling" not in out
-
-
-# --- comments
-
-
-def test_comments_may_stand_in_every_object_of_a_class(tmp_path):
-    """Whatever they are; where keys are names of groups, neither schema nor reader takes one."""
-    nodes = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
-    section, law = jc.Section.rectangle(0.1, 0.1, jc.Elastic(1e9)), jc.Polygonal([0, 1], [0, 1e9])
-    elements = {
-        "beam": jc.Beams([[0, 1]], section),
-        "cable": jc.Cables([[1, 2], [2, 3]], area=1e-4, law=law, weight=1.0),
-    }
-    structure = jc.Structure(nodes, elements, supports=jc.clamped([0]) + jc.pinned([3]))
-    tension = {"beam": None, "cable": jc.only([0], 100.0)}
-    loads = [jc.SelfWeight(), jc.NodalLoads([2], (0.0, 0.0, -1.0))]
-    path = tmp_path / "scene.json"
-    jc.save_scene(path, (structure, [jc.Phase(pretension=tension, loads=loads)]))
-    data = json.loads(path.read_text())
-    check = jsonschema.Draft202012Validator(jc.files.scene_schema())
-    places = list(objects(data))
-    assert len(places) == 11, [place.get("type") for place in places]
-    for k, place in enumerate(places):
-        place["comment"] = ["a text", ["lines"], {"type": "Nonsense"}, None][k % 4]
-    path.write_text(json.dumps(data))
-    check.validate(data)
-    again = tmp_path / "again.json"
-    jc.save_scene(again, jc.load_scene(path))
-    assert "comment" not in again.read_text()
-    jc.save_scene(path, (structure, [jc.Phase(pretension=tension, loads=loads)]))
-    assert again.read_text() == path.read_text()
-    for names in (data["structure"]["elements"], data["phases"][0]["pretension"]):
-        names["comment"] = "a text"
-        path.write_text(json.dumps(data))
-        with pytest.raises(FileError, match="comment"):
-            jc.load_scene(path)
-        assert not check.is_valid(data)
-        del names["comment"]
-
-
-# --- results
-
-
-def test_results_are_indexed_as_their_docstring_says():
-    solution = jc.solve(*jc.scenes.flat_net(load=15.0))
-    numbers = [4, 7]
-    for array in (solution.reactions, solution.phases[1].tension, solution.last.positions):
-        plain = np.asarray(array)
-        np.testing.assert_array_equal(array[np.array(numbers)], plain[numbers])
-        np.testing.assert_array_equal(array[np.arange(len(plain)) > 3], plain[4:])
-        with pytest.raises(TypeError, match="sequence"):
-            array[numbers]
-        with pytest.raises(TypeError, match="immutable"):
-            array[0] = 1.0
-        copy = np.array(array)
-        copy[0] = 1.0
-        np.testing.assert_array_equal(array[len(plain) + 5], plain[-1])

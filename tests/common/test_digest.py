@@ -1,16 +1,23 @@
-"""Digests of functions: of what they compute, with all constants, the same in every process."""
+"""Digests of functions: of what they compute, with all constants; of functions on the host with all
+that decides what they return. That processes agree on them is in `test_keeping`."""
 
 import dataclasses
 import functools
 import os
-import subprocess
+import re
 import sys
+import textwrap
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from jaxcable.common import digest
+import jaxcable as jc
+from jaxcable.common import code_digest, digest
+from jaxcable.elements.straight import Straight
+from jaxcable.equilibrium import newton
+from jaxcable.numerics import vectors
 
 
 def of(function, *arguments):
@@ -97,31 +104,288 @@ def test_functions_on_the_host_count_by_code_and_closure():
     assert of(calls(times(2.0))) == found[0] and of(calls(Offset(large))) == found[5]
 
 
-PROGRAM = """
-import jax, numpy as np
-jax.config.update("jax_enable_x64", True)
-import jaxcable as jc
-from jaxcable.common import digest
+# --- functions on the host
 
-structure, phases = jc.scenes.flat_net()
-def analysed(load):
-    loads = [jc.replace(one, forces=one.forces * load) for one in jc.loads.as_list(phases[1].loads)]
-    solution = jc.solve(structure, [phases[0], jc.replace(phases[1], loads=loads)])
-    return {"z": solution.displacement, "names": {k: solution.status for k in {"a", "b", "c"}}}
-print(digest.of_function(jc.batched(analysed, 4), np.ones(5)))
-def host(x):
-    return jax.pure_callback(lambda y: np.asarray(y) * 2.0, jax.ShapeDtypeStruct((), float), x)
-print(digest.of_function(host, 1.0))
+MODULE = """
+    import collections, dataclasses, enum, functools, logging, math, types
+    from decimal import Decimal
+
+    import jax
+    import numpy as np
+
+    import {name}_config as config
+
+    log = logging.getLogger(__name__)
+    SCALE = {SCALE}
+    TABLE = np.array([1.0, {ENTRY}])
+    NESTED = {{"a": [1.0, {{"b": {NESTED}}}]}}
+    DEFAULTS = collections.defaultdict(lambda: {FACTORY})
+    LIMIT = Decimal("{DECIMAL}")
+    PROXY = types.MappingProxyType({{"x": {PROXY}}})
+    RNG = np.random.default_rng({SEED})
+    Pair = collections.namedtuple("Pair", "a b")
+    PAIR = Pair(1, {PAIR})
+
+    class Kind(enum.Enum):
+        A = {MEMBER}
+
+    class Base:
+        factor = {CLASS}
+
+        def scaled(self, x):
+            return {METHOD} * x * self.factor
+
+    class Slotted(Base):
+        __slots__ = ("by",)
+
+        def __init__(self, by):
+            self.by = by
+
+        def __call__(self, x):
+            return self.scaled(x) + self.by
+
+        @property
+        def twice(self):
+            return {PROPERTY} * self.by
+
+    SLOTTED = Slotted({SLOT})
+
+    @dataclasses.dataclass(frozen=True)
+    class Data:
+        values: tuple
+
+        def mean(self):
+            return sum(self.values) / {DATACLASS}
+
+    DATA = Data((1.0, {FIELD}))
+
+    def helper(x, more={DEFAULT}, *, keyword={KEYWORD}):
+        return x + more + keyword + deeper(x)
+
+    def deeper(x):
+        return x * {DEEPER}
+
+    def again(x, depth=2):
+        return again(x, depth - 1) if depth else x + {RECURSIVE}
+
+    partial = functools.partial(deeper, x={PARTIAL})
+    bound = SLOTTED.scaled
+
+    @functools.lru_cache
+    def cached(k):
+        return k + {CACHED}
+
+    @jax.jit
+    def compiled(x):
+        return x * {COMPILED}
+
+    def decorate(function):
+        @functools.wraps(function)
+        def inner(x):
+            return {WRAPPER} * function(x)
+
+        return inner
+
+    @decorate
+    def decorated(x):
+        return x - {DECORATED}
+
+    helper.attribute = {ATTRIBUTE}
+    unused = {UNUSED}
+
+    def cases(numbers):
+        import {name}_late as late
+
+        log.debug("cases")
+        inner = lambda x: x * SCALE + TABLE[1]  # a function in the function
+        found = inner(numbers) + helper(numbers) + again(numbers) + partial() + bound(2.0)
+        found = found + NESTED["a"][0] + DEFAULTS.default_factory() + float(LIMIT)
+        found = found + PROXY["x"] + PAIR.b
+        found = found + Kind.A.value + SLOTTED(1.0) + SLOTTED.twice + DATA.mean() + cached(1)
+        found = found + np.asarray(compiled(2.0)) + decorated(1.0) + config.OFFSET + late.OFFSET
+        found = found + config.deep.DEEP
+        return found + helper.attribute + 0 * RNG.bit_generator.state["state"]["state"] + math.pi
 """
 
+VALUES = (
+    *("SCALE", "ENTRY", "NESTED", "FACTORY", "DECIMAL", "PROXY", "SEED", "PAIR", "MEMBER", "CLASS"),
+    *("METHOD", "PROPERTY", "SLOT", "DATACLASS", "FIELD", "DEFAULT", "KEYWORD", "DEEPER"),
+    *("RECURSIVE", "PARTIAL", "CACHED", "COMPILED", "WRAPPER", "DECORATED", "ATTRIBUTE"),
+    *("UNUSED", "OFFSET", "LATE", "DEEP"),
+)
 
-def test_processes_agree():
-    """Texts have other hashes, and objects other addresses, in every process."""
-    told = set()
-    for seed in ("1", "2"):
-        environment = {**os.environ, "PYTHONHASHSEED": seed}
-        command = [sys.executable, "-c", PROGRAM]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        told.add(done.stdout)
-    (both,) = told
-    assert len(set(both.split())) == 2
+
+NAME = "users_module"
+
+
+def module_texts(**changed):
+    """The texts of a module of the user and of those that it imports, with some other numbers."""
+    numbers = {"n": NAME} | {value: 3 for value in VALUES} | changed
+    return {  # in the order in which they can be run
+        f"{NAME}_late": "OFFSET = {LATE}\n".format(**numbers),
+        f"{NAME}_deep": "import {n}_late\nDEEP = {DEEP}\n".format(**numbers),
+        f"{NAME}_config": "import {n}_deep as deep\nOFFSET = {OFFSET}\nOTHER = {UNUSED}\n".format(
+            **numbers
+        ),
+        NAME: textwrap.dedent(MODULE).format(name=NAME, **numbers),
+    }
+
+
+def cases_of(monkeypatch, **changed):
+    """The function `cases` of the module of the user."""
+    for module, text in module_texts(**changed).items():
+        own = type(sys)(module)
+        monkeypatch.setitem(sys.modules, module, own)
+        exec(compile(text, f"{module}.py", "exec"), vars(own))
+    return own.cases
+
+
+def test_everything_that_a_function_uses_counts(monkeypatch):
+    """Every number in the module that it uses, and no other; nor does a call change anything."""
+    function = cases_of(monkeypatch)
+    first = digest.of_host_function(function)
+    function(np.arange(3.0))
+    assert digest.of_host_function(function) == first
+    assert digest.of_host_function(cases_of(monkeypatch)) == first
+    found = {None: first}
+    for value in VALUES:
+        found[value] = digest.of_host_function(cases_of(monkeypatch, **{value: 5}))
+    assert found.pop("UNUSED") == first
+    assert len(set(found.values())) == len(found)
+
+
+def test_what_a_function_does_not_use_does_not_count():
+    def defined(body, **names):
+        space = {"__name__": NAME, "np": np, **names}
+        exec(f"def cases(numbers):\n    {body}", space)
+        return digest.of_host_function(space["cases"])
+
+    one, two = (
+        "return SCALE * numbers.astype(float)",
+        "# words\n    return SCALE * numbers.astype(float)",
+    )
+    assert defined(one, SCALE=2.0, OTHER=1.0) == defined(two, SCALE=2.0, OTHER=2.0)
+    assert defined(one, SCALE=2.0) != defined(one, SCALE=3.0)
+    # the name of an attribute, and of no global there
+    assert defined("return numbers.real", real=1.0) == defined("return numbers.real", real=2.0)
+
+
+def test_arrays_in_files_count_by_their_file(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(30.0))
+
+    def cases(data):
+        return lambda numbers: data[numbers]
+
+    def mapped():
+        return digest.of_host_function(cases(np.load(tmp_path / "a.npy", mmap_mode="r")))
+
+    first = mapped()
+    assert mapped() == first
+    np.save(tmp_path / "a.npy", np.arange(30.0) + 1.0)
+    os.utime(tmp_path / "a.npy", (1, 1))
+    assert mapped() != first
+
+
+def test_objects_without_an_end_are_named():
+    nested = []
+    for _ in range(100_000):
+        nested = [nested]
+    with pytest.raises(ValueError, match="nested too deeply"):
+        digest.of_host_function(lambda numbers: nested)
+    ring = []
+    ring.append(ring)
+    assert digest.of_host_function(lambda numbers: ring)
+
+
+# --- no stale answer
+
+
+def square(x):
+    return {"square": x**2}
+
+
+LEVEL = 1.0
+
+
+def test_a_study_sees_globals_of_its_cases(tmp_path, monkeypatch):
+    """Of 100 cases one differs that is not among those that are compared."""
+
+    def shift(numbers):
+        return np.where(numbers == 50, LEVEL, 0.0)
+
+    def cases(numbers):
+        return numbers + shift(numbers)
+
+    first = jc.streamed(square, cases, tmp_path, 40, n_case=100).load()["square"]
+    again = jc.streamed(square, cases, tmp_path, 40, n_case=100).load()["square"]
+    np.testing.assert_array_equal(first, again)
+    assert first[50] == 51.0**2
+    monkeypatch.setitem(globals(), "LEVEL", 2.0)
+    with pytest.raises(ValueError, match=r"holds a study with cases_function = .* globals"):
+        jc.streamed(square, cases, tmp_path, 40, n_case=100)
+    monkeypatch.setitem(globals(), "LEVEL", 1.0)
+    jc.streamed(square, cases, tmp_path, 40, n_case=100)
+
+
+def test_a_study_sees_globals_of_functions_on_the_host(tmp_path, monkeypatch):
+    def on_host(x):
+        return np.asarray(x) * LEVEL
+
+    def function(x):
+        shape = jax.ShapeDtypeStruct((), x.dtype)
+        return {"y": jax.pure_callback(on_host, shape, x, vmap_method="sequential")}
+
+    first = jc.streamed(function, np.arange(3.0), tmp_path, 2).load()["y"]
+    assert first.tolist() == [0.0, 1.0, 2.0]
+    jc.streamed(function, np.arange(3.0), tmp_path, 2)
+    monkeypatch.setitem(globals(), "LEVEL", 2.0)
+    with pytest.raises(ValueError, match=re.escape("holds a study with function = ")):
+        jc.streamed(function, np.arange(3.0), tmp_path, 2)
+
+
+# --- the code of the package
+
+
+def test_the_digest_is_of_the_code_in_memory(monkeypatch):
+    """Methods, constants of bytecode, numbers and partial functions; work changes nothing."""
+    of = code_digest.code_digest
+    same = of()
+    assert int(jc.solve(*jc.scenes.flat_net()).status) == jc.status.OK
+    assert of() == same
+    changes = []
+    for factor in (2.0, 3.0):
+        space = {"__name__": Straight.__module__}
+        exec(f"def tension(self, state, nodes, motion):\n    return {factor} * state", space)
+        space["tension"].__qualname__ = "Straight.tension"
+        changes.append((Straight, "tension", space["tension"]))
+        changes.append((vectors, "a_partial", functools.partial(vectors.inner, b=factor)))
+    name, number = next((n, v) for n, v in vars(newton).items() if type(v) is float)
+    code = Straight.tension.__code__
+    changes.append((newton, name, 2 * number))
+    changes.append(
+        (Straight.tension, "__code__", code.replace(co_consts=(*code.co_consts, "more")))
+    )
+    changes.append((Straight.tension, "__defaults__", (1.0,)))
+    changes.append((Straight.tension, "__kwdefaults__", {"more": 1.0}))
+    found = {same}
+    for place, name, value in changes:
+        with monkeypatch.context() as patch:
+            patch.setattr(place, name, value, raising=False)
+            found.add(of())
+        assert of() == same
+    assert len(found) == 1 + len(changes)
+
+
+def test_replaced_by_a_function_of_the_user_nothing_is_kept(monkeypatch):
+    monkeypatch.setattr(Straight, "tension", lambda self: 0.0)
+    with pytest.raises(code_digest.ForeignError, match="test_digest"):
+        code_digest.code_digest()
+
+
+def test_lines_and_comments_do_not_count():
+    one = "def f(x):\n    return {'a', 'b'} & x"
+    texts = one, "\n\n# words\n" + one, one.replace("'a'", "'c'")
+    first, moved, other = (
+        code_digest._of_code(compile(text, f"file{k}", "exec")) for k, text in enumerate(texts)
+    )
+    assert first == moved != other

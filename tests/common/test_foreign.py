@@ -1,9 +1,7 @@
-"""NumPy functions called by name from compiled programs (`common.foreign`)."""
+"""NumPy functions called by name from compiled programs (`common.foreign`).
 
-import os
-import subprocess
-import sys
-import textwrap
+That another process finds such programs on disk is in `test_keeping`.
+"""
 
 import jax
 import jax.numpy as jnp
@@ -94,37 +92,6 @@ def test_other_platforms_get_a_callback(monkeypatch):
     vector, positive = jax.jit(jax.vmap(call))(jnp.zeros((2, 3)), jnp.array([1, -1], jnp.int32))
     np.testing.assert_array_equal(vector, [[1.0] * 3, [-1.0] * 3])
     np.testing.assert_array_equal(positive, [True, False])
-
-
-PROGRAM = """
-    import jax, jax.numpy as jnp
-    from jax import monitoring
-    hits = []
-    monitoring.register_event_listener(lambda name, **_: hits.append(name))
-    from jaxcable.common import foreign
-    shape = jax.ShapeDtypeStruct((3,), jnp.float32)
-    @foreign.family
-    def double():
-        return lambda x: (2 * x,)
-    found = jax.jit(lambda x: foreign.call([double], [shape], x))(jnp.ones(3))
-    print(float(found[0].sum()), hits.count("/jax/compilation_cache/cache_hits"))
-"""
-
-
-def test_another_process_finds_the_program_on_disk(tmp_path):
-    flags = {
-        "JAX_COMPILATION_CACHE_DIR": str(tmp_path),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
-    }
-    command = [sys.executable, "-c", textwrap.dedent(PROGRAM)]
-    said = [
-        subprocess.run(command, env=os.environ | flags, capture_output=True, text=True, check=True)
-        for _ in range(2)
-    ]
-    (first, none), (second, some) = (run.stdout.split() for run in said)
-    assert (first, second) == ("6.0", "6.0")
-    assert int(none) == 0 and int(some) > 0
 
 
 def test_families_are_known_by_module_and_name():

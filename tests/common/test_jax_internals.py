@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from test_keeping import product
 
 import jaxcable as jc
 from jaxcable.common import compilation, fusion, jax_internals, keeping
@@ -64,7 +65,7 @@ WITHOUT = """
     import warnings
     import jax, jax.extend.core, jax.interpreters.ad
     jax.config.update("jax_enable_x64", True)
-    {before}
+    del jax.extend.core.Primitive
     import jax.numpy as jnp
     import jaxcable as jc
     structure, phases = jc.scenes.flat_net()
@@ -83,16 +84,11 @@ WITHOUT = """
 """
 
 
-@pytest.mark.parametrize(
-    "before", ["del jax.extend.core.Primitive", "del jax.interpreters.ad.primitive_transposes"]
-)
-def test_without_primitives(before):
+def test_without_primitives():
     """Values and derivatives are those with them, and what is lost is said once."""
     environment = os.environ | {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1"}
-    code = textwrap.dedent(WITHOUT.format(before=before))
-    run = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300
-    )
+    command = [sys.executable, "-c", textwrap.dedent(WITHOUT)]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     numbers, *said = run.stdout.strip().split("\n")
     assert len(said) == 1 and "jax.extend.core.Primitive" in said[0]
@@ -105,6 +101,19 @@ def test_without_primitives(before):
     expected = [value, sag(nodes), sag(1.1 * nodes), *slope[3]]
     # the tolerance of the iteration: other programs end in other last digits
     np.testing.assert_allclose([float(x) for x in numbers.split()], expected, rtol=1e-7, atol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["primitive_jvps", "primitive_transposes", "instantiate_zeros"])
+def test_without_a_rule_of_primitives_there_is_none(name, monkeypatch):
+    """Then the package does without, as above."""
+
+    def made():
+        same = [lambda x, **_: x] * 5
+        return jax_internals.primitive("same", *same)
+
+    assert made() is not None
+    monkeypatch.delattr(jax.interpreters.ad, name)
+    assert made() is None
 
 
 # --- other names
@@ -124,15 +133,6 @@ def without(monkeypatch):
     return take
 
 
-def solved():
-    """Whether an analysis works that is compiled anew."""
-    jc.forget_programs()
-    solution = jc.solve(STRUCTURE, PHASES)
-    assert int(solution.status) == jc.status.OK
-    assert np.isclose(solution.displacement[3, 2], -0.04662987453631125, rtol=1e-9)
-    return True
-
-
 def test_whether_a_program_is_traced(monkeypatch):
     """Told by the documented interface as by the other one."""
     seen = []
@@ -147,26 +147,16 @@ def test_whether_a_program_is_traced(monkeypatch):
         jax.jit(lambda x: look(x))(1.0)
         jax.grad(jax.jit(lambda x: look(x)))(1.0)
     assert seen == 2 * [False, True, True]
-    assert solved()
     run = compilation.program(lambda x: 2 * x)
     assert float(jax.jit(lambda: run(np.ones(()), size=1))()) == 2.0 and not run.known
     compilation._PROGRAMS.remove(run)
+    assert product() == 6.0
 
 
-def test_without_a_cache_of_jax(tmp_path, without, monkeypatch):
-    monkeypatch.setattr(keeping, "_place", [])
-    monkeypatch.setattr(keeping, "_before", [])
-    names = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
-    before = [getattr(jax.config, name) for name in names]
-    jax.config.update("jax_compilation_cache_dir", None)
+def test_without_a_cache_of_jax(tmp_path, without, nothing_kept):
     without("jax.experimental.compilation_cache.compilation_cache")
-    try:
-        with pytest.warns(RuntimeWarning, match=r"lacks jax.experimental.compilation_cache"):
-            jc.keep_programs(tmp_path)
-        jc.keep_programs(limit=0)
-    finally:
-        for name, value in zip(names, before, strict=True):
-            jax.config.update(name, value)
+    with pytest.warns(RuntimeWarning, match=r"lacks jax.experimental.compilation_cache"):
+        jc.keep_programs(tmp_path)
 
 
 def test_without_a_setting_for_one_thread(without):
@@ -194,7 +184,7 @@ def test_without_quick_options(monkeypatch):
     if jax.default_backend() == "cpu":
         assert (jax_internals.quick_options() is None) == (jax.__version_info__ >= (0, 12))
     monkeypatch.setattr(compilation, "quick_options", lambda: None)
-    assert solved()
+    assert product() == 6.0
 
 
 # --- flags of XLA: an unknown one ends the process

@@ -1,14 +1,15 @@
 """Programs kept on disk for the next process (`keep_programs`), and forgotten (`forget_programs`).
 
-Whether a program came from disk is seen from outside: a process in which nothing can be traced
-analyses all the same.
+Whether a program came from disk is seen from outside: where nothing can be traced, it runs all the
+same.
 """
 
+import json
 import os
-import shutil
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -16,127 +17,248 @@ import numpy as np
 import pytest
 from extensions.own_laws import Prager
 from extensions.own_solver import NUMPY
+from test_digest import module_texts
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare
-from jaxcable.common import code_digest, compilation, jax_internals, keeping
+from jaxcable.common import code_digest, compilation, foreign, jax_internals, keeping
+from jaxcable.common.program_folder import opened
+from jaxcable.numerics import vectors
 
-HEAD = """
-    import sys, resource, signal
+# --- other processes
+
+PROCESS = """
+    import json, sys, threading
     import jax
     jax.config.update("jax_enable_x64", True)
-    import numpy as np
     import jaxcable as jc
-    def no_tracing(*_, **__):
-        raise AssertionError("traced")
-    structure, phases = jc.scenes.saddle(3, 3)
-    def analyse(linear_solver=None):
-        solution = jc.solve(structure, phases, jc.Newton(linear_solver=linear_solver))
+    told = {"modules": sorted(sys.modules)}
+    import jax.numpy as jnp, numpy as np
+    from jaxcable.common import digest, foreign
+    from users_module import cases
+
+    role, folder = sys.argv[1:]
+    hits = []
+    jax.monitoring.register_event_listener(lambda name, **_: hits.append(name))
+    jc.keep_programs(folder)
+    setting = "jax_persistent_cache_min_compile_time_secs"
+    assert getattr(jax.config, setting) == 0.05
+
+    # digests
+    structure, phases = jc.scenes.flat_net()
+    def analysed(load):
+        heavy = jc.replace(phases[1].loads, forces=phases[1].loads.forces * load)
+        solution = jc.solve(structure, [phases[0], jc.replace(phases[1], loads=heavy)])
+        return {"z": solution.displacement, "of": {k: solution.status for k in {"a", "b", "c"}}}
+    def host(x):
+        return jax.pure_callback(lambda y: np.asarray(y) * 2.0, jax.ShapeDtypeStruct((), float), x)
+    told["digests"] = [
+        digest.of_function(jc.batched(analysed, 4), np.ones(5)),
+        digest.of_function(host, 1.0),
+        digest.of_host_function(cases),
+    ]
+
+    # a program with a function of NumPy, in the cache of jax
+    @foreign.family
+    def double():
+        return lambda x: (2 * x,)
+    jax.config.update(setting, 0)
+    shape = jax.ShapeDtypeStruct((3,), jnp.float32)
+    lowered = jax.jit(lambda x: foreign.call([double], [shape], x)).lower(shape)
+    hits.clear()
+    twice = lowered.compile()
+    told["found"] = hits.count("/jax/compilation_cache/cache_hits")
+    told["twice"] = np.asarray(twice(np.ones(3, np.float32))[0]).tolist()
+    jax.config.update(setting, 0.05)
+
+    # analyses, in threads where they are compiled
+    jc.progress.SHOW.pause = 0.0
+    saddle, told["tension"] = jc.scenes.saddle(3, 3), {}
+    superlu = jc.Newton(linear_solver="superlu")
+    works = {
+        "dense": lambda: jc.solve(*saddle),
+        "superlu": lambda: jc.solve(*saddle, superlu, progress=True),
+        "banded": lambda: jc.solve(*jc.scenes.saddle(8, 8)),  # a net of that size gets it
+    }
+    def work(name):
+        solution = works[name]()
         jc.raise_if_failed(solution)
-        print(np.asarray(solution.tension).tobytes().hex())
+        told["tension"][name] = np.asarray(solution.tension).tobytes().hex()
+    if role == "next":
+        def no_tracing(*_, **__):
+            raise AssertionError("traced")
+        jax.jit = no_tracing  # of jax: a program of changed code would not be found
+        for name in works:
+            work(name)
+        try:
+            jc.solve(*jc.scenes.saddle(2, 2))  # the control
+        except AssertionError as error:
+            told["control"] = str(error)
+    else:
+        names = works if role == "first" else ["dense"]
+        threads = [threading.Thread(target=work, args=(name,)) for name in names]
+        for thread in threads: thread.start()
+        for thread in threads: thread.join()
+    assert getattr(jax.config, setting) == 0.05
+    print(json.dumps(told))
 """
-TRACES = "jc.keep_programs(sys.argv[1]); analyse()"
-FORBID = "jax.jit = no_tracing; "  # of jax: a program of changed code would not be found
-CANNOT = FORBID + TRACES
 
 
-def start(folder, code):
-    clean = {k: v for k, v in os.environ.items() if k != "JAX_COMPILATION_CACHE_DIR"}
-    command = [sys.executable, "-c", textwrap.dedent(HEAD) + code, str(folder)]
+def started(folder, role, seed):
+    """A process that writes or reads programs in a folder; texts have other hashes in each."""
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    clean |= {"JAX_DISABLE_MOST_OPTIMIZATIONS": "1", "PYTHONHASHSEED": seed}
+    clean["PYTHONPATH"] = os.pathsep.join([str(folder), *sys.path])
+    words = [sys.executable, "-W", "error", "-c", textwrap.dedent(PROCESS), role]
     pipe = subprocess.PIPE
-    return subprocess.Popen(command, env=clean, stdout=pipe, stderr=pipe, text=True)
-
-
-def end(process, warning=None):
-    out, err = process.communicate(timeout=300)
-    assert process.returncode == 0, err
-    assert ("Warning" in err) == (warning is not None), err
-    assert warning is None or warning in err
-    return out
+    return subprocess.Popen(
+        [*words, str(folder / "kept")], env=clean, stdout=pipe, stderr=pipe, text=True
+    )
 
 
 def programs(folder):
     return sorted((folder / "programs").glob("*.program"))
 
 
-@pytest.fixture(scope="module")
-def filled(tmp_path_factory):
-    """A folder with the program of an analysis, and what that printed."""
-    folder = tmp_path_factory.mktemp("kept") / "programs"
-    said = end(start(folder, TRACES))
-    assert len(programs(folder)) == 1
-    return folder, said
+def described_modules():
+    """Names of all modules of the package that programs can be made of."""
+    root = Path(jc.__file__).parent
+    files = [path.relative_to(root).with_suffix("").parts for path in root.rglob("*.py")]
+    modules = {".".join(("jaxcable", *parts)).removesuffix(".__init__") for parts in files}
+    return set(filter(code_digest.is_described, modules))
+
+
+def test_another_process_neither_traces_nor_compiles(tmp_path):
+    """Two write at once, one of them from threads, and programs that call the host; a third reads.
+
+    All agree on digests, and have what programs are made of from the beginning: a module that is
+    imported later would be missing in the digest of the code.
+    """
+    for module, text in module_texts().items():
+        (tmp_path / f"{module}.py").write_text(text)
+    both = [started(tmp_path, role, seed) for role, seed in (("first", "1"), ("beside", "2"))]
+    said = [process.communicate(timeout=300) for process in both]
+    assert [process.returncode for process in both] == [0, 0], said
+    folder = tmp_path / "kept"
+    assert len(programs(folder)) == 3 and not list(folder.glob("**/*.new"))
+    process = started(tmp_path, "next", "3")
+    said.append(process.communicate(timeout=300))
+    assert process.returncode == 0, said[-1][1]
+    assert "phase 2 of 2" in said[-1][1]  # the progress of a program that is kept
+    assert not any("Warning" in err for _, err in said)
+    first, beside, after = told = [json.loads(out) for out, _ in said]
+    assert after["tension"] == first["tension"] and len(first["tension"]) == 3
+    assert beside["tension"]["dense"] == first["tension"]["dense"]
+    assert after["control"] == "traced"
+    assert first["digests"] == beside["digests"] == after["digests"]
+    assert len(set(first["digests"])) == 3
+    # the function of NumPy; the third finds it in the cache of jax
+    assert [own["twice"] for own in told] == [[2.0, 2.0, 2.0]] * 3
+    assert after["found"] == 1
+    assert described_modules() <= set(first["modules"]) and len(described_modules()) > 150
+    for run in compilation._PROGRAMS:
+        made = run.__wrapped__
+        if made.__module__.startswith("jaxcable"):
+            assert code_digest.is_described(made.__module__) and "<" not in made.__qualname__
+
+
+# --- a small program of the package, in this process
+
+
+def no_tracing(*_, **__):
+    raise AssertionError("traced")
+
+
+def product(traced=True):
+    """1 + 2 + 3, by a program that this process knows as little as a new one does."""
+    run = compilation.program(vectors.inner)
+    compilation._PROGRAMS.remove(run)
+    with pytest.MonkeyPatch.context() as patch:
+        if not traced:
+            patch.setattr(jax, "jit", no_tracing)
+        return float(run(np.arange(1.0, 4.0), np.ones(3), size=9))
 
 
 @pytest.fixture
-def copied(filled, tmp_path):
-    return shutil.copytree(filled[0], tmp_path / "programs")
+def kept(nothing_kept, tmp_path):
+    """A folder with one program."""
+    with pytest.raises(AssertionError, match="traced"):
+        product(traced=False)
+    jc.keep_programs(tmp_path)
+    assert product() == product(traced=False) == 6.0 and len(programs(tmp_path)) == 1
+    return tmp_path
 
 
-def test_another_process_neither_traces_nor_compiles(filled):
-    folder, said = filled
-    assert end(start(folder, CANNOT)) == said
-    empty = start(folder.parent / "empty", CANNOT)  # the control
-    assert "AssertionError: traced" in empty.communicate(timeout=300)[1]
+def test_jax_keeps_programs_beside_ours_and_only_meanwhile(nothing_kept, tmp_path):
+    names = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
 
+    def settings():
+        return [getattr(jax.config, name) for name in names]
 
-@pytest.mark.parametrize("solver", ["superlu", "banded"])
-def test_programs_that_call_the_host_are_kept(solver, tmp_path):
-    if solver == "banded":  # is not offered by name: a net of that size gets it
-        change = "structure, phases = jc.scenes.saddle(8, 8); analyse()"
-    else:
-        change = f"analyse({solver!r})"
-    code = "jc.keep_programs(sys.argv[1]); " + change
-    said = end(start(tmp_path, code))
-    assert len(programs(tmp_path)) == 1
-    assert end(start(tmp_path, FORBID + code)) == said
-
-
-def test_programs_that_print_progress_are_kept_and_those_with_listeners_are_not(tmp_path):
-    code = "jc.keep_programs(sys.argv[1]); jc.solve(structure, phases, progress=%s)"
-    end(start(tmp_path, code % "print"))
-    assert not programs(tmp_path)
-    end(start(tmp_path, code % "True"))
-    assert len(programs(tmp_path)) == 1
-    hurry = "jc.progress.SHOW.pause = 0.0; "
-    process = start(tmp_path, FORBID + hurry + code % "True")
-    _, err = process.communicate(timeout=300)
-    assert process.returncode == 0 and "phase 2 of 2" in err
+    before = settings()
+    jc.keep_programs(tmp_path)
+    assert settings() == [str(tmp_path / "xla"), 0.05]
+    jc.keep_programs(limit=0)
+    assert settings() == before and product() == 6.0 and not programs(tmp_path)
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty"])
-def test_a_damaged_file_is_made_again(damage, filled, copied):
-    (path,) = programs(copied)
+def test_a_damaged_file_is_made_again(damage, kept):
+    (path,) = programs(kept)
     text = bytearray(path.read_bytes())
     text[len(text) // 2] ^= 1
     path.write_bytes({"cut": text[: len(text) // 2], "changed": text, "empty": b""}[damage])
-    assert end(start(copied, TRACES), "is damaged; the program is compiled anew") == filled[1]
-    assert end(start(copied, CANNOT)) == filled[1]
+    with pytest.warns(RuntimeWarning, match="is damaged; the program is compiled anew"):
+        assert product() == 6.0
+    assert product(traced=False) == 6.0
 
 
-def test_a_folder_that_cannot_be(filled, tmp_path):
-    """A disk on which no folder can be made, here that of Linux for its processes."""
-    if sys.platform.startswith("linux"):
-        assert end(start("/proc/jaxcable", TRACES)) == filled[1]
-    (tmp_path / "programs").write_text("a file")
-    with pytest.raises(ValueError, match="is a file, and no folder"):
-        jc.keep_programs(tmp_path / "programs")
-    assert (tmp_path / "programs").read_text() == "a file"
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's folder of processes")
+def test_a_disk_on_which_no_folder_can_be_made(nothing_kept):
+    jc.keep_programs("/proc/jaxcable")
+    assert product() == 6.0
 
 
-def test_a_full_disk(filled, tmp_path):
-    limit = "signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
-    limit += "resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000)); "
-    assert end(start(tmp_path, limit + TRACES)) == filled[1]
-    assert not [f for f in (tmp_path / "programs").iterdir() if f.suffix in (".new", ".program")]
+def test_a_full_disk(nothing_kept, tmp_path):
+    resource = pytest.importorskip("resource")
+    jc.keep_programs(tmp_path)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))  # Python ignores the signal of it
+    try:
+        assert product() == 6.0
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert [path.name for path in (tmp_path / "programs").iterdir()] == ["CACHEDIR.TAG"]
+    assert product() == product(traced=False) == 6.0
 
 
-def test_two_processes_at_once(filled, tmp_path):
-    both = [start(tmp_path, TRACES) for _ in range(2)]
-    assert [end(process) for process in both] == [filled[1]] * 2
-    assert len(programs(tmp_path)) == 1 and not list(tmp_path.glob("**/*.new"))
-    assert end(start(tmp_path, CANNOT)) == filled[1]
+@foreign.family
+def hears():
+    return lambda x: ()
 
+
+def test_programs_that_call_by_address_are_not_kept(tmp_path):
+    """Those with listeners of the user; `progress.SHOW` is called by its name."""
+    place = opened(tmp_path, 1 << 20)
+    for k, told in enumerate(
+        (lambda x: jax.debug.callback(print, x), lambda x: foreign.tell([hears], x))
+    ):
+        compiled = jax.jit(lambda x, told=told: told(x) or x).lower(1.0).compile()
+        keeping._store(place, 32 * "a", compiled)
+        assert len(programs(tmp_path)) == k
+
+
+def test_forgotten_programs_are_compiled_again():
+    run = compilation.program(vectors.inner)
+    before = run(np.ones(3), np.ones(3), size=9)
+    assert len(run.known) == 1
+    jc.forget_programs()
+    assert not any(own.known for own in compilation._PROGRAMS)
+    assert float(before) == float(run(np.ones(3), np.ones(3), size=9)) == 3.0
+    compilation._PROGRAMS.remove(run)
+
+
+# --- on what a program depends
 
 WORDS = "jaxcable.analysis.solver", "_analyse"
 
@@ -218,12 +340,6 @@ def test_the_folder_for_caches(tmp_path, monkeypatch):
         assert (tmp_path / "jaxcable").stat().st_mode & 0o777 == 0o700
 
 
-def test_wrong_limits():
-    for limit in (-1, 2.5):
-        with pytest.raises(ValueError, match="limit"):
-            jc.keep_programs("never", limit=limit)
-
-
 def test_as_many_programs_as_are_allowed(monkeypatch):
     monkeypatch.setattr(compilation, "MOST", 3)
     run = compilation.program(lambda x: 2 * x)
@@ -242,13 +358,3 @@ def test_where_an_argument_lives_and_its_type_matter():
     assert len(run.known) == len(given)
     assert run(jnp.float32(2.0), np.float32(1.0), size=9).dtype == np.float32
     compilation._PROGRAMS.remove(run)
-
-
-def test_forgotten_programs_are_compiled_again():
-    structure, phases = jc.scenes.flat_net()
-    before = jc.solve(structure, phases)
-    jc.forget_programs()
-    assert all(not run.known for run in compilation._PROGRAMS)
-    after = jc.solve(structure, phases)
-    assert int(before.status) == int(after.status) == 0
-    np.testing.assert_array_equal(before.tension, after.tension)

@@ -114,27 +114,28 @@ def test_wrong_listeners_are_named(scene):
     assert listener(True) is listener(True)  # one object: no second compilation
 
 
-def test_long_compilation_is_said():
-    structure, phases = jc.scenes.saddle(3, 4)
-
-    def said(pause, function):
-        stream = io.StringIO()
-        function(Printer(pause=pause, stream=stream))
-        jax.effects_barrier()
-        return stream.getvalue().splitlines()
-
-    def analyse(show):
-        jc.raise_if_failed(jc.solve(structure, phases, progress=show))
-
-    def improve(show):
-        jc.minimize(lambda x: jnp.sum((x - 2.0) ** 4), jnp.zeros(3), progress=show)
-
-    for function in (analyse, improve):
-        assert said(1e-3, function)[0] == "compiling"
-        assert said(1e3, function) == []
-    show = Printer(pause=0.0, stream=io.StringIO())  # the second call compiles nothing
-    jc.solve(structure, phases, progress=show)
-    show.stream = io.StringIO()
-    jc.solve(structure, phases, progress=show)
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda show: jc.raise_if_failed(jc.solve(*jc.scenes.saddle(2, 2), progress=show)),
+        lambda show: jc.minimize(lambda x: jnp.sum((x - 2.0) ** 4), jnp.zeros(3), progress=show),
+    ],
+    ids=["solve", "minimize"],
+)
+def test_long_compilation_is_said(work):
+    show = Printer(pause=1e-3, stream=io.StringIO())
+    work(show)
     jax.effects_barrier()
+    assert show.stream.getvalue().splitlines()[0] == "compiling"
+
+
+def test_short_work_is_silent_and_known_programs_are_not_compiled(scene):
+    show = Printer(pause=1e3, stream=io.StringIO())
+    jc.raise_if_failed(jc.solve(*scene, progress=show))
+    jax.effects_barrier()
+    assert show.stream.getvalue() == ""
+    show.pause = 0.0
+    jc.raise_if_failed(jc.solve(*scene, progress=show))
+    jax.effects_barrier()
+    assert "phase 2 of 2" in show.stream.getvalue()
     assert "compiling" not in show.stream.getvalue()

@@ -12,30 +12,22 @@ SCRIPT = Path(__file__).parents[1] / "banks" / "waiting_programs.py"
 LIMIT = 240  # seconds: what takes 10 on a quiet machine, 25 times as long
 FUSED = "forms", "nets"
 USUAL = "frames_in_threads", "forms"  # one program by `jax.vmap` in threads, one by `jc.batched`
+OTHERS = sorted(PROGRAMS.keys() - {"control", *USUAL})
 
 
-def ended(name, calls, fused):
-    """What a program prints in a process of its own, with jax's own settings."""
+@pytest.mark.parametrize(
+    "name", [*USUAL, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
+)
+def test_calls_end(name):
+    """In a process of its own, with jax's own settings; `experiments/waiting.py` runs all ways."""
     environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
-    options = [name, "--calls", str(calls), *(["--fused"] if fused else [])]
+    words = [name, "--calls", "30", *(["--fused"] if name in FUSED else [])]
     done = subprocess.run(
-        [sys.executable, SCRIPT, *options],
+        [sys.executable, SCRIPT, *words],
         env=environment,
         capture_output=True,
         text=True,
         timeout=LIMIT,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout.strip()
-
-
-@pytest.mark.parametrize("name", USUAL)
-def test_calls_end(name):
-    assert ended(name, 30, name in FUSED) == "30 calls ended"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(PROGRAMS.keys() - {"control"}))
-@pytest.mark.parametrize("fused", [False, True])
-def test_all_programs_end(name, fused):
-    assert ended(name, 50, fused) == "50 calls ended"
+    assert done.stdout.strip() == "30 calls ended"

@@ -10,8 +10,6 @@ import pathlib
 import pkgutil
 import types
 
-import pytest
-
 import jaxcable as jc
 
 PACKAGE = pathlib.Path(jc.__file__).parent
@@ -60,10 +58,10 @@ def _missing(function):
     return missing
 
 
-@pytest.mark.parametrize("room", ROOMS)
-def test_what_a_room_offers_has_annotations(room):
-    wanting = {name: _missing(function) for name, function in _offered(room)}
+def test_what_rooms_offer_has_annotations():
+    wanting = {name: _missing(own) for room in ROOMS for name, own in _offered(room)}
     assert {name: missing for name, missing in wanting.items() if missing} == {}
+    assert len(wanting) > 500
 
 
 def test_a_function_without_annotations_is_seen():

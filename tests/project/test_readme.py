@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 
 import matplotlib
+import numpy as np
+import pytest
 
 from jaxcable.cli import main
 
@@ -35,6 +37,19 @@ def run(blocks, names):
     return pairs
 
 
+def check_arrays(solution):
+    """Results are arrays of JAX: no list as an index, and they cannot be changed."""
+    for array in (solution.reactions, solution.phases[1].tension, solution.last.positions):
+        plain = np.asarray(array)
+        np.testing.assert_array_equal(array[np.array([0, 2])], plain[[0, 2]])
+        np.testing.assert_array_equal(array[np.arange(len(plain)) > 2], plain[3:])
+        np.testing.assert_array_equal(array[len(plain) + 5], plain[-1])
+        with pytest.raises(TypeError, match="sequence"):
+            array[[0, 2]]
+        with pytest.raises(TypeError, match="immutable"):
+            array[0] = 1.0
+
+
 def test_blocks_run_and_print_what_the_readme_says(tmp_path, monkeypatch):
     matplotlib.use("Agg")
     monkeypatch.chdir(tmp_path)
@@ -45,16 +60,9 @@ def test_blocks_run_and_print_what_the_readme_says(tmp_path, monkeypatch):
     assert printed == said
     assert int(names["solution"].status) == 0
     made = {path.name for path in tmp_path.iterdir()}
-    expected = {
-        "net.json",
-        "net.png",
-        "net.vtk",
-        "net.txt",
-        "net.html",
-        "formed.json",
-        "tuned.json",
-    }
-    assert made == expected
+    pictures = {f"net.{suffix}" for suffix in ("json", "png", "vtk", "txt", "html")}
+    assert made == pictures | {"formed.json", "tuned.json"}
+    check_arrays(names["solution"])
     # by hand: four cables carry 300 N, 4 N sin(a) = 300, at the sag that was found
     sag, tension = float(-names["solution"].displacement[4, 2]), float(names["solution"].tension[0])
     assert abs(4 * tension * sag / (1 + sag**2) ** 0.5 - 300.0) < 1e-6
