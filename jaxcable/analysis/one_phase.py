@@ -22,7 +22,7 @@ from ..numerics.rooted import told
 from ..spaces import space_of
 from ..spaces.translations import coarse, is_fine, refined
 from .phase_results import LOG, Path
-from .told import named
+from .results import element_fields
 
 
 class Ended(NamedTuple):
@@ -197,7 +197,7 @@ def _path(readings, moved, good, finite):
     def known(x):
         return x * jnp.where(finite, 1.0, jnp.nan).astype(x.dtype).reshape(-1, *(1,) * (x.ndim - 1))
 
-    values = {"displacement": moved, **named(readings.found)}
+    values = {"displacement": moved, **element_fields(readings.found)}
     path = Path(*(None,) * len(dataclasses.fields(Path)))
     path = copy(path, **jax.tree.map(known, values))
     return path, jnp.where(

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..common.tree import computed, copy, pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
-from .told import Told
+from .results import ElementResults, Results
 
 
 @pytree
-class Path(Told):
+class Path(ElementResults):
     """The increments of a phase, one entry each.
 
     Attributes:
@@ -23,7 +23,7 @@ class Path(Told):
             failure on.
         tension: axial forces in the shape of `elements`, each [n_inc, n_elem], N; NaN from a
             failure on.
-        peak_tension: likewise, as in `State`.
+        peak_tension: likewise, as in `Results`.
         status: codes, [n_inc]; from a failure on the code of this failure.
         iterations: linear solves, [n_inc].
         factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
@@ -84,8 +84,8 @@ class Path(Told):
     results: dict[str, PyTree[Float[Array, "n_inc n_elem ..."]]] | None = None
 
 
-@pytree
-class PhaseResult(Told):
+@pytree(kw_only=True)
+class PhaseResult(Results):
     """The end of a phase and its path; NaN if this phase or an earlier one has failed.
 
     Attributes:
@@ -96,10 +96,7 @@ class PhaseResult(Told):
             phase has not been reached. Where nodal moments or following loads make the tangent
             unsymmetric, its symmetric part is judged, which is on the safe side (Hill 1958).
         displacement: from the geometry in which the phase began, [n_node, 3], m.
-        positions, tension, peak_tension, rest_length, reactions: as in `State`.
-        load: all loads that act at the end of the phase, those of earlier phases included,
-            [n_node, 3], N.
-        rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
+        positions, tension, ...: those of `Results`.
         path: `Path`.
         began: memory of the laws when the phase began (such as plastic strains), in the shape of
             `elements`, or None.
@@ -120,20 +117,9 @@ class PhaseResult(Told):
     _shown: ClassVar[str] = "stable, displacement m, tension N, reactions N, path"
 
     status: Int[Array, ""]
-    displacement: Float[Array, "n_node 3"]
-    positions: Float[Array, "n_node 3"]
-    tension: PyTree[Float[Array, " n_elem"]]
-    rest_length: PyTree[Float[Array, " n_elem"]]
-    reactions: Float[Array, "n_node 3"]
-    load: Float[Array, "n_node 3"]
     path: Path
-    rotation: Float[Array, "n_node 4"] | None = None
-    reaction_moments: Float[Array, "n_node 3"] | None = None
-    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
     began: PyTree[Array] | None = None
-    peak_tension: PyTree[Float[Array, " n_elem"]] = None
-    stable: Bool[Array, ""] = None  # type: ignore[assignment]  # an analysis puts it in
-    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
+    stable: Bool[Array, ""]
 
 
 LOG = (

@@ -5,22 +5,16 @@ from __future__ import annotations
 from typing import ClassVar
 
 from ..common.tree import Indices, pytree
-from ..common.types import Array, Bool, Float, Int, PyTree
+from ..common.types import Array, Bool, Float, Int
 from ..mechanics.carry import Carry
 from ..model.supports import Fixed
 from ..model.topology import Topology
 from .phase_results import PhaseResults
-from .told import Told
-
-PER_PHASE = (
-    *("displacement", "positions", "tension", "peak_tension", "rest_length", "reactions", "load"),
-    *("rotation", "reaction_moments", "section_forces", "results"),
-)
-"""Names of the results that a `State`, a `PhaseResult` and a `Solution` have in common."""
+from .results import Results
 
 
-@pytree(static=("fixed", "topology"))
-class State(Told):
+@pytree(static=("fixed", "topology"), kw_only=True)
+class State(Results):
     """The state at the end of the last converged increment; another analysis can start from it.
 
     An increment has converged if its status is OK. `phase` and `load_factor` say which one it is:
@@ -50,28 +44,13 @@ class State(Told):
     rules: then there is no state.
 
     Attributes:
-        displacement: from the initial nodes, over all phases, [n_node, 3], m.
-        positions: of the nodes, [n_node, 3], m.
-        tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
-            the mean of both ends.
-        peak_tension: the axial force of largest size along each element, likewise: what strength is
-            judged by. Of catenaries the larger end tension (its derivative jumps where both ends
-            are equal), of all others `tension`.
-        rest_length: unstressed length per element at its present temperature, likewise, m.
-        reactions: forces of the supports on the structure, [n_node, 3], N.
-        load: all loads that act, [n_node, 3], N.
+        displacement, positions, ...: those of `Results`, from the initial nodes.
         phase: number of the phase that the state belongs to, from 0 in every analysis; -1 before
             the first increment.
         load_factor: load factor of that phase.
         carry: `Carry`, what a further phase starts from.
         fixed: supported freedoms before the first phase and in each phase, `Fixed` [n_node, 3]
             each (with beams 6, and more rows for hinged ends and inner numbers of elements).
-        rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
-        reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
-        section_forces: ``N, Vy, Vz, T, My, Mz`` at the `points` of beams from end to end
-            (Gauss-Lobatto points: the ends and the middle of 3), in the shape of `elements`, each
-            [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
-            `section_forces` has their signs, and gives them at any place.
         topology: `Topology` of the structure; a structure that starts from here must have the same.
 
     Example:
@@ -88,26 +67,15 @@ class State(Told):
 
     _shown: ClassVar[str] = "phase, load_factor, displacement m, tension N, reactions N"
 
-    displacement: Float[Array, "n_node 3"]
-    positions: Float[Array, "n_node 3"]
-    tension: PyTree[Float[Array, " n_elem"]]
-    rest_length: PyTree[Float[Array, " n_elem"]]
-    reactions: Float[Array, "n_node 3"]
-    load: Float[Array, "n_node 3"]
     phase: Int[Array, ""]
     load_factor: Float[Array, ""]
     carry: Carry
     fixed: tuple[Fixed, ...]
-    rotation: Float[Array, "n_node 4"] | None = None
-    reaction_moments: Float[Array, "n_node 3"] | None = None
-    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
-    peak_tension: PyTree[Float[Array, " n_elem"]] = None
     topology: Topology | None = None
-    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
 
 
-@pytree(static=("links",))
-class Solution(Told):
+@pytree(static=("links",), kw_only=True)
+class Solution(Results):
     """Result of `solve`.
 
     Everything but `status`, `last` and the counts in `phases` is NaN, with NaN derivatives, unless
@@ -122,19 +90,11 @@ class Solution(Told):
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.
         stable: whether the end is stable, as in `PhaseResult`; if not, the status may be OK, too.
-        displacement: from the initial nodes, over all phases, [n_node, 3], m.
-        positions: [n_node, 3], m.
-        tension: axial force per element in the shape of `elements`, each [n_elem], N.
-        peak_tension: the force of largest size along each element, as in `State`.
-        rest_length: unstressed lengths at the end: the cutting list, likewise, m; at the
-            temperature of the end (`report` gives them at the temperature before the first phase).
-        reactions: forces of the supports on the structure, [n_node, 3], N.
-        load: all loads that act at the end, [n_node, 3], N.
+        displacement, positions, ...: those of `Results`, at the end, from the initial nodes.
         last: `State` at the end of the last converged increment. If the analysis has converged, the
             end of the last phase; if it has failed, the state before that, as `State` says.
         phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).
         links: node numbers of the elements, one [n_elem, n_end] per group.
-        rotation, reaction_moments, section_forces: of structures with beams, as in `State`.
 
     Example:
         >>> structure, phases = jc.scenes.flat_net(load=15.0)
@@ -152,18 +112,7 @@ class Solution(Told):
     _shown: ClassVar[str] = "stable, phases, displacement m, tension N, reactions N"
 
     status: Int[Array, ""]
-    displacement: Float[Array, "n_node 3"]
-    positions: Float[Array, "n_node 3"]
-    tension: PyTree[Float[Array, " n_elem"]]
-    rest_length: PyTree[Float[Array, " n_elem"]]
-    reactions: Float[Array, "n_node 3"]
-    load: Float[Array, "n_node 3"]
     last: State
     phases: PhaseResults
     links: tuple[Indices, ...] = ()
-    rotation: Float[Array, "n_node 4"] | None = None
-    reaction_moments: Float[Array, "n_node 3"] | None = None
-    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
-    peak_tension: PyTree[Float[Array, " n_elem"]] = None
-    stable: Bool[Array, ""] = None  # type: ignore[assignment]  # an analysis puts it in
-    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
+    stable: Bool[Array, ""]

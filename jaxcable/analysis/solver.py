@@ -29,8 +29,9 @@ from .one_phase import run_phase
 from .phase_results import PhaseResult, PhaseResults
 from .phases import Phase
 from .preparation import exact, prepare, ready, verdicts
-from .solution import PER_PHASE, Solution, State
-from .states import Reached, arranged, per_element, state_of, system_of
+from .results import common_fields, per_element
+from .solution import Solution, State
+from .states import Reached, arranged, state_of, system_of
 
 
 def solve(
@@ -154,10 +155,10 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         end = _unless(sound, end, touched)
         moved = end.displacement - ramp.begin.motion[: schedule.n_node, :3]
         result = _unless(code == status.OK, copy(end, displacement=moved), touched)
-        result = {name: getattr(result, name) for name in PER_PHASE}
         began = [state.memory for state in ramp.begin.states]
         began = None if all(memory is None for memory in began) else began
-        result = PhaseResult(status=None, stable=None, path=None, began=began, **result)
+        given = {"status": None, "stable": None, "path": None, "began": began}
+        result = PhaseResult(**given, **common_fields(result))
         left = copy(carry, loads=None)
         run = _Run(code, done.stable, left, end, done.factored, reached, done.seen)
         return run, (result, path, done.log)
@@ -184,7 +185,7 @@ def _through(differentiate_path, listen, bundles, thawed, arrays, method, code):
         stable=run.stable,
         last=copy(end, carry=carry),
         phases=PhaseResults(ends, paths, log, schedule.increments, watched),
-        **{name: getattr(final, name) for name in PER_PHASE},
+        **common_fields(final),
     )
 
 
@@ -228,8 +229,7 @@ class _Run:
 
 def _unless(ok, end, touched):
     """A `State` whose results are NaN unless `ok`."""
-    values = {name: getattr(end, name) for name in PER_PHASE}
-    return copy(end, **implicit.nan_beside(ok, values, touched))
+    return copy(end, **implicit.nan_beside(ok, common_fields(end), touched))
 
 
 def _teller(listen, phases):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from ..common.tree import copy, fill, pytree, thaw, where
-from ..common.types import Array, Float, Int, PyTree
+from ..common.types import Array, Float, Int
 from ..elements.element import Element
 from ..mechanics.assembly import System
 from ..mechanics.carry import Carry, make_system
@@ -19,23 +19,9 @@ from ..model.structure import Structure
 from ..model.topology import topology_of
 from ..numerics.rooted import told
 from .preparation import Prepared
+from .results import Part, element_fields, per_element, with_peaks
 from .schedule import Schedule
 from .solution import Solution, State
-from .told import named
-
-_PER_ELEMENT = (*("tension", "peak_tension", "rest_length", "section_forces", "strain", "began"),)
-
-Part = TypeVar("Part")
-
-
-def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
-    """A result with `function` applied to every field that is a list with an item per group."""
-    fields = vars(part)
-    changes = {
-        name: function(fields[name]) for name in _PER_ELEMENT if fields.get(name) is not None
-    }
-    others = fields.get("results") or {}
-    return copy(part, **changes, results={name: function(x) for name, x in others.items()})
 
 
 @pytree
@@ -125,7 +111,7 @@ def state_of(frame, carry, point, reached, schedule, seen=None):
         fixed=None,
         rotation=space.rotations(carry.motion[:n_node]),
         reaction_moments=space.moments(reactions),
-        **named({name: within(values) for name, values in found.items()}),
+        **element_fields({name: within(values) for name, values in found.items()}),
     )
 
 
@@ -172,12 +158,6 @@ def _acting(system, motion):
     return load
 
 
-def with_peaks(part):
-    """A result whose groups without peak tensions have their tensions (the same arrays) as such."""
-    pairs = zip(part.tension, part.peak_tension, strict=True)
-    return copy(part, peak_tension=[tension if peak is None else peak for tension, peak in pairs])
-
-
 def on_nodes(structure: Structure, part: Part, per_node: Sequence[str] = ("displacement",)) -> Part:
     """A result without the rows of motion that are no nodes.
 
@@ -200,15 +180,17 @@ def arranged(structure: Structure, solution: Solution, task: Prepared) -> Soluti
         task: `preparation.Prepared`.
     """
 
-    def arrange(part):
+    def arrange(part: Part) -> Part:
         return per_element(with_peaks(part), structure.arrange)
 
-    parts = solution, solution.last, solution.phases.ends, solution.phases.paths
-    solution, last, ends, paths = map(arrange, parts)
-    phases = copy(solution.phases, ends=ends, paths=paths)
+    phases = copy(
+        solution.phases, ends=arrange(solution.phases.ends), paths=arrange(solution.phases.paths)
+    )
+    solution, last = arrange(solution), arrange(solution.last)
+    stacks: Any = last.carry.loads  # of leaves each
     loads = [
         copy(stack, load=jax.tree.unflatten(jax.tree.structure(stack.load), leaves))
-        for stack, leaves in zip(task.loads, last.carry.loads, strict=True)
+        for stack, leaves in zip(task.loads, stacks, strict=True)
     ]
     carry = copy(last.carry, loads=loads)
     last = copy(last, carry=carry, fixed=task.fixed, topology=topology_of(structure))

@@ -80,7 +80,13 @@ class _Slot:
 
 
 @typing.dataclass_transform(frozen_default=True, eq_default=False)
-def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str] = ()) -> Any:
+def pytree(
+    cls: Any = None,
+    *,
+    static: Sequence[str] = (),
+    indices: Sequence[str] = (),
+    kw_only: bool = False,
+) -> Any:
     """Make `cls` a frozen dataclass and a pytree; fields that the options do not name are leaves.
 
     Constructors keep read-only copies of NumPy arrays, lists and dicts (`owned`). Unlike with
@@ -90,10 +96,11 @@ def pytree(cls: Any = None, *, static: Sequence[str] = (), indices: Sequence[str
     Options:
         static: names of fields that are metadata.
         indices: names of fields with `Indices`, which are metadata too.
+        kw_only: whether the constructor takes the fields that the class adds by name only.
     """
     if cls is None:
-        return lambda c: pytree(c, static=static, indices=indices)
-    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
+        return lambda c: pytree(c, static=static, indices=indices, kw_only=kw_only)
+    cls = dataclasses.dataclass(frozen=True, eq=False, repr=False, kw_only=kw_only)(cls)
     if cls.__repr__ is object.__repr__:
         cls.__repr__ = summary
     meta = tuple(static) + tuple(indices)

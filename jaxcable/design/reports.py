@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.phases import Phase
-from ..analysis.solution import Solution, State, Told
+from ..analysis.results import ElementResults
+from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
 from ..common import checks
 from ..common.tree import pytree
@@ -125,7 +126,7 @@ def envelope(values: PyTree[Float[ArrayLike, "n_case ..."]]) -> Envelope:
 
 
 def utilisation(
-    structure: Structure, tension: Told | PyTree[Float[ArrayLike, "... n_elem"] | None]
+    structure: Structure, tension: ElementResults | PyTree[Float[ArrayLike, "... n_elem"] | None]
 ) -> PyTree[Float[Array, "... n_elem"] | None]:
     """Force over breaking strength, -: ``N / strength`` of cables, ``|N| / strength`` of others.
 

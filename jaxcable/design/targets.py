@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..analysis.phase_results import PhaseResult
-from ..analysis.solution import PER_PHASE, Solution
+from ..analysis.results import NAMES
+from ..analysis.solution import Solution
 from ..common import checks
 from ..common.owned import owned
 from ..common.rules import Rule, or_nan
@@ -109,12 +110,12 @@ class Target:
         name = "of" if callable(self.of) else f"of = {self.of!r}"
         if callable(self.of):
             found = self.of(result)
-        elif self.of in PER_PHASE:
+        elif self.of in NAMES:
             found = getattr(result, self.of)
         else:
             found = result.told.get(self.of)
             if found is None:
-                known = [one for one in PER_PHASE if one != "results"]
+                known = [one for one in NAMES if one != "results"]
                 there = checks.meant(self.of, dict.fromkeys([*known, *result.told]))
                 raise ValueError(f"{name}: a phase has no such result{there}")
         if self.on is not None:
@@ -171,7 +172,7 @@ def concerns(targets: Sequence[Target]) -> tuple[str, ...]:
     Derivatives of fewer results compile faster; between usual ones targets can be exchanged.
     """
     usual = all(target.of in _USUAL for target in targets)
-    return _USUAL if usual else (*PER_PHASE, "began")
+    return _USUAL if usual else (*NAMES, "began")
 
 
 def _index(at):

@@ -56,7 +56,7 @@ def listed(structure: Structure, values: PyTree[Any] | None) -> list[Any]:
 def there(
     structure: Structure, present: PyTree[Float[Array, " n_elem"]] | None
 ) -> list[Bool[np.ndarray, " n_elem"]]:
-    """Which elements are there, a list with [n_elem] bool for every group, from `Told.present`."""
+    """Which elements are there, from `ElementResults.present`: a list of [n_elem] bool."""
     if present is None:
         return [np.ones(len(group.links), bool) for group in structure.groups]
     return [np.asarray(found) > 0 for found in per_group(structure, present)]
@@ -100,7 +100,7 @@ def columns(
 
     Args:
         groups: element groups, or the parts of a `Topology`.
-        told: results by name, each in the shape of the elements, as of `Told`.
+        told: results by name, each in the shape of the elements, as of `ElementResults`.
     """
     every = (
         TENSION,

@@ -13,7 +13,7 @@ from ..common.types import Array, Float, Int
 from .events import FAILURES, Events
 
 
-@pytree
+@pytree(kw_only=True)
 class TracedPath(Path):
     """A `Path` whose points are in the order along the path; the load factor may rise and fall.
 
@@ -59,11 +59,10 @@ class TracedPath(Path):
     status: Int[Array, ""]
     factorizations: None  # type: ignore[assignment]  # of a `Path` only
     equilibrated: None  # type: ignore[assignment]  # likewise
-    # always there; they come after fields that need not be
-    n_negative: Int[Array, " n"] = None  # type: ignore[assignment]
-    stiffness: Float[Array, " n"] = None  # type: ignore[assignment]
-    rise: Float[Array, " n"] = None  # type: ignore[assignment]
-    events: Events = None  # type: ignore[assignment]
+    n_negative: Int[Array, " n"]
+    stiffness: Float[Array, " n"]
+    rise: Float[Array, " n"]
+    events: Events
 
     @property
     def failure_load(self) -> Float[Array, ""]:

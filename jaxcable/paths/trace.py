@@ -13,10 +13,10 @@ from jax import lax
 
 from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import prepare, ready, verdicts
+from ..analysis.results import element_fields, per_element, with_peaks
 from ..analysis.solution import Solution, State
 from ..analysis.solver import solve
-from ..analysis.states import on_nodes, per_element, with_peaks
-from ..analysis.told import named
+from ..analysis.states import on_nodes
 from ..common import checks, status
 from ..common.compilation import program
 from ..common.rules import refuse
@@ -214,7 +214,7 @@ def _trace(thawed, arrays, method, settings, code, room, bundles):
         stiffness=known(stiffness, reached),
         rise=known(rise, reached),
         events=events,
-        **named(known(found, reached)),
+        **element_fields(known(found, reached)),
     )
     path = implicit.undifferentiated(path, parameters)
     located = jax.vmap(lambda *event: _load_factor(*event, ramp, problem, parameters))

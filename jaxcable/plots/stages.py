@@ -8,7 +8,8 @@ from typing import TypeAlias
 import numpy as np
 
 from ..analysis.phase_results import Path, PhaseResult
-from ..analysis.solution import PER_PHASE, Solution, State
+from ..analysis.results import common_fields
+from ..analysis.solution import Solution, State
 from ..common.tree import copy
 from ..common.types import Bool, Float, Int
 from ..model.parts import columns, pieces
@@ -195,7 +196,7 @@ def _after(solution, structure, phase):
     if number == int(last.phase):
         return last
     state = Shapes(solution, structure).state_after(number)
-    results = {name: getattr(end, name) for name in PER_PHASE}
+    results = common_fields(end)
     results["displacement"] = np.asarray(end.positions) - start_of(solution, last)
     return copy(state, phase=np.int32(number), load_factor=np.ones(()), **results)
 

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks import problems
-from oracles.stiffness_method import plastic_tip_deflection
 from oracles.taylor import TIGHT, slope
 
 import jaxcable as jc
@@ -120,6 +119,18 @@ def test_plastic_strains_freeze_at_a_failure():
     assert int(again.status) == 0
     expected = 0.1 * FY * (1 / (HARD * E) - 1 / E)
     assert float(again.positions[1, 0]) / 2 - 1 == pytest.approx(expected, rel=1e-9)
+
+
+def plastic_tip_deflection(P, L, b, h, E, strength):
+    """Of an elastic-perfectly-plastic rectangular cantilever (h along P > 0), up to collapse.
+
+    (Py/P)2 (5 - (3 + P/Py) sqrt(3 - 2 P/Py)) times that at first yield Py = strength b h2 / 6 / L,
+    collapse at 3/2 Py: Prager & Hodge, Theory of Perfectly Plastic Solids, ch. 2.
+    """
+    first = strength * b * h**2 / 6 / L
+    p = P / first
+    assert 1 < p < 1.5
+    return first * L**3 / (3 * E * b * h**3 / 12) * (5 - (3 + p) * np.sqrt(3 - 2 * p)) / p**2
 
 
 @pytest.mark.slow

@@ -148,7 +148,9 @@ def unstrained(structure):
     zero, fixed = jnp.zeros((3, 3)), structure.fixed(structure.supports)
     carry = unloaded(jnp.asarray(structure.nodes), fill(*thaw(groups)))
     named = {"rotation": carry.motion[:, 3:]} if carry.motion.shape[1] == 7 else {}
-    return State(zero, structure.nodes, None, None, zero, zero, 0, 1.0, carry, (fixed,), **named)
+    still = {"displacement": zero, "positions": structure.nodes, "reactions": zero, "load": zero}
+    still |= {"tension": None, "rest_length": None, "phase": 0, "load_factor": 1.0}
+    return State(**still, carry=carry, fixed=(fixed,), **named)
 
 
 def along(v):

@@ -1,0 +1,137 @@
+"""Results that the last state, the end of a phase and a solution have in common."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from ..common.tree import copy, pytree
+from ..common.types import Array, Float, PyTree
+
+_FIELDS = {
+    "tension": "tension",
+    "peak_tension": "peak_tension",
+    "section_forces": "section_forces",
+    "section_strain": "strain",
+}
+"""Results of elements that have a field of their own: their names in elements, and the fields."""
+
+_PER_ELEMENT = (*_FIELDS.values(), "rest_length", "began")
+
+Part = TypeVar("Part", bound="ElementResults")
+
+
+class ElementResults:
+    """Base of results that contain those of elements.
+
+    Attributes:
+        results: results of elements beside tensions, section forces and strains, by name, in the
+            shape of `elements`: `present` where elements come and go, and those that elements of
+            your own state.
+    """
+
+    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None
+
+    @property
+    def told(self) -> dict[str, PyTree[Float[Array, "n_elem ..."]]]:
+        """All that elements tell, a dict by name, each in the shape of `elements`.
+
+        These are ``tension``, ``peak_tension``, ``section_forces``, ``section_strain`` as far as
+        there are such elements, and `results`.
+
+        Example:
+            >>> structure, phases = jc.scenes.flat_net(load=15.0)
+            >>> solution = jc.solve(structure, phases)
+            >>> print(solution.status, list(solution.told))
+            0 ['tension', 'peak_tension']
+        """
+        fields = {name: getattr(self, field, None) for name, field in _FIELDS.items()}
+        present = {name: value for name, value in fields.items() if value is not None}
+        return present | (self.results or {})
+
+    @property
+    def present(self) -> PyTree[Float[Array, " n_elem"]] | None:
+        """Which elements are there: 1, or 0 for one that a phase has yet to add, or has removed.
+
+        In the shape of `elements`, as in `told`; None if elements neither come nor go.
+
+        Example:
+            >>> bars = jc.Bars([[0, 1], [1, 2]], axial_stiffness=1e6)
+            >>> guide = jc.pinned([0]) + jc.restrained([1, 2], "xy")
+            >>> chain = jc.Structure([[0, 0, 0], [0, 0, -1.0], [0, 0, -2.0]], bars, supports=guide)
+            >>> solution = jc.solve(chain, [jc.Phase(), jc.Phase(adds=jc.only([1]))])
+            >>> print(solution.status, *(phase.present for phase in solution.phases))
+            0 [1. 0.] [1. 1.]
+        """
+        return (self.results or {}).get("present")
+
+
+@pytree
+class Results(ElementResults):
+    """Results at a state of the structure: those of a `State`, a `PhaseResult`, a `Solution`.
+
+    Attributes:
+        displacement: [n_node, 3], m, from the initial nodes (of a `PhaseResult`: from the geometry
+            in which the phase began).
+        positions: of the nodes, [n_node, 3], m.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
+            the mean of both ends.
+        peak_tension: the axial force of largest size along each element, likewise: what strength is
+            judged by. Of catenaries the larger end tension (its derivative jumps where both ends
+            are equal), of all others `tension`.
+        rest_length: unstressed length per element at its present temperature, likewise, m: at the
+            end the cutting list (`report` gives it at the temperature before the first phase).
+        reactions: forces of the supports on the structure, [n_node, 3], N.
+        load: all loads that act, those of earlier phases included, [n_node, 3], N.
+        rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
+        reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
+        section_forces: ``N, Vy, Vz, T, My, Mz`` at the `points` of beams from end to end
+            (Gauss-Lobatto points: the ends and the middle of 3), in the shape of `elements`, each
+            [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
+            `section_forces` has their signs, and gives them at any place.
+        results: further results of elements, by name, as in `ElementResults`.
+    """
+
+    displacement: Float[Array, "n_node 3"]
+    positions: Float[Array, "n_node 3"]
+    tension: PyTree[Float[Array, " n_elem"]]
+    rest_length: PyTree[Float[Array, " n_elem"]]
+    reactions: Float[Array, "n_node 3"]
+    load: Float[Array, "n_node 3"]
+    rotation: Float[Array, "n_node 4"] | None = None
+    reaction_moments: Float[Array, "n_node 3"] | None = None
+    section_forces: PyTree[Float[Array, "n_elem n_point 6"]] | None = None
+    peak_tension: PyTree[Float[Array, " n_elem"]] = None
+    results: dict[str, PyTree[Float[Array, "n_elem ..."]]] | None = None
+
+
+NAMES = tuple(field.name for field in dataclasses.fields(Results))
+"""Names of the results that a `State`, a `PhaseResult` and a `Solution` have."""
+
+
+def common_fields(part: Results) -> dict[str, Any]:
+    """The fields of `Results` of an object of a derived class, by name."""
+    return {name: getattr(part, name) for name in NAMES}
+
+
+def element_fields(found: dict[str, list[Float[Array, " ..."] | None]]) -> dict[str, Any]:
+    """Fields, by name, that hold the results of elements `found`, given by the names there."""
+    fields = {field: found[name] for name, field in _FIELDS.items() if name in found}
+    others = {name: values for name, values in found.items() if name not in _FIELDS}
+    return fields | {"results": others}
+
+
+def per_element(part: Part, function: Callable[[PyTree[Array]], PyTree[Array]]) -> Part:
+    """A copy with `function` applied to every field that is a list with an item per group."""
+    fields = vars(part)
+    there = [name for name in _PER_ELEMENT if fields.get(name) is not None]
+    others = {name: function(values) for name, values in (part.results or {}).items()}
+    return copy(part, **{name: function(fields[name]) for name in there}, results=others)
+
+
+def with_peaks(part: Part) -> Part:
+    """A copy whose groups without peak tensions have their tensions (the same arrays) as such."""
+    fields = vars(part)
+    pairs = zip(fields["tension"], fields["peak_tension"], strict=True)
+    return copy(part, peak_tension=[own if peak is None else peak for own, peak in pairs])
