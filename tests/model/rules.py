@@ -27,6 +27,7 @@ JOINED = np.array([[1.0], [0.0], [1.0]])
 PULL = jc.NodalLoads([1], (0.0, 0.0, 1.0))
 DISC = jc.Section.disc(0.1, jc.Elastic(2e11), shape=(2, 2))
 LAW = jc.Polygonal([0.0, 1e-3], [0.0, 1e6])
+STOCKY = jc.Polygonal([-1e-3, 0.0, 2e-3], [-1e6, 0.0, 2e6])
 AXIS = (0.0, 1.0, 0.0)
 
 
@@ -288,6 +289,8 @@ stated("pretension", area=1.0, law=LAW), 1e6, 1000001.0
     # capacity_rules: ...pretension[1] = 1000001.0: above what its law
 stated("jacking", area=1.0, law=LAW), 1e6, 1000001.0
     # capacity_rules: ...jacking[1] = 1000001.0: above what its law
+stated("pretension", jc.Bars, area=1.0, law=STOCKY), -1e6, -1000001.0
+    # capacity_rules: ...pretension[1] = -1000001.0: ...what its law
 plumb, 1.0, 0.0  # span_rules: ...sag[0]: the nodes of the element lie
 ## loads/pressure.py
 pressed, AXIS, (0.0, 0.0, 0.0)  # axis: axis: is zero

@@ -287,7 +287,7 @@ SCENES = {
     "guyed_mast": (smooth("guyed_mast", levels=1, per_level=2), 16, (2e-5, 4e-4), ()),
     "toggle_frame": (smooth("toggle_frame", n=2, load=20.0), 16, (6e-4,), ()),
 }
-QUICK = ("flat_net", "von_mises_truss")
+QUICK = ("flat_net", "hypar_net")
 
 
 @pytest.mark.parametrize(
