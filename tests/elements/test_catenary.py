@@ -182,6 +182,7 @@ def test_taylor_everywhere(name):
     assert slope(value, start, 1.05 * gradient, size) < 1.5
 
 
+@pytest.mark.slow
 def test_higher_derivatives():
     """The Hessian is symmetric, and the derivative of the gradient."""
     p, start, h = jnp.array(REGIMES["shallow"]), jnp.ones(5), 1e-5
@@ -494,6 +495,7 @@ def upright(nodes):
     return solution.status, solution.rest_length
 
 
+@pytest.mark.slow
 def test_a_plumb_span_has_no_midspan():
     """Refused where it is known, INVALID_INPUT where nodes are traced; one that is not stated may.
 
@@ -539,6 +541,7 @@ def test_a_chain_hangs_by_its_sag():
 # --- in an analysis
 
 
+@pytest.mark.slow
 def test_isolated_cable():
     """One element a span: ten digits of Michalos and Birnstiel's cable (Jayaraman 1981)."""
     exact = 0.3048 * np.array([-2.819439381, 0.0, -18.456746888])

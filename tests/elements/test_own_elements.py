@@ -160,6 +160,7 @@ def test_names_of_results_mean_one_thing(result, message):
         jc.replace(mixed(), elements={"net": mixed().elements["net"], "ground": ground})
 
 
+@pytest.mark.slow
 def test_paths_of_own_elements_to_their_failure():
     """A rod breaks at a strain of 1 %, at 1 % of EA; a slack hook takes part from 5 mm on."""
     nodes = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -243,8 +244,9 @@ def test_a_follower_force_of_an_element(solver):
     slope = (exact(7.0 + h) - exact(7.0 - h)) / (2 * h)  # of order h^2
     assert_allclose(forward, slope, rtol=1e-7)
     assert_allclose(backward, forward, rtol=1e-10)
-    wrong = jax.grad(lambda p: end(p, Lying)[0])(7.0)
-    assert abs(wrong - slope[0]) > 1e-3
+    if solver is None:
+        wrong = jax.grad(lambda p: end(p, Lying)[0])(7.0)
+        assert abs(wrong - slope[0]) > 1e-3
 
 
 def test_what_needs_symmetry_is_refused():
