@@ -125,24 +125,12 @@ def test_a_net_stiffens_an_arch():
     assert sway[0] < 0.8 * sway[1]
 
 
-@pytest.mark.slow
-def test_saddle_net_of_fibres():
-    law = jc.materials.strand(1860e6, 195e9)
-    whole, _ = jc.scenes.saddle_net()
-    assert whole.n_node == 132 and len(whole.elements.links) == 201
-    area = np.asarray(whole.elements.section.area)
-    assert area.shape == (100,)
+def test_sizes_of_the_saddle_net():
+    structure, phases = jc.scenes.saddle_net()
+    assert structure.n_node == 132 and len(structure.elements.links) == 201
+    area = np.asarray(structure.elements.section.area)
+    assert area.shape == (100,) and len(phases[1].loads.nodes) == 15 * 6
     assert area.sum() == pytest.approx(1963.5e-6, rel=1e-5)  # the paper's 19.63 cm2
-    structure, phases = jc.scenes.saddle_net(law, 2.0, increments=(1, 3), load=9e3, shape=(2, 2))
-    solution = solved((structure, phases))
-    for phase, n in zip(solution.phases, (1, 3), strict=True):
-        stress = np.asarray(jc.fibre_stress(structure, phase))
-        assert stress.shape == (n, 201, 4)
-        # all fibres of a cable at one strain: the same stress, tension over area
-        force = stress * np.asarray(structure.elements.section.area).sum()
-        assert np.abs(force - np.asarray(phase.path.tension)[..., None]).max() < 1e-6
-    # phase 1 leaves every cable at a tension of the order of its jacking force
-    assert (np.asarray(solution.phases[0].tension) > 0).all()
 
 
 @pytest.mark.slow
