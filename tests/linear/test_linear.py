@@ -209,6 +209,9 @@ def test_batches_of_banded_systems(n):
             lower[i, j] = band[k, j, i]
         peer = sla.solveh_banded(lower, rhs[k], lower=True)
         assert np.abs(x[k] - peer).max() < 1e-13
+    # several right sides of each matrix
+    both = jax.jit(jax.vmap(jax.vmap(solve_banded), (None, 0)))(band, np.stack([rhs, 2 * rhs]))[0]
+    assert np.abs(both[1] - 2 * x)[definite].max() < 1e-13
     one, fine = solve_banded(jnp.asarray(band[0]), jnp.asarray(rhs[0]))
     assert bool(fine) and np.abs(one - x[0]).max() < 1e-15
 
