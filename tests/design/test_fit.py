@@ -128,17 +128,17 @@ def test_a_vanishing_sensitivity_is_no_minimum():
 
 
 def test_noise_ends_an_iteration():
-    """Residuals with a noise of 1e-9, as an analysis has, and less to gain than that."""
+    """Residuals with a noise of 1e-9, as an analysis has, and less to gain than that, or none."""
     rng = np.random.default_rng(0)
     a, b = rng.normal(size=(4, 2)), rng.normal(size=4)
 
-    def residuals(p):
+    def residuals(p, b):
         return a @ p - b + 1e-9 * jnp.sin(1e6 * p[0])
 
-    for tol in (None, 1e-9):
-        fit = jc.fit(residuals, jnp.zeros(2), tol=tol)
+    for wanted, tol in ((b, None), (b, 1e-9), (a @ [1.0, -2.0], 1e-9)):
+        fit = jc.fit(residuals, jnp.zeros(2), tol=tol, args=(jnp.asarray(wanted),))
         assert int(fit.status) == 0
-        assert np.abs(np.asarray(fit.params) - np.linalg.lstsq(a, b)[0]).max() < 1e-3
+        assert np.abs(np.asarray(fit.params) - np.linalg.lstsq(a, wanted)[0]).max() < 1e-3
 
 
 def test_batches_float32_and_units():

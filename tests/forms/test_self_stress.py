@@ -82,6 +82,10 @@ def test_two_links_in_line():
     assert found.unbalanced([tension, tension]) == 0.0
     # 300 N against 100 N, over the larger one
     assert found.unbalanced([300.0, 100.0]) == pytest.approx(2 / 3, rel=1e-14)
+    nodes = [[x, y, 0.0] for y in (0.0, 1.0) for x in (-a, 0.0, a)]
+    strings = jc.Cables([[0, 1], [1, 2], [3, 4], [4, 5]], axial_stiffness=1e6)
+    pair = forms.self_stress(jc.Structure(nodes, strings, jc.pinned([0, 2, 3, 5])))
+    assert pair.stiffens([tension] * 4) and not pair.stiffens([tension, tension, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("seed", [0, 2, 4])
@@ -273,6 +277,8 @@ def test_traced_nodes_with_several_modes_give_no_numbers():
 
     assert np.isnan(jax.jit(first)(structure.nodes))
     assert np.isnan(jax.jit(jax.grad(first))(jnp.asarray(structure.nodes))).any()
+    pushing = jax.jit(lambda nodes: group_tensions(nodes, -1.0).group_tension)
+    assert np.isnan(pushing(SIMPLEX.nodes)).all()  # cables would be in compression
     with pytest.raises(ValueError, match="group: must be given where nodes are traced"):
         jax.jit(lambda n: forms.feasible_prestress(moved(n)).tension)(structure.nodes)
     with pytest.raises(ValueError, match="nodes cannot be traced"):
