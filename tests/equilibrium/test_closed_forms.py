@@ -72,9 +72,9 @@ def test_order_of_the_incremental_scheme(corrections, parts, order):
 
 
 def test_secant_scheme_has_the_known_errors():
-    """2.5 %, 0.25 % and 0.025 % at 10, 100 and 1000 increments on two links: of first order."""
+    """2.5 % and 0.25 % at 10 and 100 increments on two links: of first order."""
     method = jc.Incremental(stiffness="secant", tol=np.inf)
-    for increments, expected in ((10, 0.025), (100, 0.0025), (1000, 0.00025)):
+    for increments, expected in ((10, 0.025), (100, 0.0025)):
         assert abs(pulled_on(method, increments, 1) - expected) < 0.1 * expected
 
 
