@@ -69,7 +69,7 @@ def catenaries(p):
     nodes = [[0.0, 0, 0], [20.0, 0, -4], [50.0, 0, 4.0]]
     structure = jc.Structure(nodes, group, jc.pinned([0, 2]))
     load = jc.NodalLoads([1], p[1] * jnp.array([50.0, 90.0, -900.0]))
-    rest = p[0] * jnp.array([20.3, 30.9])
+    rest = (1 + 0.05 * (p[0] - 1)) * jnp.array([20.3, 30.9])  # taut at all points
     return structure, [jc.Phase(rest_length=rest, loads=[jc.SelfWeight(), load])], 1
 
 
