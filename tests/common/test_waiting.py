@@ -15,11 +15,8 @@ USUAL = "frames_in_threads", "forms"  # one program by `jax.vmap` in threads, on
 OTHERS = sorted(PROGRAMS.keys() - {"control", *USUAL})
 
 
-@pytest.mark.parametrize(
-    "name", [*USUAL, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
-)
-def test_calls_end(name):
-    """In a process of its own, with jax's own settings; `experiments/waiting.py` runs all ways."""
+def ended(name):
+    """What a program prints in a process of its own, with jax's own settings."""
     environment = {k: v for k, v in os.environ.items() if k != "XLA_FLAGS"}
     words = [name, "--calls", "30", *(["--fused"] if name in FUSED else [])]
     done = subprocess.run(
@@ -30,4 +27,16 @@ def test_calls_end(name):
         timeout=LIMIT,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    assert done.stdout.strip() == "30 calls ended"
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("name", USUAL)
+def test_calls_end(name):
+    assert ended(name) == "30 calls ended"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", OTHERS)
+def test_all_programs_end(name):
+    """`experiments/waiting.py` runs all of them with fused loops, and without."""
+    assert ended(name) == "30 calls ended"
