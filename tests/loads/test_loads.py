@@ -176,17 +176,19 @@ def test_a_factor_of_zero_has_the_derivative_of_the_load():
 # --- parts of groups
 
 
-def test_catenaries_hang_under_loads_on_some_of_them():
-    """The shape, not only the nodes, knows which elements are loaded."""
+def test_elements_bend_and_hang_under_loads_on_some_of_them():
+    """What they know of the load between their ends: which of them bear it, and its factor."""
     chain = jc.Catenaries([[0, 4], [1, 4], [2, 4]], axial_stiffness=1e5, weight=20.0)
     structure = jc.Structure(SQUARE, {"all": chain, "rest": jc.Cables([[3, 4]], 1e5)}, SUPPORTED)
     state = chain.start(jnp.asarray(SQUARE)[chain.links.array])
     for load, each in ((jc.SelfWeight, 20.0), (functools.partial(jc.LineLoads, DOWN), 50.0)):
-        own = load(on="all", elements=jc.only([1, 2])).among(structure)
+        chosen = load(on="all", elements=jc.only([1, 2]))
+        own = jc.combine([chosen], [2.0])[0].among(structure)
         along = own.per_length(0, chain, state, SQUARE)
-        np.testing.assert_allclose(along[:, 2], [0, -each, -each], rtol=1e-14)
+        np.testing.assert_allclose(along[:, 2], [0, -2 * each, -2 * each], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_beam_is_bent_by_the_load_on_its_outer_half():
     """Cantilever of two elements: the root's moment is q times half the length at its lever."""
     section = jc.Section.rectangle(0.1, 0.1, jc.Elastic(200e9))
@@ -292,6 +294,7 @@ def top(p):
     return jnp.sum(jnp.array([0.5, 1.0, 2.0]) * solution.positions[4]) + logarithms, solution
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", P)
 def test_taylor(name):
     """Tangents are unsymmetric: the adjoint solves with the transposed matrix."""
@@ -307,6 +310,7 @@ def test_taylor(name):
     assert slope(value, P[name], 1.1 * gradient[name], size) < 1.5
 
 
+@pytest.mark.slow
 def test_pressed_pyramid():
     """The top gets p/3 of the base area, whatever its height: 4 N h / l = p A / 3, A = 2."""
     even = {"pressure of faces": np.full(4, 300.0), "unstressed length": np.full(4, 1.05)}

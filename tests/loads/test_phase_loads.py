@@ -111,7 +111,7 @@ CASES = {
 
 def names(cases):
     """Names of cases, of which some are slow."""
-    quick = ("beams", "stages")
+    quick = ("stages",)
     return [pytest.param(name, marks=[] if name in quick else pytest.mark.slow) for name in cases]
 
 

@@ -45,6 +45,7 @@ def test_a_propped_cantilever_in_each_phase(propped):
     assert float(jnp.abs(forces).max()) > 4e3  # there are forces to compare
 
 
+@pytest.mark.slow
 def test_forces_between_stored_places_are_those_of_equilibrium():
     """Against `section_forces` of the last state, which integrates loads along the beam.
 
