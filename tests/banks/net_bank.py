@@ -284,6 +284,16 @@ def drawn(kind, seed, dtype="float64"):
     return KINDS[kind](Numbers(seed, kind, dtype))
 
 
+def together(scenes, results):
+    """Results of the analyses of all scenes in one batch, and of each one alone."""
+    flat = [jax.tree.flatten((one.structure, one.phases)) for one in scenes]
+    tree = flat[0][1]
+    assert all(other == tree for _, other in flat)
+    stacked = [np.stack(arrays) for arrays in zip(*(leaves for leaves, _ in flat), strict=True)]
+    batch = jax.vmap(lambda leaves: results(jc.solve(*jax.tree.unflatten(tree, leaves))))(stacked)
+    return batch, [results(jc.solve(one.structure, one.phases)) for one in scenes]
+
+
 # --- derivatives
 
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from banks.bar_bank import KINDS, drawn, judged
+from banks.net_bank import together
 
 import jaxcable as jc
 from jaxcable.common.tree import copy
@@ -64,23 +65,15 @@ def test_steps_do_not_grow_with_the_stiffness_of_a_bar_that_turns(increments):
 
 @pytest.mark.parametrize("kind", ["string", pytest.param("mixed", marks=pytest.mark.slow)])
 def test_a_structure_ends_alone_as_in_a_batch(kind):
-    scenes = [drawn(kind, seed, (2, 6)) for seed in range(6)]
-    flat = [jax.tree.flatten((one.structure, one.phases)) for one in scenes]
-    tree = flat[0][1]
-    assert all(other == tree for _, other in flat)
-
-    def run(leaves):
-        solution = jc.solve(*jax.tree.unflatten(tree, leaves))
+    def results(solution):
         return solution.status, jnp.concatenate(jax.tree.leaves(solution.tension))
 
-    stacked = [np.stack(arrays) for arrays in zip(*(leaves for leaves, _ in flat), strict=True)]
-    codes, tension = jax.vmap(run)(stacked)
-    for k, one in enumerate(scenes):
-        alone = jc.solve(one.structure, one.phases)
-        assert int(alone.status) == int(codes[k]) == jc.status.OK
-        own = np.concatenate(jax.tree.leaves(alone.tension))
+    scenes = [drawn(kind, seed, (2, 6)) for seed in range(6)]
+    (codes, tension), alone = together(scenes, results)
+    for k, (code, own) in enumerate(alone):
+        assert int(code) == int(codes[k]) == jc.status.OK
         # both within the tolerance of residuals, 1e-10, and the rounding of lengths, eps EA
-        apart = 1e-8 + 16 * np.finfo(float).eps * one.ratio
+        apart = 1e-8 + 16 * np.finfo(float).eps * scenes[k].ratio
         np.testing.assert_allclose(tension[k], own, rtol=0, atol=apart * np.abs(own).max())
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from banks.net_bank import KINDS, derivative, drawn, judged, slope
+from banks.net_bank import KINDS, derivative, drawn, judged, slope, together
 from oracles.convex_oracle import find
 
 import jaxcable as jc
@@ -54,29 +54,20 @@ def test_a_judgement_can_fail():
 
 @pytest.mark.parametrize("kind", some(["jacks", "rope", "catenaries"], "jacks"))
 def test_a_net_ends_alone_as_in_a_batch(kind):
-    scenes = [drawn(kind, seed) for seed in range(12)]
-    flat = [jax.tree.flatten((one.structure, one.phases)) for one in scenes]
-    tree = flat[0][1]
-    assert all(other == tree for _, other in flat)
-
-    def run(leaves):
-        solution = jc.solve(*jax.tree.unflatten(tree, leaves))
+    def results(solution):
         steps = jnp.concatenate([phase.path.iterations for phase in solution.phases])
         return solution.status, steps, jnp.concatenate(jax.tree.leaves(solution.tension))
 
-    stacked = [np.stack(arrays) for arrays in zip(*(leaves for leaves, _ in flat), strict=True)]
-    codes, steps, tension = jax.vmap(run)(stacked)
-    for k, one in enumerate(scenes):
-        alone = jc.solve(one.structure, one.phases)
-        assert int(alone.status) == int(codes[k]) == jc.status.OK
+    scenes = [drawn(kind, seed) for seed in range(12)]
+    (codes, steps, tension), alone = together(scenes, results)
+    for k, (code, own, force) in enumerate(alone):
+        assert int(code) == int(codes[k]) == jc.status.OK
         # sums in another order: where rounding decides between slack and taut, or what is rounding,
         # an increment takes some steps more or less
-        own = np.concatenate([phase.path.iterations for phase in alone.phases])
         assert np.abs(own - steps[k]).max() <= 6
-        apart = np.abs(np.concatenate(jax.tree.leaves(alone.tension)) - tension[k])
-        found = find(one.oracle)
+        found = find(scenes[k].oracle)
         floor = 1e-9 * float(found.scale) + 16 * float(np.max(found.floor))
-        assert apart.max() <= floor
+        assert np.abs(force - tension[k]).max() <= floor
 
 
 @pytest.mark.parametrize("kind", some(["jacks", "far", "sliding", "far hung"], "jacks"))
