@@ -171,7 +171,7 @@ def plain(kind, solver):
     of_one = grid @ WEIGHTS
     mixed = FIRST @ of_one @ FIRST
     hessian = np.array([[SECOND @ of_one @ PLAIN, mixed], [mixed, PLAIN @ of_one @ SECOND]])
-    gradient = WEIGHTS @ jacobian
+    gradient, ways = WEIGHTS @ jacobian, ON_LINE - P  # `values` to second order
     return {
         "value": grid[2, 2],
         "ends": grid[[0, 4], [4, 0]],
@@ -181,7 +181,7 @@ def plain(kind, solver):
         "hessian": hessian,
         "product": hessian @ WAY,
         "change": of_one[4, 0] - of_one[0, 4],
-        "values": of_one[2, 2] + (ON_LINE - P) @ gradient,  # to first order
+        "values": of_one[2, 2] + ways @ gradient + np.sum(ways @ hessian * ways, 1) / 2,
     }
 
 
