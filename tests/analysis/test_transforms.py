@@ -194,12 +194,12 @@ jvp           dense           -         -                dense*   -           ch
 jacfwd        chosen,secant*  -         cholmod          -        dense       superlu
 jacrev        scheme-superlu  superlu*  -                superlu  -           -
 grad          -               -         tangent*         dense    dense       chosen
-checkpoint    superlu         -         pardiso*         -        tangent     -
+checkpoint    superlu         -         pardiso*         -        -           -
 hessian       superlu         -         cholmod*         -        -           -
 jvp-of-grad   chosen*,secant  superlu   tangent          -        -           -
 vmap          chosen          superlu*  pardiso          dense    -           -
 vmap-of-grad  chosen          -         scheme-superlu*  -        -           chosen
-scan          superlu         dense     -                -        dense       chosen*
+scan          superlu         dense     -                -        -           chosen*
 grad-of-scan  secant          -         cholmod*         dense    -           -
 """
 
