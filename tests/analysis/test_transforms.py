@@ -171,7 +171,7 @@ def plain(kind, solver):
     of_one = grid @ WEIGHTS
     mixed = FIRST @ of_one @ FIRST
     hessian = np.array([[SECOND @ of_one @ PLAIN, mixed], [mixed, PLAIN @ of_one @ SECOND]])
-    gradient = WEIGHTS @ jacobian
+    gradient, ways = WEIGHTS @ jacobian, ON_LINE - P  # `values` to second order
     return {
         "value": grid[2, 2],
         "ends": grid[[0, 4], [4, 0]],
@@ -181,7 +181,7 @@ def plain(kind, solver):
         "hessian": hessian,
         "product": hessian @ WAY,
         "change": of_one[4, 0] - of_one[0, 4],
-        "values": of_one[2, 2] + (ON_LINE - P) @ gradient,  # to first order
+        "values": of_one[2, 2] + ways @ gradient + np.sum(ways @ hessian * ways, 1) / 2,
     }
 
 
@@ -194,12 +194,12 @@ jvp           dense           -         -                dense*   -           ch
 jacfwd        chosen,secant*  -         cholmod          -        dense       superlu
 jacrev        scheme-superlu  superlu*  -                superlu  -           -
 grad          -               -         tangent*         dense    dense       chosen
-checkpoint    superlu         -         pardiso*         -        tangent     -
+checkpoint    superlu         -         pardiso*         -        -           -
 hessian       superlu         -         cholmod*         -        -           -
 jvp-of-grad   chosen*,secant  superlu   tangent          -        -           -
 vmap          chosen          superlu*  pardiso          dense    -           -
 vmap-of-grad  chosen          -         scheme-superlu*  -        -           chosen
-scan          superlu         dense     -                -        dense       chosen*
+scan          superlu         dense     -                -        -           chosen*
 grad-of-scan  secant          -         cholmod*         dense    -           -
 """
 
