@@ -319,10 +319,12 @@ def test_plot_draws_what_its_options_ask_for(scenes, solved, capsys, monkeypatch
 
 
 def test_plot_writes_pictures_of_every_kind(scenes, capsys):
-    assert main(["plot", "mast.json", "--of", "N", "--save", "n.pdf"]) == 0
-    assert main(["plot", "mast.json", "--of", "T", "--save", "t.svg"]) == 0
-    assert Path("n.pdf").read_bytes().startswith(b"%PDF") and "</svg>" in Path("t.svg").read_text()
-    assert capsys.readouterr() == ("wrote n.pdf\nwrote t.svg\n", "")
+    assert main(["plot", *"mast.json --of My --view elevation --save m.pdf".split()]) == 0
+    assert main(["plot", *"net.json --sequence --magnify 20 --save s.svg".split()]) == 0
+    assert Path("m.pdf").read_bytes().startswith(b"%PDF")
+    text = Path("s.svg").read_text()
+    assert "</svg>" in text and "deflection x 20" in text
+    assert capsys.readouterr() == ("wrote m.pdf\nwrote s.svg\n", "")
 
 
 def test_plot_lies_beside_its_scene(scenes, capsys):
