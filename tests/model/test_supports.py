@@ -383,6 +383,14 @@ def test_spins_are_found_from_the_geometry():
     assert spins(ends + skew) is None
 
 
+def test_a_clamp_holds_its_node_and_not_the_beam_beyond_a_hinge():
+    beam = jc.Beams([[0, 1]], section=BOX, hinges=[[True, False]])
+    held = jc.clamped([0]) + jc.restrained([1], about="x")
+    structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], beam, held)
+    of_node, _, beyond = structure.fixed(structure.supports).array
+    assert of_node.all() and beyond.tolist() == [True] * 3 + [False] * 3
+
+
 def test_supports_joints_and_arms_go_to_files_and_back(tmp_path):
     arms = bracket(np.array([0.4, 0.2, 0.1]))
     hinges = np.array([[[False, True, False], [True, False, False]]])
