@@ -193,7 +193,7 @@ def some_cables(p):
 
 def sags(p):
     phases = [jc.Phase(sag=p[:2], loads=jc.SelfWeight()), jc.Phase(loads=PULL)]
-    structure = jc.replace(CATENARY, nodes=jnp.asarray(CATENARY.nodes) * p[2:])
+    structure = jc.replace(CATENARY, nodes=jnp.asarray(CATENARY.nodes) * p[None, 2:])
     return jc.solve(structure, phases, TIGHT).positions
 
 
