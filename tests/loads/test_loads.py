@@ -155,6 +155,8 @@ def test_every_load_can_be_scaled():
         assert sum(changed) == len(changed) - kept
     nothing, double = (jc.combine([loads[0]], [f])[0] for f in (0.0, 2.0))
     assert nothing.direction.tolist() == [0, 0, 0] and double.direction[2] == -2.0
+    first, second = jc.combine({"a": loads[0], "b": [loads[5]]}, [2.0, 3.0])  # each by its own
+    assert first.direction[2] == -2.0 and second.pressure == 6.0
 
 
 def test_a_factor_of_zero_has_the_derivative_of_the_load():
