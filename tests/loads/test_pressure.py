@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 import jaxcable as jc
 from jaxcable.analysis.preparation import prepare, ready
-from jaxcable.common.tree import copy, fill
+from jaxcable.common.tree import copy, fill, thaw
 from jaxcable.mechanics.ramp import Ramp
 
 AXIS = (0.0, -1.0, 0.0)  # what runs along x is pressed up, along axis x d
@@ -95,6 +95,23 @@ def test_pressure_goes_on_following_in_later_analyses():
     expected[1:] += push / 2
     expected[3] += dead
     assert np.asarray(solution.load) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize("per", ["current", "unstressed"])
+def test_each_end_gets_half_of_the_pressure_on_its_element(per):
+    """On the chord as it is, or on the unstressed length, across axis and chord."""
+    structure, _ = arch(2)
+    load = jc.CablePressure(30.0, AXIS, on="edge", per=per).among(structure)
+    groups = fill(*thaw(structure.groups))
+    nodes = jnp.asarray(structure.nodes)
+    states = [group.start(nodes[group.links]) for group in groups]
+    moved = nodes + jnp.array([[0.0, 0, 0], [0.3, 0, 0.5], [0, 0, 0]])
+    across = np.cross(AXIS, np.diff(np.asarray(moved), axis=0))
+    if per == "unstressed":
+        across *= 2.4 / np.linalg.norm(across, axis=1)[:, None]
+    force = load.following_forces(groups, states, nodes, moved)
+    expected = 15.0 * np.array([across[0], across[0] + across[1], across[1]])
+    np.testing.assert_allclose(force, expected, rtol=1e-14)
 
 
 @pytest.mark.slow
@@ -269,6 +286,7 @@ def test_cantilever_under_a_pressure_that_follows_converges_at_the_fourth_order(
     assert np.log2(errors(2)[0] / errors(4)[0]) > 3.7
 
 
+@pytest.mark.slow
 def test_cantilever_under_a_pressure_per_unstressed_length():
     """Its resultant is larger than that on an arc by (kappa l)^2 / 24 of itself: second order."""
     x, z, _ = elastica(PRESSURE, "unstressed")
@@ -344,7 +362,10 @@ def pressed_parts(per, pressures):
 
 @pytest.mark.parametrize(
     ("per", "pressures", "symmetric"),
-    [("current", [300.0] * 4, True), ("unstressed", [100.0, 200.0, 300.0, 250.0], False)],
+    [
+        ("current", [300.0] * 4, True),
+        pytest.param("unstressed", [100.0, 200.0, 300.0, 250.0], False, marks=pytest.mark.slow),
+    ],
 )
 def test_tangent_is_the_jacobian_and_symmetric_where_there_is_a_potential(
     per, pressures, symmetric

@@ -261,6 +261,7 @@ JOINTS = {  # of the first of two beams: hinges at its ends about x, y, z, and s
 }
 
 
+@pytest.mark.slow
 def test_forks_and_joints_in_linear_theory():
     """Hinges about single axes and springs, by the stiffness method: pairs of beams, not joined."""
     load, moment = 1e-3 * np.array([1.0, 2.0, -3.0]), 1e-3 * np.array([2.0, -1.0, 1.0])
@@ -391,6 +392,8 @@ def test_a_clamp_holds_its_node_and_not_the_beam_beyond_a_hinge():
     structure = jc.Structure([[0.0, 0, 0], [1.0, 0, 0]], beam, held)
     of_node, _, beyond = structure.fixed(structure.supports).array
     assert of_node.all() and beyond.tolist() == [True] * 3 + [False] * 3
+    again = jc.restrained([1], "xz") + jc.restrained([1], "y", "y")  # one node, named twice
+    assert again.fixed(2).tolist() == [[False] * 6, [True] * 3 + [False, True, False]]
 
 
 def test_supports_joints_and_arms_go_to_files_and_back(tmp_path):

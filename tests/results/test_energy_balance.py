@@ -70,6 +70,7 @@ def to_and_fro(*moves, increments=5):
     ]
 
 
+@pytest.mark.slow
 def test_dissipation_of_a_bar_that_yields():
     """To five times its yield strain and back to none: sigma_y e_p per volume, once and again."""
     balance, _ = balance_of(yielding(jc.Bars), to_and_fro(1e-2, -1e-2, 0.0, increments=10))

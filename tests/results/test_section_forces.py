@@ -215,7 +215,7 @@ def bent_by(force, tip, length, n=201):
 @pytest.mark.parametrize(
     ("force", "n", "error"),
     [
-        (0.0, 1, 2e-3),
+        pytest.param(0.0, 1, 2e-3, marks=pytest.mark.slow),
         pytest.param(-200e3, 2, 1e-2, marks=pytest.mark.slow),
     ],
 )
