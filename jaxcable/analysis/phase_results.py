@@ -23,7 +23,7 @@ class Path(ElementResults):
             failure on.
         tension: axial forces in the shape of `elements`, each [n_inc, n_elem], N; NaN from a
             failure on.
-        peak_tension: likewise, as in `Results`.
+        peak_tension: likewise, as of `Solution`.
         status: codes, [n_inc]; from a failure on the code of this failure.
         iterations: linear solves, [n_inc].
         factorizations: factorisations of the stiffness, [n_inc]; with sparse matrices an earlier
@@ -96,7 +96,8 @@ class PhaseResult(Results):
             phase has not been reached. Where nodal moments or following loads make the tangent
             unsymmetric, its symmetric part is judged, which is on the safe side (Hill 1958).
         displacement: from the geometry in which the phase began, [n_node, 3], m.
-        positions, tension, ...: those of `Results`.
+        positions, tension, peak_tension, rest_length, reactions, load, rotation,
+            reaction_moments, section_forces: as of `Solution`.
         path: `Path`.
         began: memory of the laws when the phase began (such as plastic strains), in the shape of
             `elements`, or None.

@@ -69,28 +69,9 @@ class ElementResults:
 
 @pytree
 class Results(ElementResults):
-    """Results at a state of the structure: those of a `State`, a `PhaseResult`, a `Solution`.
+    """Results at a state of the structure; `Solution` describes its fields.
 
-    Attributes:
-        displacement: [n_node, 3], m, from the initial nodes (of a `PhaseResult`: from the geometry
-            in which the phase began).
-        positions: of the nodes, [n_node, 3], m.
-        tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
-            the mean of both ends.
-        peak_tension: the axial force of largest size along each element, likewise: what strength is
-            judged by. Of catenaries the larger end tension (its derivative jumps where both ends
-            are equal), of all others `tension`.
-        rest_length: unstressed length per element at its present temperature, likewise, m: at the
-            end the cutting list (`report` gives it at the temperature before the first phase).
-        reactions: forces of the supports on the structure, [n_node, 3], N.
-        load: all loads that act, those of earlier phases included, [n_node, 3], N.
-        rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
-        reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
-        section_forces: ``N, Vy, Vz, T, My, Mz`` at the `points` of beams from end to end
-            (Gauss-Lobatto points: the ends and the middle of 3), in the shape of `elements`, each
-            [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
-            `section_forces` has their signs, and gives them at any place.
-        results: further results of elements, by name, as in `ElementResults`.
+    `State`, `PhaseResult` and `Solution` derive from it.
     """
 
     displacement: Float[Array, "n_node 3"]

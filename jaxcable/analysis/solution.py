@@ -44,7 +44,8 @@ class State(Results):
     rules: then there is no state.
 
     Attributes:
-        displacement, positions, ...: those of `Results`, from the initial nodes.
+        displacement, positions, tension, peak_tension, rest_length, reactions, load, rotation,
+            reaction_moments, section_forces: as of `Solution`.
         phase: number of the phase that the state belongs to, from 0 in every analysis; -1 before
             the first increment.
         load_factor: load factor of that phase.
@@ -90,7 +91,23 @@ class Solution(Results):
     Attributes:
         status: code of the first failure, or 0; `describe` has the texts.
         stable: whether the end is stable, as in `PhaseResult`; if not, the status may be OK, too.
-        displacement, positions, ...: those of `Results`, at the end, from the initial nodes.
+        displacement: from the initial nodes, over all phases, [n_node, 3], m.
+        positions: of the nodes, [n_node, 3], m.
+        tension: axial force per element in the shape of `elements`, each [n_elem], N; of catenaries
+            the mean of both ends.
+        peak_tension: the axial force of largest size along each element, likewise: what strength is
+            judged by. Of catenaries the larger end tension (its derivative jumps where both ends
+            are equal), of all others `tension`.
+        rest_length: unstressed length per element at its present temperature, likewise, m: at the
+            end the cutting list (`report` gives it at the temperature before the first phase).
+        reactions: forces of the supports on the structure, [n_node, 3], N.
+        load: all loads that act, those of earlier phases included, [n_node, 3], N.
+        rotation: unit quaternion of every node, scalar first, [n_node, 4]; None without beams.
+        reaction_moments: moments of the supports on the structure, [n_node, 3], N m, likewise.
+        section_forces: ``N, Vy, Vz, T, My, Mz`` at the `points` of beams from end to end
+            (Gauss-Lobatto points: the ends and the middle of 3), in the shape of `elements`, each
+            [n_elem, n_point, 6] or None for other groups, N and N m; None without beams.
+            `section_forces` has their signs, and gives them at any place.
         last: `State` at the end of the last converged increment. If the analysis has converged, the
             end of the last phase; if it has failed, the state before that, as `State` says.
         phases: one `PhaseResult` per phase, a sequence (`PhaseResults`).

@@ -127,7 +127,9 @@ def summed(f):
     shares = np.array([[0.2], [0.3], [0.5]]) * WEIGHTS
 
     def total(p):
-        step = lambda carry, share: (carry + share @ f(p), None)  # noqa: E731
+        def step(carry, share):
+            return carry + share @ f(p), None
+
         return jax.lax.scan(step, 0.0, shares)[0]
 
     return total

@@ -117,7 +117,7 @@ BEYOND |= {"groups in a list", "counts of fibres"}
 SPEAKS = ("prefix", "pytree", "None", "<U", "dict", "ndarray is")
 
 
-@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # suspicious beside what is wrong
 @pytest.mark.parametrize("name", WRONG)
 def test_mistakes_are_named_and_refused_by_the_schema(name, tmp_path):
     path, value, message = WRONG[name]
@@ -200,7 +200,7 @@ def test_files_beyond_the_limit_are_not_read(tmp_path):
         jc.load_scene(tmp_path / "nothing.json")
 
 
-@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # suspicious beside what is wrong
 def test_mutated_scenes_are_refused_or_read(tmp_path):
     """Random bytes of a valid file changed: a scene, or a FileError, and nothing else."""
     jc.save_scene(tmp_path / "good.json", stages())

@@ -144,7 +144,7 @@ def fails(outcome):
     return any(np.isnan(leaf).any() for leaf in leaves if leaf.dtype == float)
 
 
-@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")
+@pytest.mark.filterwarnings("ignore::jaxcable.InputWarning")  # numbers are odd, not physical
 @pytest.mark.parametrize(
     ("message", "function", "good", "bad"),
     [row[2:] for row in RULES],

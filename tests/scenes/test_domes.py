@@ -269,7 +269,7 @@ def test_half_and_full_load_of_a_cable_truss():
     assert np.abs(sunk[:, 2] - sunk[::-1, 2]).max() < 1e-9 * np.abs(sunk[:, 2]).max()
 
 
-@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")
+@pytest.mark.filterwarnings("ignore::jaxcable.UnstableWarning")  # it is what is tested
 def test_a_geiger_dome_twists_under_too_much_load():
     """Stable below; beyond, the perfect dome is in unstable equilibrium, status OK notwithstanding.
 
