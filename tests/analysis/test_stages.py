@@ -317,7 +317,10 @@ def test_hanging_and_sliding_cables_come():
     solution = solved(structure, stages, TIGHT)
     # the cable as long as its chord hangs by itself: the elastic catenary of EA, w, L0 = span
     EA, w, L0 = 1e6, 5.0, 10.0
-    span = lambda H: H * L0 / EA + 2 * H / w * np.arcsinh(w * L0 / 2 / H)  # noqa: E731
+
+    def span(H):
+        return H * L0 / EA + 2 * H / w * np.arcsinh(w * L0 / 2 / H)
+
     H = brentq(lambda H: span(H) - L0, 1.0, EA, xtol=1e-10)
     ends = np.hypot(H, w * L0 / 2)
     np.testing.assert_allclose(jc.forms.end_tensions(structure, solution)["hung"], ends, rtol=1e-9)
