@@ -25,7 +25,8 @@ import jax.numpy as jnp
 
 from ..common.tree import pytree
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from .element import Element, ElementState, Ends, Forces, Motion, OwnState, Scalar
+from .element import Element, Ends, Forces, Motion, Scalar
+from .element_state import ElementState, OwnState
 from .stated import Stated
 
 STATEMENTS = (

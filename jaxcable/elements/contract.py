@@ -11,7 +11,8 @@ import numpy as np
 from ..common.types import ArrayLike, Float
 from . import trial
 from .abilities import STATEMENTS, Jacked, Prestressable, Sagging
-from .element import SECTION_STRAIN, Element, ElementState
+from .element import SECTION_STRAIN, Element
+from .element_state import ElementState
 
 METHODS = {
     "remembers": ("settle", "size", "initial_memory"),

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from ..common.tree import Indices, pytree
 from ..common.types import Array, Float
 from ..elements.axial import Axial
-from ..elements.element import ElementState
+from ..elements.element_state import ElementState
 from ..elements.prestress import stretch
 
 

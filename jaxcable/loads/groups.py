@@ -14,7 +14,7 @@ from ..common import checks
 from ..common.selection import Selection
 from ..common.tree import Indices, copy, plain
 from ..common.types import Array, ArrayLike, Bool, Float, Int
-from ..elements.element import ElementState
+from ..elements.element_state import ElementState
 from ..model.structure import Structure
 from .load import Bundles
 
@@ -93,9 +93,7 @@ def partly(
     across = -1, *(1,) * (amounts.ndim - 1)
     if load.part is not None and number in load.part:
         amounts = amounts * load.part[number].astype(amounts.dtype).reshape(across)
-    if state is None or state.present is None:
-        return amounts
-    return jnp.where(state.present.reshape(across), amounts, 0.0)
+    return amounts if state is None else state.only_present(amounts)
 
 
 def bundled(load: ByGroup, bundles: Bundles) -> ByGroup:

@@ -16,12 +16,13 @@ from .. import linear
 from ..common.tree import copy, pytree
 from ..common.types import Array, Bool, Float
 from ..elements.abilities import Pulling, Rounding
-from ..elements.element import Element, ElementState
+from ..elements.element import Element
+from ..elements.element_state import ElementState
 from ..spaces import Space
 from ..spaces.freedoms import carriers
 from ..spaces.space import Forces, Matrix, Motion, Part, Step
 from ..spaces.translations import coarse, refined
-from .elementwise import Elementwise, PerGroup, each, only_present, over_ends
+from .elementwise import Elementwise, PerGroup, each, over_ends
 from .load_stacks import Following
 
 EndForces: TypeAlias = 'list[Float[Array, "n_elem n_end n_freedom"]]'
@@ -308,7 +309,7 @@ class System(Elementwise):
         slack = self.slack(motion) if slack is None else slack
         taut = []
         for group, state, loose in zip(self.groups, self.states, slack, strict=True):
-            bears = only_present(state.present, ~loose)[:, None]
+            bears = state.only_present(~loose)[:, None]
             taut.append(jnp.broadcast_to(bears, group.links.shape).astype(jnp.int32))
         stiffened = self.at_rows(taut) > 0
         if self.freedoms.rows is not None:

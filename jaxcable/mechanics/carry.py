@@ -6,7 +6,8 @@ import jax.numpy as jnp
 
 from ..common.tree import copy, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements.element import Element, ElementState, with_fields
+from ..elements.element import Element
+from ..elements.element_state import ElementState, with_fields
 from ..spaces import space_of
 from ..spaces.freedoms import Freedoms
 from ..spaces.space import Motion
@@ -64,9 +65,7 @@ def make_system(
         load = load_stacks.dead_load(nodes, groups, carry)
     states = [
         with_fields(
-            state,
-            line_load=load_stacks.line_load(number, group, state, nodes, carry),
-            pressed=load_stacks.pressures(number, group, carry),
+            state, element_load=load_stacks.element_load(number, group, state, nodes, carry)
         )
         if group.shaped_by_load
         else state

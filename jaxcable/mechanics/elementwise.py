@@ -9,7 +9,8 @@ import jax
 import jax.numpy as jnp
 
 from ..common.types import Array, ArrayLike, Bool, Float, PyTree
-from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, ElementState, Result
+from ..elements.element import PEAK_TENSION, PRESENT, TENSION, Element, Result
+from ..elements.element_state import ElementState
 from ..elements.prestress import element, of_each
 from ..numerics.rotations import IDENTITY
 from ..spaces.freedoms import Freedoms
@@ -238,20 +239,7 @@ def over_ends(
         return function(law, *(law.brought(*at, exact) if is_fine(at[-1]) else at), *beside)
 
     found = jax.vmap(one)(group.properties(), beside, state, nodes, *motions)
-    if state.present is None or absent or isinstance(found, ElementState):
-        return found
-    return only_present(state.present, found)
-
-
-def only_present(present: Bool[Array, " n_elem"] | None, values: PyTree[Array]) -> PyTree[Array]:
-    """A tree of arrays [n_elem, ...], zero or False for elements that are not there."""
-    if present is None:
-        return values
-
-    def one(x):
-        return jnp.where(present.reshape(-1, *(1,) * (x.ndim - 1)), x, jnp.zeros((), x.dtype))
-
-    return jax.tree.map(one, values)
+    return found if absent or isinstance(found, ElementState) else state.only_present(found)
 
 
 def _still_unless(present, motion):

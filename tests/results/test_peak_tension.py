@@ -13,6 +13,7 @@ from oracles.taylor import slope
 import jaxcable as jc
 from jaxcable.cli.solve import highlights
 from jaxcable.common.tree import copy
+from jaxcable.elements.element_state import ElementLoad
 from jaxcable.mechanics.elementwise import each
 from jaxcable.plots import members, stages
 
@@ -139,7 +140,7 @@ def test_the_larger_end_tension_differentiates():
         group = copy(group, links=group.links.array)
         nodes = p[0] * NODES[:2]
         load = jnp.array([[0.0, 0.0, -WEIGHT]]) * p[2]
-        state = copy(group.start(nodes[group.links]), line_load=load)
+        state = copy(group.start(nodes[group.links]), element_load=ElementLoad(load))
         return each("peak_tension", group, state, nodes, jnp.zeros_like(nodes))[0] / STRENGTH
 
     def peak(p):
