@@ -164,14 +164,16 @@ class Phase:
         named = structure.named_groups()
         per_group = [{} for _ in named]
         for name in ABSOLUTE + INCREMENTS:
-            if getattr(self, name) is None:
+            given = getattr(self, name)
+            if given is None:
                 continue
-            values = spread(getattr(self, name), structure, name)
-            if is_scalar(getattr(self, name)):
+            if is_scalar(given):
                 values = [
-                    None if _passes_by(group, name, structure) else value
-                    for value, group in zip(values, structure.groups, strict=True)
+                    None if _passes_by(group, name, structure) else given
+                    for group in structure.groups
                 ]
+            else:
+                values = spread(given, structure, name)
             for statements, (where, group), value in zip(per_group, named, values, strict=True):
                 if value is not None:
                     try:

@@ -115,8 +115,6 @@ class Bundles(NamedTuple):
 
     def inputs(self, per_group: list[dict[str, Stated]]) -> list[dict[str, Stated]]:
         """Prestress statements of a phase, a dict from name to `Stated` for every bundle."""
-        if self.plain:
-            return per_group
         found = []
         for numbers in self.members:
             names = dict.fromkeys(name for k in numbers for name in per_group[k])

@@ -43,9 +43,9 @@ def unloaded(nodes: Float[Array, "n_row 3"], groups: list[Element]) -> Carry:
     return Carry(space.still(nodes), states, space.padded(jnp.zeros_like(nodes)), [], [])
 
 
-def knowing(carry: Carry, phase: Int[ArrayLike, ""]) -> Carry:
-    """A `Carry` with the loads that a phase knows; later loads, which may be NaN, become zero."""
-    return copy(carry, loads=[stack.until(phase) for stack in carry.loads])
+def knowing(carry: Carry, loads: list[load_stacks.LoadStack], phase: Int[ArrayLike, ""]) -> Carry:
+    """A `Carry` with the `loads` that a phase knows; later ones, which may be NaN, are zero."""
+    return copy(carry, loads=[stack.until(phase) for stack in loads])
 
 
 def make_system(

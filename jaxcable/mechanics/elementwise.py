@@ -188,34 +188,13 @@ def each(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """Results of an element method for all elements of a group, by vmap; options as of `over`."""
+    """Results of an element method for all elements of a group; options as of `over_ends`."""
 
     def one(law, *at):
         return getattr(law, method)(*at)
 
-    return over(one, group, state, nodes, *motions, exact=exact, absent=absent)
-
-
-def over(
-    function: Callable[..., Any],
-    group: Element,
-    state: ElementState,
-    nodes: Float[Array, "n_row 3"],
-    *motions: Motion,
-    beside: tuple[Float[Array, "n_elem ..."], ...] = (),
-    exact: Bool[ArrayLike, ""] = True,
-    absent: bool = False,
-) -> Any:
-    """``function(element, state, ends, motion, *beside)`` for all elements of a group.
-
-    By a motion with a fine part elements are brought to where they have moved: functions know
-    motions [n_end, 3] only. Unless this is to be `exact`, the fine part is as good as none.
-
-    Elements that are not `ElementState.present` have not moved, and their results are zero; with
-    `absent` these are what an element there would have.
-    """
     at = nodes[group.links], *(motion[group.links] for motion in motions)
-    return over_ends(function, group, state, at, beside, exact, absent)
+    return over_ends(one, group, state, at, exact=exact, absent=absent)
 
 
 def over_ends(
@@ -227,7 +206,18 @@ def over_ends(
     exact: Bool[ArrayLike, ""] = True,
     absent: bool = False,
 ) -> Any:
-    """`over` where nodes and motions are known `at` the ends of the elements."""
+    """``function(element, state, ends, motion, *beside)`` for all elements of a group, by vmap.
+
+    Args:
+        function: of one element.
+        group, state: of the elements.
+        at: initial positions, and motions, at the ends of the elements.
+        beside: further arrays [n_elem, ...].
+        exact: by a motion with a fine part elements are brought to where they have moved: functions
+            know motions [n_end, 3] only. Unless this is exact, the fine part is as good as none.
+        absent: elements that are not `ElementState.present` have not moved, and their results are
+            zero, or if True what an element there would have.
+    """
     exact = jnp.asarray(exact)
     nodes, *motions = at
     motions = [_own(group, motion) for motion in motions]

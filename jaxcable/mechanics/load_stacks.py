@@ -52,8 +52,6 @@ class LoadStack:
 
     def bundled(self, bundles: Bundles) -> LoadStack:
         """The stack on bundles of groups."""
-        if bundles.plain:
-            return self
         return copy(self, load=jax.vmap(lambda load: load.bundled(bundles))(self.load))
 
     def touches(self, groups: list[Element], bundles: Bundles) -> list[Indices]:

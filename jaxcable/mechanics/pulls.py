@@ -43,7 +43,7 @@ class Pulls:
 
     @classmethod
     def of(cls, system: System, x: Motion, exact: Bool[ArrayLike, ""]) -> Pulls:
-        """The pulls of a system at `x`; `exact` as of `elementwise.over`."""
+        """The pulls of a system at `x`; `exact` as of `elementwise.over_ends`."""
         found = []
         for group, state in zip(system.groups, system.states, strict=True):
             pull = each("pulled", group, state, system.nodes, x, exact=exact, absent=True)

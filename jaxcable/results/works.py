@@ -50,7 +50,7 @@ def works(thawed, arrays, paths, bundles):
 
     phase_terms, end, loads = [], marks_of(carry), carry.loads
     for k, (codes, path) in enumerate(paths):
-        before = knowing(copy(carry, loads=loads), k)
+        before = knowing(carry, loads, k)
         ramp = Ramp.build(nodes, groups, before, schedule.phase(k))
         terms, level, carry = _phase(ramp, codes, path)
         reached = jnp.any(codes == status.OK)
