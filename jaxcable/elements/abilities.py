@@ -4,7 +4,7 @@ Other abilities are stated by an attribute of `Element`, because a law or a load
 
 | attribute | methods that an element must then have |
 |---|---|
-| `remembers` | `settle`, `size`, `initial_memory`; `section_strain`, a result |
+| `remembers` | `size`, `initial_memory`; `settle` and `section_strain`, a result, or `settled` |
 | `breaks` | `beyond`; `section_strain`, a result; `extended` if its iteration may not pass an end |
 | `tension_only` | `is_slack`, `at_kink` |
 | `rotates` | `end_forces_about` |

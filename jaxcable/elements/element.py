@@ -95,8 +95,8 @@ class Element(abc.ABC):
         rising: whether its force is known not to fall with strain. The energy of groups that are
             `tension_only` and `rising` is convex.
         remembers: whether its state has a `memory`, because its laws depend on earlier increments;
-            then it has `settle`, `size` and `initial_memory`, and `SECTION_STRAIN` among its
-            results.
+            then it has `size`, `initial_memory`, and either `settle` and `SECTION_STRAIN` among
+            its results, or `settled`.
         breaks: whether a curve of its law can end; then it has `beyond`, and `SECTION_STRAIN` among
             its results.
         shaped_by_load: whether its state contains the `ElementLoad` along it.
@@ -324,6 +324,17 @@ class Element(abc.ABC):
     def settle(self, strain: Array, memory: PyTree[Array], duration: float = 0.0) -> PyTree[Array]:
         """Memory after an increment of a `duration`, s, that ended at a `strain`."""
         return memory
+
+    def settled(
+        self, state: OwnState, ends: Ends, motion: Motion, duration: float = 0.0
+    ) -> PyTree[Array]:
+        """Memory after an increment of a `duration`, s, that ended at a motion.
+
+        By default that of a law, which sees the section strain only. Elements whose memory depends
+        on more (how far a cable has slid, where a damper was) override it.
+        """
+        strain = self.section_strain(state, ends, motion)  # type: ignore[attr-defined]  # a result
+        return self.settle(strain, state.memory, duration)
 
     def beyond(self, strain: Array) -> Bool[Array, ""]:
         """Whether a strain is beyond the curve of the law."""

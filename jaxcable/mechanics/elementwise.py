@@ -159,16 +159,25 @@ class Elementwise:
         """Whether any element is strained beyond its curve."""
         return jnp.any(self.broken(self.strains(motion)))
 
-    def settle(self, strains: PerGroup, duration: float = 0.0) -> Memory:
-        """Memory of every group after an increment of a `duration`, s, that ended at `strains`.
+    def settle(
+        self, motion: Motion, strains: PerGroup | None = None, duration: float = 0.0
+    ) -> Memory:
+        """Memory of every group after an increment of a `duration`, s, that ended at a motion.
 
-        The duration is 0 so far, because phases have none yet.
+        Section strains of this motion are found unless they are known. The duration is 0 so far,
+        because phases have none yet.
         """
-        options = {"duration": duration}
-        return [
-            of_each("settle", group, strain, state.memory, **options) if group.remembers else None
-            for group, state, strain in zip(self.groups, self.states, strains, strict=True)
-        ]
+        strains = self.strains(motion) if strains is None else strains
+        found, options = [], {"duration": duration}
+        for group, state, strain in zip(self.groups, self.states, strains, strict=True):
+            if not group.remembers:
+                found.append(None)
+            elif type(group).settled is Element.settled:
+                found.append(of_each("settle", group, strain, state.memory, **options))
+            else:
+                at = self.nodes[group.links], motion[group.links]
+                found.append(over_ends(_settled(duration), group, state, at, absent=True))
+        return found
 
     def length_scale(self) -> Float[Array, ""]:
         """A length to measure steps by: the mean initial element length, m."""
@@ -177,6 +186,11 @@ class Elementwise:
     def extent(self) -> Float[Array, ""]:
         """Size of the whole structure: diagonal of its bounding box, m."""
         return jnp.linalg.norm(jnp.max(self.nodes, axis=0) - jnp.min(self.nodes, axis=0))
+
+
+def _settled(duration):
+    """The function of an element that returns its memory after an increment of a `duration`, s."""
+    return lambda one, state, ends, motion: one.settled(state, ends, motion, duration)
 
 
 def each(

@@ -173,10 +173,18 @@ class Ramp:
         )
 
     def settle(
-        self, system: System, strains: PerGroup, ok: Bool[Array, ""], memory: Memory
+        self,
+        system: System,
+        motion: Motion,
+        strains: PerGroup | None,
+        ok: Bool[Array, ""],
+        memory: Memory,
     ) -> Memory:
-        """Memory after an increment that ended at `strains`; the earlier memory unless `ok`."""
-        return where(ok, system.settle(strains), memory)
+        """Memory after an increment that ended at a motion; the earlier memory unless `ok`.
+
+        Section `strains` as of `System.settle`.
+        """
+        return where(ok, system.settle(motion, strains), memory)
 
     def begun(self) -> System:
         """The system at the start of the phase, without prescribed motion."""

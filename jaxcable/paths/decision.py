@@ -116,7 +116,7 @@ def _settled(course, p, a):
     if a.memory is None:
         return p
     system = course.ramp.at(p.factor, a.memory)
-    return copy(p, memory=system.settle(system.strains(p.x)))
+    return copy(p, memory=system.settle(p.x))
 
 
 def _nominal(course, run, tried, seen, decided):

@@ -106,7 +106,7 @@ def _memories(ramp, factors, motions):
     def follow(memory, increment):
         factor, motion = increment
         system = ramp.at(factor, memory)
-        memory = system.settle(system.strains(motion))
+        memory = system.settle(motion)
         return memory, memory
 
     _, later = lax.scan(follow, ramp.memory, (factors[1:], motions[1:]))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings, TurningSprings
 from extensions.own_laws import Maxwell, Prager
-from extensions.own_links import Brittle, Hooks, Lying, Thrusters
+from extensions.own_links import Brittle, Dampers, Hooks, Lying, Thrusters
 from numpy.testing import assert_allclose
 
 import jaxcable as jc
@@ -353,6 +353,41 @@ def test_increments_of_a_law_with_memory_have_derivatives():
     assert (np.asarray(slopes) != 0).all()
 
 
+@pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental()], ids=["newton", "increments"])
+def test_a_memory_of_where_an_element_was(method):
+    """A damper beside a spring: ``(k + c) u = load + c u_before`` in every increment."""
+    increments = (4, 3)
+
+    def analysed(damping):
+        elements = {"ground": GroundSprings([[1]], K), "damper": Dampers([[0, 1]], damping)}
+        structure = jc.Structure(NODES[:2], elements, jc.pinned([0]))
+        phases = [
+            jc.Phase(loads=jc.NodalLoads([1], LOAD), increments=increments[0]),
+            jc.Phase(increments=increments[1]),
+        ]
+        solution = jc.solve(structure, phases, method)
+        return solution.displacement[1], (solution.phases, solution.status)
+
+    def followed(damping):
+        moved = [np.zeros(3)]
+        for factor in (*np.arange(1, 1 + increments[0]) / increments[0], *increments[1] * (1.0,)):
+            moved.append((factor * LOAD + damping * moved[-1]) / (K[0] + damping))
+        return np.array(moved[1:])
+
+    moved, (phases, code) = analysed(150.0)
+    assert code == status.OK
+    first, second = followed(150.0)[:4], followed(150.0)[4:]
+    # residuals are up to 1e-10 of the forces, which every increment hands on
+    assert_allclose(phases[0].path.displacement[:, 1], first, rtol=1e-9)
+    assert_allclose(phases[1].path.displacement[:, 1], second - first[-1], rtol=1e-8)
+    assert_allclose(moved, second[-1], rtol=1e-9)
+    slope = jax.jacfwd(analysed, has_aux=True)(150.0)[0]
+    step = 1e-3  # of order step^2
+    between = (followed(150.0 + step)[-1] - followed(150.0 - step)[-1]) / (2 * step)
+    assert_allclose(slope, between, rtol=1e-6)
+    assert np.abs(first[0] - LOAD / 4 / K[0]).min() > 1e-4  # without damper
+
+
 def test_time_reaches_a_law_that_creeps():
     """A strain of 1e-3 for 50 s creeps by E e t / viscosity; in an analysis no time passes yet."""
     law, links = Maxwell(1e9, 1e11), np.array([[0, 1]])
@@ -369,7 +404,7 @@ def test_time_reaches_a_law_that_creeps():
         if kind == "beams":
             strain = jnp.zeros((1, group.points, 3)).at[..., 0].set(1e-3)
         system = System(jnp.asarray(nodes), [group], [state], None, None)
-        (after,), (still,) = system.settle([strain], duration=50.0), system.settle([strain])
+        (after,), (still,) = (system.settle(None, [strain], t) for t in (50.0, 0.0))
         for crept, kept in zip(jax.tree.leaves(after), jax.tree.leaves(still), strict=True):
             assert_allclose(crept, 50.0 * 1e9 * 1e-3 / 1e11, rtol=1e-13)
             assert (np.asarray(kept) == 0.0).all()

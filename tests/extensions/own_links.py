@@ -122,6 +122,50 @@ class Jacks(Brittle, Jacked):
         return state
 
 
+@pytree
+class Moved(ElementState):
+    """Where the second end was against the first one, after the last increment."""
+
+    memory: object
+
+
+@pytree(indices=("links",))
+class Dampers(Joined):
+    """Resist what an increment moves the second end against the first, in every direction.
+
+    Their memory is a vector that no strain tells: ``settled`` sees the motion.
+    """
+
+    links: object
+    damping: object
+    weight: object = None
+
+    per_element = ("damping", "weight")
+    remembers = True
+
+    def start(self, ends):
+        return Moved(self.initial_memory())
+
+    def initial_memory(self):
+        return jnp.zeros((len(self.links), 3))
+
+    def _pull(self, state, motion):
+        return self.damping * (motion[1] - motion[0] - state.memory)
+
+    def end_forces(self, state, ends, motion):
+        pull = self._pull(state, motion)
+        return jnp.stack([-pull, pull])
+
+    def energy(self, state, ends, motion):
+        return 0.5 * jnp.sum(self._pull(state, motion) ** 2) / self.damping
+
+    def size(self, state, ends, motion):
+        return jnp.sum(jnp.abs(self._pull(state, motion)))
+
+    def settled(self, state, ends, motion, duration=0.0):
+        return motion[1] - motion[0]
+
+
 @pytree(indices=("links",))
 class Thrusters(Joined):
     """A spring at the second end in its initial place, and a thrust across the link there.
