@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..common import checks
@@ -183,7 +184,8 @@ class Phase:
                         raise ValueError(f"{error}{of}") from None
         for statements, (where, group) in zip(per_group, named, strict=True):
             _require_apart(statements, where, group)
-            for name, stated in statements.items():
+            several = getattr(group, "components", {})
+            for name, stated in ((n, s) for n, s in statements.items() if n not in several):
                 plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
 
@@ -242,17 +244,21 @@ def is_scalar(value: Any) -> bool:
 def _passes_by(group, name, structure):
     """Whether a scalar stated for the whole structure leaves out `group`.
 
-    It leaves out groups that cannot take it, if another group can; and beams beside cables or bars.
+    It leaves out groups that cannot take it, if another group can; and beams, and groups that take
+    several components, beside cables or bars.
     """
 
     def takes(any_group):
         return isinstance(any_group, Prestressable) and name in any_group.statements
 
+    def differs(any_group):  # its numbers mean something else than those of cables and bars
+        return any_group.rotates or name in any_group.components
+
     if not takes(group):
         return any(map(takes, structure.groups))
-    mixed = any(takes(other) and not other.rotates for other in structure.groups)
+    mixed = any(takes(other) and not differs(other) for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
-    return group.rotates and mixed and not warms
+    return differs(group) and mixed and not warms
 
 
 def spread(value: PyTree[Any], structure: Structure, name: str) -> list[Any]:
@@ -348,18 +354,32 @@ def _checked(value, group, name, structure):
         raise ValueError(f"jacking: a group of {type(group).__name__} has no jack")
     if name == "temperature" and group.expansion is None:
         raise ValueError("temperature: the group has no expansion coefficient; give expansion=...")
-    count = len(group.links)
+    count, components = len(group.links), group.components.get(name, ())
     if isinstance(value, Only):
         chosen = value.chosen(count, name)
-        given = checks.per_element(value.values, len(value.elements), name)
-        value = value.spread(np.zeros(count))
+        given = _per_element(value.values, len(value.elements), name, components)
+        value = value.spread(np.zeros((count, *given.shape[1:])))
     else:
         chosen = None
-        value = given = checks.per_element(value, count, name)
+        value = given = _per_element(value, count, name, components)
     refuse(value_rules(name, given, group))
     refuse(capacity_rules(name, value, group, group.capacity))
     refuse(span_rules(name, group, structure.nodes, chosen))
     return Stated(value, chosen)
+
+
+def _per_element(value, count, name, components):
+    """Values as floats [n_elem], or [n_elem, n_component]; one number is for all of them."""
+    if not components:
+        return checks.per_element(value, count, name)
+    array, shape = checks.floats(value, name), (count, len(components))
+    if array.shape not in ((), shape):
+        raise ValueError(
+            f"{name}: expected a scalar or shape {shape}, for every element "
+            f"{', '.join(components)}, got shape {array.shape}"
+        )
+    pack = jnp if isinstance(array, jax.Array) else np
+    return pack.broadcast_to(array, shape)
 
 
 def as_phases(structure: Structure, phases: Phase | Sequence[Phase] | None) -> list[Phase]:

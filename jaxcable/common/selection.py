@@ -42,7 +42,8 @@ class Only:
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
-        values: one value for all of them, or [n].
+        values: one value for all of them, or [n]; [n, n_component] for elements of your own that
+            take several numbers each (`Prestressable.components`).
         count: number of elements of the group, if known; set if `elements` are booleans.
 
     Raises:
@@ -55,7 +56,8 @@ class Only:
 
     def __post_init__(self):
         _number(self)
-        checks.per_element(self.values, len(self.elements), "values")
+        several = np.ndim(self.values) > 1  # components, which the group checks
+        checks.per_element(0.0 if several else self.values, len(self.elements), "values")
         # one value for all stays one: a search then has one unknown (`design.tune`)
         object.__setattr__(self, "values", checks.floats(self.values, "values"))
 

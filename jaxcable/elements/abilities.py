@@ -41,9 +41,13 @@ class Prestressable(Element):
 
     Attributes:
         statements: those of `STATEMENTS` that the group accepts.
+        components: names of the components of statements that have several numbers for an element,
+            by statement, such as ``{"pretension": ("warp", "weft")}``; values then are
+            [n_elem, n_component], and one number is for all components.
     """
 
     statements: ClassVar[tuple[str, ...]] = ()
+    components: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
     @abc.abstractmethod
     def restate(

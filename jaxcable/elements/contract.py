@@ -56,6 +56,9 @@ def _lacks(group):
         for name in group.statements:
             if name not in STATEMENTS:
                 yield f"statements: {name!r} is none of {', '.join(STATEMENTS)}"
+        for name in group.components:
+            if name not in group.statements:
+                yield f"components: {name!r} is none of its statements"
         for name, ability in (("jacking", Jacked), ("sag", Sagging)):
             # groups that derive from `Prestressed` list all statements, and refuse these
             own = "statements" in vars(kind)
