@@ -115,6 +115,31 @@ class Elementwise:
             found.append(matrix.reshape(count, -1, round((matrix.size // count) ** 0.5)))
         return found
 
+    def masses(
+        self, motion: Motion, gravity: Float[ArrayLike, ""], distribution: str | None = None
+    ) -> list[Float[Array, "n_elem d d"]]:
+        """Mass matrices of all elements, in the shape of `tangents`, kg; zero without a weight.
+
+        Args:
+            motion: of all rows.
+            gravity: acceleration that weights are divided by, m/s2.
+            distribution: as of `Element.mass_matrix`.
+        """
+
+        def of_element(one, state, ends, motion, mass):
+            return one.mass_matrix(state, ends, motion, mass, distribution)
+
+        found = []
+        shapes = jax.eval_shape(lambda: self.tangents(motion))
+        for group, state, shape in zip(self.groups, self.states, shapes, strict=True):
+            weights = group.weights(state)
+            if weights is None:
+                found.append(jnp.zeros(shape.shape, shape.dtype))
+                continue
+            at, beside = (self.nodes[group.links], motion[group.links]), (weights / gravity,)
+            found.append(over_ends(of_element, group, state, at, beside))
+        return found
+
     def secants(self, before: Motion, motion: Motion) -> list[Float[Array, "n_elem ..."]]:
         """Secant stiffness of all elements between two motions, list of [n_elem, ...]."""
         return [
