@@ -48,7 +48,7 @@ def run(options: Namespace) -> None:
     outputs.check_suffix(options.save, (".json",), "--save")
     require_writable(options.save, inputs=[options.scene])
     structure, phases = inputs.scene(options)
-    table = Omissions()
+    table = Omissions(options.scene)
     if phases[0].supports is not None:
         structure = replace(structure, supports=phases[0].supports)
     acting = _acting(options, phases, table)
@@ -83,7 +83,7 @@ def run(options: Namespace) -> None:
     print(f"nodes moved by up to {inputs.short(float(moved.max()))} m{flat}")
     _print_groups(found, stated)
     first = Phase(**stated, loads=acting.loads or None, increments=phases[0].increments)
-    table.warn(options.scene)
+    table.warn()
     if options.save is not None:
         save_scene(options.save, Scene(found, [first, *_later(phases, acting.left)]))
         print(f"wrote {options.save}: the form, its prestress and loads, and the other phases")

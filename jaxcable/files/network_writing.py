@@ -76,7 +76,7 @@ def save_network(
     if not np.isfinite(places).all():
         raise ValueError(f"nodes[{int(np.argwhere(~np.isfinite(places))[0][0])}]: not finite")
     held = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].all(axis=1))
-    table = Omissions()
+    table = Omissions(path)
     some = np.asarray(structure.supports.fixed(structure.n_node)[:, :3].any(axis=1)) & ~held
     for k in np.flatnonzero(some).tolist():
         table.add("support in some directions", f"node {k}", "nodes are held wholly, or free")
@@ -94,7 +94,7 @@ def save_network(
     text = json.dumps(whole, allow_nan=False)
     with written(path) as stream:
         stream.write(text + "\n")
-    table.warn(path)
+    table.warn()
     return [path]
 
 

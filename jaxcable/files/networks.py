@@ -64,14 +64,8 @@ def read_network(path: str | PathLike[str], largest: int = LARGEST) -> Net:
         [2.0]
     """
     data = read_json(path, largest)
-    table = Omissions()
-    try:
-        found = find_net(data, table)
-        net = _net(found, table)
-    except FileError as error:
-        raise FileError(f"{path}: {error}") from None
-    table.warn(path)
-    return net
+    with Omissions(path) as table:
+        return _net(find_net(data, table), table)
 
 
 def _net(found: Found, table: Omissions) -> Net:
