@@ -21,6 +21,7 @@ from ..elements.straight import Straight
 from ..model.parts import groups_by_name, one_case
 from ..model.structure import Structure
 from ..model.topology import require_same
+from .at_end import file_path
 
 
 def save_opensees(
@@ -57,9 +58,7 @@ def save_opensees(
         >>> "corotTruss" in path.read_text()
         True
     """
-    path = Path(path)
-    if path.suffix.lower() != ".py":
-        raise ValueError(f"path = {str(path)!r}: expected a name that ends with .py")
+    path = file_path(path, ".py")
     one_case(solution)
     if int(solution.status) != 0:
         raise ValueError("solution: has failed; there is no state to compute again")
