@@ -1,4 +1,6 @@
-"""``form``: find the form of a net and write it as a scene."""
+"""``form``: find the form of a net of cables and bars under loads of the scene; other phases are
+kept.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ from ..model.parts import groups_by_name
 from ..model.supports import pinned
 from ..scenes import Scene
 from . import inputs, outputs
-from .guard import Refused, require_writable
+from .guard import Refused
 
 FOUND = (NodalLoads, SelfWeight, LineLoads, AreaLoads)
 """Kinds of loads that form finding takes."""
@@ -45,8 +47,7 @@ class _Acting(NamedTuple):
 
 def run(options: Namespace) -> None:
     """Find the form that `options` ask for, print its numbers, write it."""
-    outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save, inputs=[options.scene])
+    outputs.target(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.scene(options)
     table = Omissions(options.scene)
     if phases[0].supports is not None:

@@ -17,7 +17,7 @@ from ..files.scene import FORMAT
 from ..model.parts import groups_by_name
 from ..model.structure import Structure
 from ..scenes import Scene
-from .guard import Refused
+from .guard import Refused, refusing
 
 _MOST_BYTES = 8e9  # limit on the memory of the results at all increments
 
@@ -50,10 +50,8 @@ def net(options: Namespace) -> Net:
         return found
     # chords are that far from ends which lie on their arc
     tolerance = max(options.tol or 1e-6, options.sagitta or 0.0)
-    try:
+    with refusing("--split"):
         made = found.split(options.split or None, tolerance=tolerance)
-    except ValueError as error:
-        raise Refused(f"--split: {error}") from None
     print(
         f"split: {counted(len(made.nodes) - len(found.nodes), 'node')} made, "
         f"{len(made.links)} links of {len(found.links)}"
@@ -118,7 +116,7 @@ def _read(options):
     if suffixes == [".obj"]:
         return read_obj(paths[0], options.scale or 1.0, tolerance=tolerance, largest=largest)
     if suffixes == [".dxf"]:
-        try:
+        with refusing(paths[0]):  # ezdxf is not installed
             return read_dxf(
                 paths[0],
                 options.scale,
@@ -128,10 +126,6 @@ def _read(options):
                 hidden=options.hidden,
                 largest=largest,
             )
-        except FileError:
-            raise
-        except ValueError as error:  # ezdxf is not installed
-            raise Refused(f"{paths[0]}: {error}") from None
     if suffixes == [".json"]:
         if read_json(paths[0], largest).get("format") == FORMAT:
             raise Refused(f"{paths[0]}: is a scene of jaxcable already")

@@ -1,4 +1,4 @@
-"""``optimize``: find the pretension for a purpose by exact gradients, and write the scene."""
+"""``optimize``: find the pretension for a purpose, with gradients through all phases."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ..common.tree import replace
 from ..files import save_scene
 from ..scenes import Scene
 from . import inputs, outputs
-from .guard import Refused, require_writable, say
+from .guard import Refused, refusing, say
 
 _WIDTH = 0.02  # width of the smooth maximum of deflections, relative to their limit
 _ROUNDING = 1e-9  # relative to a limit: two analyses of the same numbers differ by less
@@ -37,8 +37,7 @@ def run(options: Namespace) -> None:
             raise Refused("optimize: give --target, or --deflection and/or --lowest")
     elif options.target is not None:
         raise Refused("optimize: --target has no limits; leave out --deflection and --lowest")
-    outputs.check_suffix(options.save, (".json",), "--save")
-    require_writable(options.save, inputs=[options.scene])
+    outputs.target(options.save, (".json",), inputs=[options.scene])
     structure, phases = inputs.scene(options)
     number = next((k for k, p in enumerate(phases) if p.pretension is not None), None)
     if number is None:
@@ -58,14 +57,10 @@ def run(options: Namespace) -> None:
         text = f"the search starts within {low:g} to {high:g} N, where the scene does not"
         warnings.warn(text, InputWarning, stacklevel=1)
     start = inside
-    try:
-        if options.target is not None:
-            found, description = _to_target(analysed, start, (low, high), options)
-        else:
-            found, description = _least(analysed, start, (low, high), options)
+    with refusing(options.scene):
+        search = _least if options.target is None else _to_target
+        found, description = search(analysed, start, (low, high), options)
         solution = analysed(found.params, progress=not options.quiet)
-    except ValueError as error:
-        raise Refused(f"{options.scene}: {error}") from None
     code = int(found.status)
     if code in (status.STATIONARY, status.STALLED) and _is_met(found, start, options):
         code = status.OK
