@@ -205,16 +205,7 @@ def _lengths(words, structure):
     """The lengths of ``--length``, a list in the shape of the elements, or None if not given."""
     if words is None:
         return None
-    own = dict(_by_name(structure))
-    drawn = [word.removesuffix("=drawn") for word in words if word.endswith("=drawn")]
-    rest = [word for word in words if not word.endswith("=drawn")]
-    given = inputs.numbers(rest, "--length") if rest else {}
-    if not isinstance(given, dict):
-        raise Refused("--length: expected group=drawn, or group=number, m")
-    for name in (*drawn, *given):
-        if name not in own:
-            raise Refused(f"--length: no group {name!r}; there are {', '.join(own)}")
-    return structure.arrange([own[name] if name in drawn else given.get(name) for name in own])
+    return inputs.values(words, structure, "--length", drawn=dict(_by_name(structure)))
 
 
 def _by_name(structure):

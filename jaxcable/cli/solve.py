@@ -6,8 +6,6 @@ from argparse import Namespace
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from .. import plots
 from ..analysis import solver
 from ..analysis.solution import Solution
@@ -79,13 +77,8 @@ def highlights(solution: Solution) -> list[str]:
     if len(solution.phases) > 1:
         last = f"in phase {len(solution.phases)}"
         parts = {last: solution.phases[-1], "in all phases": solution}
-    moved = []
-    for name, part in parts.items():
-        size = np.linalg.norm(np.asarray(part.displacement), axis=1)
-        node = int(size.argmax())
-        where = f"{inputs.short(float(size[node]))} m at node {node}"
-        moved.append(f"largest displacement {name}: {where}")
-    return [
-        *moved,
-        f"forces: {inputs.spread(solution.peak_tension)} N",
+    moved = [
+        f"largest displacement {name}: {inputs.farthest(part.displacement)[1]}"
+        for name, part in parts.items()
     ]
+    return [*moved, f"forces: {inputs.spread(solution.peak_tension)} N"]
