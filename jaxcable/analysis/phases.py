@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -46,23 +46,27 @@ class Phase:
       where beams and struts give way: `jacking` keeps a force, and `design.tune` finds what ends
       in it.
     - force_density: pretension over initial length, N/m.
-    - prestrain: strain in the initial geometry, on the unstressed length.
+    - prestrain: strain in the initial geometry, on the unstressed length, without unit.
     - rest_length: unstressed length, m (has only the digits of a length: a relative error of
       eps EA/N in the force).
     - sag: of catenaries, vertical distance from the chord at midspan (half of the horizontal
       distance of the ends), m, under the whole weight of the group along -z, whatever loads act.
-    - jacking: force that a jack keeps in the element during this phase whatever its length, N. At
-      the end of the phase the jack is anchored: the unstressed length is locked in.
+    - jacking: force that a jack keeps in the element during this phase whatever its length, N: the
+      force in equilibrium. At the end of the phase the jack is anchored: the unstressed length is
+      locked in, and the force follows later loads.
 
-    Increments may be combined with absolute statements: shortening (turnbuckle), m; temperature
-    (change; the group needs `expansion`), K. Increments of all phases add. Changes of temperature
-    lengthen an element to ``L (1 + expansion sum(dt))``, where L is its unstressed length at the
-    temperature before the first phase, or at that of the phase that adds it: it has seen only
-    changes from this phase on. Within a phase the absolute statement comes first, then the
-    shortening, then the temperature. An absolute statement holds at the temperature that the
-    element has then, and replaces all earlier statements and shortenings. The element stays as
-    warm as it was: cooled again, it is shorter than stated. A shortening is measured at the
-    temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
+    Increments may be combined with absolute statements, and those of all phases add:
+
+    - shortening: by how much a turnbuckle shortens the unstressed length, m.
+    - temperature: change of the temperature, K; the group needs `expansion`.
+
+    Changes of temperature lengthen an element to ``L (1 + expansion sum(dt))``, where L is its
+    unstressed length at the temperature before the first phase, or at that of the phase that adds
+    it: it has seen only changes from this phase on. Within a phase the absolute statement comes
+    first, then the shortening, then the temperature. An absolute statement holds at the temperature
+    that the element has then, and replaces all earlier statements and shortenings. The element
+    stays as warm as it was: cooled again, it is shorter than stated. A shortening is measured at
+    the temperature of its phase, too. Heat changes no weight, and no load per unstressed length.
 
     A statement acts on elements that are there (see `adds`). ``only(elements, values)`` for an
     element that is not there, or a statement for a group without any that is, raises ValueError,
@@ -71,14 +75,14 @@ class Phase:
     statement, that an array before has had a number for.
 
     Args:
-        loads: one load or a list; they add to those of earlier phases.
+        loads: one load or a list; they add to those of earlier phases, which go on acting.
         supports: replaces the set of supports. A freedom that becomes fixed is held where it is,
             and nodal loads on it end (an anchored jack does not also pull). A freedom that becomes
             free begins with its reaction as a load, which is ramped out.
         increments: number of equal steps of the load factor.
-        adds: elements that are there from this phase on, and not before: keys of groups, or
-            `only(numbers)` or booleans [n_elem] by group. An element is unstressed where it
-            finds its ends, unless it has a `rest_length` or a statement, whose geometry is that of
+        adds: elements that are there from this phase on, and not before: keys of groups, or a
+            `Selection` or booleans [n_elem] by group. An element is unstressed where it finds its
+            ends, unless it has a `rest_length` or a statement, whose geometry is that of
             the structure's nodes. What no phase of an analysis adds is there from its beginning: an
             analysis of the first stages alone has to remove in its first phase what comes later.
             An empty list means None.
@@ -136,7 +140,7 @@ class Phase:
     temperature: PyTree[Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"] | Only] | None = None
     adds: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
     removes: str | Sequence[str] | PyTree[Bool[ArrayLike, " n_elem"] | Selection] | None = None
-    placed: str = "drawn"
+    placed: Literal["drawn", "attached"] = "drawn"
 
     def __post_init__(self):
         for name in ("adds", "removes"):

@@ -15,11 +15,13 @@ from .types import Array, ArrayLike, Bool, Float, Int
 
 @pytree(static=("count",), indices=("elements",))
 class Selection:
-    """Some elements of one group; made by `only` without values.
+    """Some elements of one group.
+
+    `only` without values makes one.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
-        count: number of elements of the group, if known; set if `elements` are booleans.
+        count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:
         ValueError: `elements` are traced, are neither integers nor booleans, or repeat an element.
@@ -38,13 +40,15 @@ class Selection:
 
 @pytree(static=("count",), indices=("elements",))
 class Only:
-    """Values for some elements of one group; made by `only`.
+    """Values for some elements of one group.
+
+    `only` makes them.
 
     Args:
         elements: numbers of the elements in their group, [n], or booleans [n_elem].
         values: one value for all of them, or [n]; [n, n_component] for elements of your own that
             take several numbers each (`Prestressable.components`).
-        count: number of elements of the group, if known; set if `elements` are booleans.
+        count: number of elements of the group, if known; set by `elements` that are booleans.
 
     Raises:
         ValueError: those of `Selection`, or the number of values does not fit.

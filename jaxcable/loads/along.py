@@ -6,6 +6,7 @@ These loads are evaluated from the state of the elements and go on acting in lat
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
@@ -36,10 +37,11 @@ class SelfWeight(Dead):
     it.
 
     Args:
-        direction: direction and factor, [3]; (0, 0, -1) is once the weight downwards.
-        on: key of the group in the structure's elements (a dict's key, a list's index); None means
-            all groups.
-        elements: the elements of that group that weigh, ``only([4, 5])``; None means all.
+        direction: direction and factor, [3]; default (0, 0, -1), once the weight downwards.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups that have a
+            `weight`.
+        elements: `Selection` of the elements of that group that weigh; None means all.
 
     Raises:
         ValueError: `direction` of the wrong shape; where a phase is analysed, no group with a
@@ -131,18 +133,18 @@ class LineLoads(Measured):
 
     Args:
         forces: force per length, [3], N/m.
-        on: key of the loaded group in the structure's elements (a dict's key, a list's index);
-            None loads all groups.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups.
         per: the length that `forces` refer to: "unstressed" (the length that `SelfWeight` weighs,
             without heat and including the length that a jack has taken in), "initial" (the chord),
             or "projected" (the chord as seen along the force: snow on a sloping cable, wind on a
             mast). A zero force has no direction to project along, and no sensible derivative:
             scale the load with `factor` instead.
-        factor: of the forces.
+        factor: factor of the forces, without unit; default 1.
         geometry: the geometry of the chords: "input", that of the structure's nodes, or "begun",
             that at the beginning of the phase that adds the load, the form after prestress. The
             load is dead in both cases.
-        elements: the elements of that group that are loaded, ``only([4, 5])``; None loads all.
+        elements: `Selection` of the elements of that group that are loaded; None loads all.
 
     Raises:
         ValueError: `forces` of the wrong shape, an unknown `per` or `geometry`, or "begun" for
@@ -164,9 +166,9 @@ class LineLoads(Measured):
 
     forces: Float[ArrayLike, " 3"]
     on: Key = None
-    per: str = "unstressed"
+    per: Literal["unstressed", "initial", "projected"] = "unstressed"
     factor: Float[ArrayLike, ""] = 1.0
-    geometry: str = "input"
+    geometry: Literal["input", "begun"] = "input"
     elements: Selection | None = None
     begun: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
@@ -24,17 +25,17 @@ PER = ("projected", "initial")
 class AreaLoads(Measured):
     """Dead loads per area; a third of the force on each triangle acts at each of its corners.
 
-    The load is dead: the areas do not change while it acts. They are differentiable.
+    The load is dead: the areas do not change while it acts. They are differentiable. `net_faces`
+    finds the faces of a net.
 
     Args:
         faces: node numbers in order around each face, [n_face, 3] or [n_face, 4]. A quadrilateral
             is the mean of both ways to split it; a triangle among quadrilaterals repeats a node.
-            `net_faces` finds the faces of a net.
         forces: force per area, [3] or [n_face, 3], N/m2: snow is ``(0, 0, -s)``.
         per: the area that `forces` refer to: "projected", as seen along the force (plan area, for
             snow), or "initial", the surface itself. A zero force has no direction to project
             along: see `LineLoads`.
-        factor: of the forces.
+        factor: factor of the forces, without unit; default 1.
         geometry: the geometry of the areas: "input", that of the structure's nodes, or "begun",
             that at the beginning of the phase that adds the load, the form after prestress.
 
@@ -55,9 +56,9 @@ class AreaLoads(Measured):
 
     faces: Int[ArrayLike, "n_face 3or4"]
     forces: Float[ArrayLike, "... 3"]
-    per: str = "projected"
+    per: Literal["projected", "initial"] = "projected"
     factor: Float[ArrayLike, ""] = 1.0
-    geometry: str = "input"
+    geometry: Literal["input", "begun"] = "input"
     begun: Float[Array, "n_row 3"] | None = (
         None  # nodes at the beginning of the phase, [n_row, 3], m; set by the analysis
     )

@@ -9,6 +9,7 @@ size.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -44,8 +45,9 @@ class CablePressure(Following):
         pressure: force per length, N/m, scalar, or [n_elem] for the one group that `on` names.
             Positive along ``axis x d``.
         axis: direction, [3], of any length.
-        on: key of the loaded group in the structure's elements (a dict's key, a list's index);
-            None loads all groups. Only groups of cables, bars or beams can be loaded.
+        on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
+            where these are a list; None loads all groups. Only groups
+            of cables, bars or beams can be loaded.
         per: "current" length (as seen along the axis), or "unstressed": the force then keeps its
             magnitude and only turns with the element, which has no potential.
 
@@ -68,7 +70,7 @@ class CablePressure(Following):
     pressure: Float[ArrayLike, ""] | Float[ArrayLike, " n_elem"]
     axis: Float[ArrayLike, " 3"]
     on: Key = None
-    per: str = "current"
+    per: Literal["current", "unstressed"] = "current"
     part: dict[int, Float[Array, " n_elem"]] | None = (
         None  # by number of group: factor of the pressure on each element; set by the analysis
     )
@@ -204,7 +206,8 @@ class FacePressure(Following):
 
     Args:
         faces: node numbers, [n_face, 3] or [n_face, 4], as in `AreaLoads`.
-        pressure: N/m2, scalar or [n_face].
+        pressure: pressure, N/m2, scalar or [n_face]; positive along the normal about which the
+            nodes of a face are in anticlockwise order.
 
     Raises:
         ValueError: wrong shapes, a face with fewer than three nodes; where a phase is analysed, a

@@ -11,7 +11,7 @@ from .law import Law
 
 @pytree
 class Elastic(Law):
-    """Linear law, ``stress = E strain``.
+    """Linear law: stress is E times strain.
 
     Attributes:
         E: Young's modulus, scalar, Pa, positive.

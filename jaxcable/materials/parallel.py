@@ -27,14 +27,16 @@ _FAR = 1.0  # strain beyond the last corner at which a law is sampled
 
 @pytree(static=("one_sided",))
 class Parallel(Law):
-    """Laws that share one strain, ``s(e) = sum_i share_i s_i(e)``.
+    """Laws that share one strain: stresses add by their shares of the area.
+
+    ``s(e) = sum_i share_i s_i(e)``.
 
     Attributes:
-        laws: tuple of laws.
+        laws: the laws, in a list.
         shares: share of each law in the area, [n_law], summing to 1.
-        spring: compliance of a spring in series with all laws together, 1/Pa, or None; set by
-            `softened`, for laws that all rise.
-        one_sided: whether the laws together are slack in compression; set by `tension_only`.
+        spring: compliance of a spring in series with all laws together, 1/Pa, or None; for laws
+            that all rise.
+        one_sided: whether the laws together are slack in compression, as a cable is.
 
     Example:
         Concrete in a steel tube, a quarter of the area, at one strain:

@@ -17,6 +17,8 @@ strain. At given ``p_k`` its energy is convex.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -39,13 +41,16 @@ class Polygonal(Law):
     (hardening) or fall (softening).
 
     Args:
-        strain, stress: the points, [n] each, n >= 2; stress in Pa.
+        strain: strains of the points, [n], n >= 2, increasing, without unit; as many as `stress`.
+            The origin is one of the points, or between two of them. Points of negative strain are
+            compression; without them the law carries tension only, as cables do.
+        stress: stresses of the points, [n], Pa; as many as `strain`.
         unloading: "reversible" (back along the curve), or "elastic": along the initial slope,
             with plastic strains that stay. Elastic unloading needs a concave curve (slopes fall
             away from the origin, not below zero); if it has two branches, their slopes must be the
             same, their corners may differ.
-        one_sided: whether the compression branch is left out; set by `tension_only`.
-        endless: whether the law goes on elastically beyond its ends; set by `extended`.
+        one_sided: whether points of compression are left out: the law is slack in compression.
+        endless: whether the law goes on elastically beyond its ends; set by an iteration.
         rising, n_memory: as in `Law`; computed from the points where these are not traced.
 
     Raises:
@@ -67,9 +72,9 @@ class Polygonal(Law):
         True
     """
 
-    strain: Float[ArrayLike, " n"]
-    stress: Float[ArrayLike, " n"]
-    unloading: str = "reversible"
+    strain: Float[ArrayLike, "2+"]
+    stress: Float[ArrayLike, "2+"]
+    unloading: Literal["reversible", "elastic"] = "reversible"
     one_sided: bool = False
     endless: bool = False
     rising: bool = None  # type: ignore[assignment]  # set by the constructor

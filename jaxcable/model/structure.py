@@ -54,11 +54,13 @@ def place_rules(nodes, group, where=""):
 class Structure:
     """A structure: initial geometry, element groups, supports.
 
+    Its groups of elements may be in any pytree; results per element have the shape of this pytree.
+
     Args:
         nodes: initial positions, [n_node, 3], m.
-        elements: one group (`Cables`, `Bars`, ...) or any pytree of groups; results per element
-            have the shape of this pytree.
-        supports: `pinned(...)` or `Supports(mask)`.
+        elements: one group (`Cables`, `Bars`, `Beams`, ...), or several, by name or in a list, at
+            any depth.
+        supports: `Supports`: which nodes are held, and how.
         rigid: pairs of nodes (carrier, carried), [n, 2]: the second moves with the first as if a
             rigid arm joined them (the bracket of a guy, an eccentric joint). A beam must be joined
             to the carrier. Elements at the carried node, and loads on it, act on the carrier.

@@ -20,12 +20,12 @@ from .strains import SectionState
 
 @pytree(static=("counts", "placed"), indices=("cells",))
 class Section(Fibres):
-    """A cross-section made of fibres; the constructors below make its mesh.
+    """A cross-section made of fibres: places y and z, an area and a law each.
 
-    Fibres of one law follow each other. The axis of an element goes through the origin of the
-    coordinates. `disc`, `ring`, `rectangle`, `i_shape` and `box` put the origin at the centre of
-    their shape; `polygon`, `mesh` and `composite` leave it at the origin of their points or parts,
-    and `centred` moves it to the centroid.
+    The constructors below make its mesh. Fibres of one law follow each other. The axis of an
+    element goes through the origin of the coordinates. `disc`, `ring`, `rectangle`, `i_shape` and
+    `box` put the origin at the centre of their shape; `polygon`, `mesh` and `composite` leave it at
+    the origin of their points or parts, and `centred` moves it to the centroid.
 
     The axis also counts as the shear centre: an element twists about it, and loads through it cause
     no torsion. In an L or a channel the centroid and the shear centre are apart, which is not
@@ -35,17 +35,21 @@ class Section(Fibres):
     Attributes:
         y, z: places of the fibres, [n_fibre], m.
         area: areas of the fibres, [n_fibre], m2.
-        laws: tuple of uniaxial laws.
-        counts: number of fibres of each law.
-        torsion: Saint-Venant torsion constant, the share of each law, [n_law], m4, or None.
-        points, cells: mesh for pictures, [n_point, 2] and [n_fibre, 4]; None if there is none.
-        own: second moments of each fibre about its own centroid, of z^2, y^2 and yz, [n_fibre, 3],
-            m4; None for fibres that are points with an area. They make `inertia` exact, and the
-            forces of a section whose laws are linear. Other laws are evaluated at the centroids of
-            the fibres.
-        placed: False if the place of the axis is merely the origin of the coordinates given, and
-            neither `centred` nor `shifted` has confirmed it; a beam then warns unless the axis is
-            at the centroid.
+        laws: uniaxial laws, in a list; fibres of one law follow each other.
+        counts: number of fibres of each law, in a list; left out where there is one law.
+        torsion: Saint-Venant torsion constant J, the share of each law, [n_law], m4, or None: beams
+            then need a `torsional_stiffness` of their own.
+        points: points of a mesh for pictures, [n_point, 2], m, or None; set by what makes meshes.
+        cells: the four points of each fibre in a mesh for pictures, [n_fibre, 4], or None; set by
+            what makes meshes.
+        own: second moments of area of each fibre about its own centroid, of z^2 (Iy, for moments
+            about y), y^2 (Iz) and yz, [n_fibre, 3], m4; None for fibres that are points with an
+            area: a single one does not resist bending. They make `inertia` exact, and the forces of
+            a section whose laws are linear. Other laws are evaluated at the centroids of the
+            fibres.
+        placed: False if the axis of beams, which goes through the origin of y and z, is merely the
+            origin of the numbers given; beams then warn unless it is the centroid. It is set by
+            what makes and moves sections.
 
     Raises:
         ValueError: wrong shapes, an area that is not positive, something that is no law, `counts`
