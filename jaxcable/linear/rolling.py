@@ -2,7 +2,7 @@
 
 The part of the matrix in work is a window [b + 1, b + 1] that moves down the diagonal: XLA keeps it
 in cache and computes on it with vector registers. No library is called, so that a loop around it
-can become one function (`common.fusion`).
+can become one function (`common.fusion`); `banded` has figures of this way and of the two others.
 
 Storage of matrices as in `banded`: ``band[k, i] = A[k + i, k]``, [n, b + 1]; that of factors
 likewise, ``A = L L^T``. Nothing here is differentiable by itself.
