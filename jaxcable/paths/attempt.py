@@ -57,7 +57,7 @@ class Attempt:
         found: `Corrected`.
         system: `System` at the end of the step.
         point: `Point` there.
-        strains: section strains there; None if no law breaks or has a memory.
+        strains: section strains there; empty if no law breaks or has a memory.
         sound: whether an equilibrium was found, not too far away, with a tangent to the path. (With
             a convex energy a step of the load factor needs no tangent.)
         bent: whether the direction of the path changes sharply in the step.
@@ -75,7 +75,7 @@ class Attempt:
         self.system = system = course.ramp.at(found.factor, a.memory)
         self.point = self._point(weight)
         looks = system.breaks or system.remembers
-        self.strains = system.strains(found.x) if looks else None
+        self.strains = system.strains(found.x) if looks else []
         self.bent = (cosine(a, self.point) < _BEND) & free & ~self.fresh
         self.far = begin.reach(found.x) > _FAR * course.extent
         regular = found.regular | (self.by_newton & begin.always_convex)
