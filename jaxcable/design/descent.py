@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import optax
 from jax import lax
+from jax.flatten_util import ravel_pytree
 
 from ..common import status
 from ..common.progress import Step, tell
@@ -337,7 +338,7 @@ class Descent:
         """The optimizer's step [n] and its state."""
 
         def value_of(scaled):  # for optimizers with a line search: infinite for a failed analysis
-            value, code = self._value(self.box.project(self._flat(scaled) * self.scale))
+            value, code = self._value(self.box.project(ravel_pytree(scaled)[0] * self.scale))
             sound = (code == status.OK) & jnp.isfinite(value)
             return jnp.where(sound, s.unit * value, jnp.inf)
 
@@ -352,8 +353,5 @@ class Descent:
         )
         # the loop needs the same float types in every iteration
         new = jax.tree.map(lambda a, b: jnp.asarray(b, jnp.asarray(a).dtype), state, new)
-        return jnp.where(s.blocked, 0.0, self._flat(update) * self.scale), new
-
-    def _flat(self, tree):
-        dtype = self.scale.dtype
-        return jnp.concatenate([jnp.ravel(leaf).astype(dtype) for leaf in jax.tree.leaves(tree)])
+        step = ravel_pytree(update)[0].astype(self.scale.dtype)
+        return jnp.where(s.blocked, 0.0, step * self.scale), new
