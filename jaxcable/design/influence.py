@@ -314,10 +314,14 @@ def scatter(
         [7. 8.] [5.    6.325]
     """
     shape: Any = jax.tree.structure(tolerance)
+
+    def is_entry(part):
+        return jax.tree.structure(part) == shape
+
     if any(jnp.ndim(leaf) == 0 for leaf in jax.tree.leaves(tolerance)):
         raise ValueError("tolerance: expected arrays, one number for each that the influence is of")
     tolerance = jax.tree.map(lambda leaf: or_nan(not_negative("tolerance", leaf)), tolerance)
-    for entry in jax.tree.leaves(jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape):
+    for entry in jax.tree.leaves(jacobian, is_leaf=is_entry):
         for part, one in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=False):
             inputs = jnp.shape(part)[jnp.ndim(part) - jnp.ndim(one) :]
             if inputs != jnp.shape(one):
@@ -327,12 +331,11 @@ def scatter(
 
     def add(function, finish):
         def summed(entry):
-            parts = [
-                function(j.reshape(*j.shape[: j.ndim - jnp.ndim(t)], -1)) @ function(jnp.ravel(t))
-                for j, t in zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
-            ]
-            return finish(sum(parts))
+            pairs = zip(jax.tree.leaves(entry), jax.tree.leaves(tolerance), strict=True)
+            return finish(
+                sum(jnp.tensordot(function(j), function(t), jnp.ndim(t)) for j, t in pairs)
+            )
 
-        return jax.tree.map(summed, jacobian, is_leaf=lambda t: jax.tree.structure(t) == shape)
+        return jax.tree.map(summed, jacobian, is_leaf=is_entry)
 
     return add(jnp.abs, lambda s: s), add(jnp.square, jnp.sqrt)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
@@ -17,7 +18,7 @@ from ..analysis.solver import solve
 from ..common import checks, status
 from ..common.compilation import by_itself
 from ..common.progress import Trial, hearing, listener
-from ..common.tree import copy, pytree, replace
+from ..common.tree import copy, pytree, replace, where
 from ..common.types import Array, Bool, Float, Int, PyTree
 from ..elements import Bars, Cables
 from ..equilibrium.incremental import Incremental
@@ -197,13 +198,11 @@ def tune(
     with hearing(listen):
         if pressing is not None:
             found = seeks(pressing, values)
-            reached, spent = found.status == status.OK, found.steps
-            stated, solution = values, None
-            values = jax.tree.map(lambda a, b: jnp.where(reached, a, b), found.params, values)
-            try:
-                solution = solve(structure, put(values), method, start=start)
-            except ValueError:  # forces below zero, which bars take
-                values = stated
+            spent = found.steps
+            reached = where(found.status == status.OK, found.params, values)
+            with contextlib.suppress(ValueError):  # forces below zero, which bars take
+                solution = solve(structure, put(reached), method, start=start)
+                values = reached
         if solution is None or not _same(targets, solution, found):
             found = seeks(structure, values)
             found = copy(found, steps=spent + found.steps)
