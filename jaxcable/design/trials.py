@@ -16,24 +16,47 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..common import status
-from ..common.types import Array, Float, Int
+from ..common.types import Array, Bool, Float, Int
 
 _WALL = 1e10
 """Scaled loss of a failed analysis, whose gradient at the start is 1: no search accepts that."""
 
 
 class Evaluation(NamedTuple):
-    """Values [m] of a function, their Jacobian [m, n] and the status code, at a trial point."""
+    """What a trial point gives: values of a function, their derivatives, and the status code.
 
-    values: Float[Array, " m"]
-    jacobian: Float[Array, "m n"]
+    Values are an array [m] with a Jacobian [m, n], or a scalar with a gradient [n].
+    """
+
+    values: Float[Array, " *m"]
+    jacobian: Float[Array, "*m n"]
     code: Int[Array, ""]
 
+    def judged(self) -> Evaluation:
+        """The same with NONFINITE in place of OK if a number is not finite."""
+        finite = jnp.all(jnp.isfinite(self.values)) & jnp.all(jnp.isfinite(self.jacobian))
+        code = jnp.where((self.code == status.OK) & ~finite, status.NONFINITE, self.code)
+        return self._replace(code=code)
 
-def trial_code(code: Int[Array, ""], *numbers: Float[Array, " ..."]) -> Int[Array, ""]:
-    """Return the status code of a trial point; NONFINITE if it is OK and a number is not finite."""
-    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(number)) for number in numbers]))
-    return jnp.where((code == status.OK) & ~finite, status.NONFINITE, code)
+
+def ending(
+    sound: Bool[Array, ""],
+    blind: Bool[Array, ""],
+    converged: Bool[Array, ""],
+    stalled: Bool[Array, ""],
+) -> Int[Array, ""]:
+    """The status with which a search ends, if it ends now.
+
+    Args:
+        sound: whether it has had a start from which to search.
+        blind: whether it has converged where nothing shows that this is a minimum.
+        converged: whether it has converged.
+        stalled: whether there is no way on.
+    """
+    code = jnp.where(stalled, status.STALLED, status.OUT_OF_STEPS)
+    code = jnp.where(sound, code, status.BAD_START)
+    code = jnp.select([blind, converged], [status.STATIONARY, status.OK], code)
+    return code.astype(jnp.int32)
 
 
 def values_and_jacobian(

@@ -10,7 +10,6 @@ import numpy as np
 from ..common.tree import pytree
 from ..common.types import Array, Bool, Float, Int, PyTree
 
-NONE = 0
 LIMIT_POINT = 1
 BIFURCATION = 2
 SLACKENING = 3
