@@ -29,11 +29,11 @@ import numpy as np
 import optax
 import scipy
 
-from . import foreign
+from . import digest, foreign
 from . import jax_internals as internals
 from .checks import whole
-from .code_digest import ForeignError, code_digest, is_described
 from .program_folder import DamagedError, Place, UnsafeError, opened
+from .python_objects import ForeignError, is_described
 
 _VARIABLE = "JAXCABLE_PROGRAMS"
 LIMIT = 1 << 30
@@ -329,7 +329,7 @@ def _surroundings():
         raise ForeignError("jax.config")
     about = "cache", "log", "dump", "traceback"  # settings that do not matter to a program
     settings = {n: str(v) for n, v in values.items() if not any(word in n for word in about)}
-    return (*_machine(), internals.flags_in_effect(), sorted(settings.items()), code_digest())
+    return (*_machine(), internals.flags_in_effect(), sorted(settings.items()), digest.of_package())
 
 
 @functools.cache
