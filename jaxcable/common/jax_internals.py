@@ -12,7 +12,7 @@ no longer supported, some of it is needless, with its guards:
   makes arrays of jax, for which a busy program can wait for ever.
 - `quick_options`: XLA has no older emitters since jax 0.12.
 
-`serializer`, `settings`, `reset_cache` and `not_kept_by_jax` are needless once jax keeps programs by
+`serializer`, `settings`, `reset_cache`, `not_kept_by_jax` are needless once jax keeps programs by
 a key that is known before they are traced.
 """
 
