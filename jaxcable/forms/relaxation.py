@@ -31,7 +31,7 @@ from ..common.types import Array, ArrayLike, Float, Int, PyTree
 from ..elements.prestress import jacked_or, stretch
 from ..elements.stated import Stated
 from ..loads import Load
-from ..mechanics.elementwise import over
+from ..mechanics.elementwise import over_ends
 from ..model import plausibility
 from ..model.structure import Structure
 from ..model.supports import Fixed
@@ -191,8 +191,10 @@ def _relax(thawed, arrays, freedoms, tol, max_steps):
     limit = jnp.maximum(jnp.asarray(tol, dtype), 64 * jnp.finfo(dtype).eps)
 
     def of_elements(function, motion):
-        pairs = zip(groups, states, strict=True)
-        return [over(function, group, state, nodes, motion) for group, state in pairs]
+        return [
+            over_ends(function, group, state, (nodes[group.links], motion[group.links]))
+            for group, state in zip(groups, states, strict=True)
+        ]
 
     def balance(x):
         """Unbalanced forces, the largest over its scale, this scale, least masses for stability."""

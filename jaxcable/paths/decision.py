@@ -97,7 +97,7 @@ class Decision(Detection):
         """The end of the step, with the memory of laws after the increment to it."""
         if not self.system.remembers:
             return self.point
-        return copy(self.point, memory=self.system.settle(self.strains))
+        return copy(self.point, memory=self.system.settle(self.point.x, self.strains))
 
     def _nominal(self):
         """Length of an ordinary step, longer after few iterations; it affects no result."""

@@ -356,8 +356,6 @@ OTHERWISE = {
     "materials/polygonal.py:__post_init__": "no rule: puts the origin among known points",
     "sections/torsion.py:bredt_torsion": "a traced outline is not asked whether it crosses itself",
     "sections/torsion.py:are_round": "no rule: which library computes",
-    "sections/arrays.py:stack": "no rule: which library computes",
-    "sections/arrays.py:concatenate": "no rule: which library computes",
     "sections/shapes.py:_float": "no rule: which library computes",
     "sections/outlines.py:corners": "traced outlines are refused",
     "sections/composites.py:_summed": "NaN where it is traced",
