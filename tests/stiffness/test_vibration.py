@@ -6,9 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scenes.frames import in_plane, solid
 
 import jaxcable as jc
-from jaxcable.scenes.snapping import in_plane, solid
 from jaxcable.stiffness import flexibility
 from jaxcable.stiffness import natural_frequencies as frequencies
 
