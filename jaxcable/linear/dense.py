@@ -16,7 +16,7 @@ from ..common.types import Array, Bool, Float, Int
 from . import solver, unbatched
 from .direct import Direct, have_digits, scales
 
-_MOST = 150  # unknowns up to which dense matrices are faster, see experiments/scaling.py
+_MOST = 150  # unknowns up to which dense matrices are faster, see experiments/benchmark.py scaling
 
 
 class Dense(solver.Solver):

@@ -19,7 +19,7 @@ from . import solver
 
 _DEFINITE, _GENERAL = 2, 11  # PARDISO's matrix types
 _SLOTS = 8  # factors of a pattern that can exist side by side
-_SMALL = 3000  # unknowns up to which one thread is as fast as several, see experiments/scaling.py
+_SMALL = 3000  # unknowns up to which one thread is as fast as several (`benchmark.py scaling`)
 # Entries per row of the upper triangle up to which minimum degree gives the better ordering, as in
 # nets with one unknown per node (a third less time at 5 000 to 40 000 unknowns).
 _THIN = 4

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+import scenes
 from oracles.convex_oracle import WIDE, Element, Scene, find
 from oracles.taylor import slope
 from scipy.optimize import brentq
@@ -550,7 +551,7 @@ def test_a_chain_hangs_by_its_sag():
 def test_isolated_cable():
     """One element a span: ten digits of Michalos and Birnstiel's cable (Jayaraman 1981)."""
     exact = 0.3048 * np.array([-2.819439381, 0.0, -18.456746888])
-    structure, phases = jc.scenes.isolated_cable(0)
+    structure, phases = scenes.isolated_cable(0)
     solution = jc.solve(structure, phases, jc.Newton(tol=1e-12))
     assert int(solution.status) == 0
     error = np.linalg.norm(np.asarray(solution.phases[1].displacement[1]) - exact)

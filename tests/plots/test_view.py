@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.__main__ import main
@@ -134,7 +135,7 @@ def test_diagrams_at_the_ends_of_phases(points):
 
 
 def test_diagrams_of_beams_that_turn_far():
-    structure, _, solution = solved(*jc.scenes.toggle_frame())
+    structure, _, solution = solved(*scenes.toggle_frame())
     _, arrays = shown(solution, structure)
     n = arrays["diagrams"].shape[2]
     exact = np.concatenate(jax.tree.leaves(jc.section_forces(structure, solution, n)))
@@ -144,7 +145,7 @@ def test_diagrams_of_beams_that_turn_far():
 
 
 def test_catenaries_hang_in_every_phase():
-    structure, phases, solution = solved(*jc.scenes.suspended_cable())
+    structure, phases, solution = solved(*scenes.suspended_cable())
     _, arrays = shown(solution, structure)
     n = arrays["sag"].shape[2] + 2
     parts = np.linspace(0, 1, n)[1:-1, None]
@@ -156,7 +157,7 @@ def test_catenaries_hang_in_every_phase():
 
 
 def test_slack_cables_and_struts_differ():
-    structure, _, solution = solved(*jc.scenes.geiger_dome())
+    structure, _, solution = solved(*scenes.geiger_dome())
     _, arrays = shown(solution, structure)
     force = np.concatenate([np.asarray(x) for x in jax.tree.leaves(solution.tension)])
     np.testing.assert_array_equal(arrays["looks"][-1] & 2 != 0, force < 0)

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.plots.snapshots import Snapshots
@@ -152,7 +153,7 @@ def test_diagrams_of_all_phases_have_one_scale(propped):
 
 def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
     """Positions, forces and loads of the stayed bridge after two of its stages."""
-    structure, phases = jc.scenes.cable_stayed_bridge()
+    structure, phases = scenes.cable_stayed_bridge()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
     shown = Snapshots(solution, structure).state(None, 2)

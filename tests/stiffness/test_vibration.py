@@ -6,11 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scenes.frames import in_plane, solid
 
 import jaxcable as jc
 from jaxcable.mechanics.bundles import Bundles
 from jaxcable.mechanics.carry import make_system
-from jaxcable.scenes.snapping import in_plane, solid
 from jaxcable.spaces.freedoms import number_freedoms
 from jaxcable.stiffness import flexibility, tangent
 from jaxcable.stiffness import natural_frequencies as frequencies

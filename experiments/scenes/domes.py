@@ -6,15 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..analysis.phases import Phase
-from ..common import checks
-from ..common.types import ArrayLike, Float, Int
-from ..elements import Bars, Cables
-from ..forms.feasible import feasible_prestress
-from ..loads import NodalLoads
-from ..model.structure import Structure
-from ..model.supports import pinned
-from .nets import Scene
+import jaxcable as jc
+from jaxcable.common import checks
+from jaxcable.common.types import ArrayLike, Float, Int
+from jaxcable.scenes.parts import Scene, around, chain, downward, require_positive, two_phases
 
 
 class DomeParts(NamedTuple):
@@ -48,6 +43,7 @@ def geiger_dome(
     cable_stiffness: float | dict[str, float] = 300e6,
     strut_stiffness: float = 1e9,
     increments: tuple[int, int] = (1, 4),
+    staggered: bool = False,
 ) -> Scene:
     """Cable dome after Geiger: radial ridge and diagonal cables, hoops, struts, in vertical planes.
 
@@ -78,6 +74,7 @@ def geiger_dome(
         cable_stiffness: EA of all cables, N, or a dict with "ridges", "diagonals" and "hoops".
         strut_stiffness: EA, N.
         increments: number of increments of the two phases.
+        staggered: whether every ring is turned by half a sector, as in `levy_dome`.
 
     Returns:
         `Scene` with the groups "ridges", "diagonals", "hoops", "struts".
@@ -91,28 +88,16 @@ def geiger_dome(
     Example:
         ``6 + 2 sectors (rings - 1)`` mechanisms, stiffened by a single state of self-stress:
 
-        >>> structure, phases = jc.scenes.geiger_dome(sectors=6)
+        >>> structure, phases = scenes.geiger_dome(sectors=6)
         >>> found = jc.forms.self_stress(structure)
         >>> found.s, found.m
         (1, 18)
     """
-    parts = _dome(span, rise, sectors, rings, struts, staggered=False)
+    parts = _dome(span, rise, sectors, rings, struts, staggered)
     return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)
 
 
-def levy_dome(
-    span: float = 60.0,
-    rise: float = 4.5,
-    *,
-    sectors: int = 12,
-    rings: int = 2,
-    struts: Float[ArrayLike, ""] | Float[ArrayLike, " rings+1"] = 6.0,
-    pretension: float = 500e3,
-    load: float = 300.0,
-    cable_stiffness: float | dict[str, float] = 300e6,
-    strut_stiffness: float = 1e9,
-    increments: tuple[int, int] = (1, 4),
-) -> Scene:
+def levy_dome(span: float = 60.0, rise: float = 4.5, **options) -> Scene:
     """Cable dome after Levy: as `geiger_dome`, but triangulated.
 
     Every ring is turned by half a sector relative to its neighbours. Two ridges and two diagonals
@@ -127,22 +112,19 @@ def levy_dome(
     Example:
         ``2 sectors - 5`` states of self-stress and no mechanism:
 
-        >>> structure, phases = jc.scenes.levy_dome(sectors=6)
+        >>> structure, phases = scenes.levy_dome(sectors=6)
         >>> found = jc.forms.self_stress(structure)
         >>> found.s, found.m
         (7, 0)
     """
-    parts = _dome(span, rise, sectors, rings, struts, staggered=True)
-    return _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments)
+    return geiger_dome(span, rise, staggered=True, **options)
 
 
 def _dome(span, rise, sectors, rings, struts, staggered):
     """`DomeParts` of either kind."""
     checks.whole(sectors, "sectors", least=3)
     checks.whole(rings, "rings")
-    for name, value in (("span", span), ("rise", rise)):
-        if not value > 0:
-            raise ValueError(f"{name} = {value}: must be positive")
+    require_positive(span=span, rise=rise)
     radius = 0.5 * span * np.arange(rings + 2) / (rings + 1)  # hub, rings, anchors
     sphere = (radius[-1] ** 2 + rise**2) / (2 * rise)
     top = np.sqrt(sphere**2 - radius**2) - (sphere - rise)
@@ -164,9 +146,8 @@ def _dome(span, rise, sectors, rings, struts, staggered):
     nodes = [np.array([[0.0, 0.0, top[0]], [0.0, 0.0, bottom[0]]])]
     for ring in range(1, rings + 2):
         angle = 2 * np.pi * (np.arange(n) + (0.5 * (ring % 2) if staggered else 0.0)) / n
-        plan = radius[ring] * np.column_stack([np.cos(angle), np.sin(angle)])
-        for z in (top[ring], *bottom[ring : ring + 1]):  # anchors have no bottom
-            nodes.append(np.column_stack([plan, np.full(n, z)]))
+        heights = top[ring], *bottom[ring : ring + 1]  # anchors have no bottom
+        nodes += [around(radius[ring], angle, z) for z in heights]
     nodes = np.concatenate(nodes)
 
     def at(ring, foot):
@@ -188,7 +169,7 @@ def _dome(span, rise, sectors, rings, struts, staggered):
     kinds = {
         "ridges": outward(0),
         "diagonals": outward(1),
-        "hoops": [np.column_stack([at(r, 1), np.roll(at(r, 1), -1)]) for r in range(1, rings + 1)],
+        "hoops": [chain(at(r, 1), closed=True) for r in range(1, rings + 1)],
         "struts": [np.array([[0, 1]])]
         + [np.column_stack([at(r, 0), at(r, 1)]) for r in range(1, rings + 1)],
     }
@@ -211,28 +192,19 @@ def _dome(span, rise, sectors, rings, struts, staggered):
 
 def _scene(parts, pretension, load, cable_stiffness, strut_stiffness, increments):
     """The scene of a dome: its parts with stiffness, prestress and load."""
-    if not pretension > 0:
-        raise ValueError(f"pretension = {pretension}: must be positive")
+    require_positive(pretension=pretension)
     cables = ("ridges", "diagonals", "hoops")
     if not isinstance(cable_stiffness, dict):
         cable_stiffness = dict.fromkeys(cables, cable_stiffness)
     if set(cable_stiffness) != set(cables):
         raise ValueError(f"cable_stiffness: expected the keys {', '.join(cables)}")
-    elements = {k: Cables(parts.links[k], axial_stiffness=cable_stiffness[k]) for k in cables}
-    elements["struts"] = Bars(parts.links["struts"], axial_stiffness=strut_stiffness)
-    sectors = int((parts.groups["hoops"] == parts.groups["hoops"][0]).sum())
-    first_anchor = len(parts.nodes) - sectors
-    structure = Structure(
-        parts.nodes, elements, supports=pinned(np.arange(first_anchor, len(parts.nodes)))
+    elements = {k: jc.Cables(parts.links[k], axial_stiffness=cable_stiffness[k]) for k in cables}
+    elements["struts"] = jc.Bars(parts.links["struts"], axial_stiffness=strut_stiffness)
+    n, outermost = len(parts.nodes), int(parts.groups["hoops"].max())
+    sectors = int((parts.groups["hoops"] == outermost).sum())
+    structure = jc.Structure(parts.nodes, elements, supports=jc.pinned(np.arange(n - sectors, n)))
+    prestress = jc.forms.feasible_prestress(
+        structure, parts.groups, group=outermost, tension=pretension
     )
-    outermost = int(parts.groups["hoops"].max())
-    prestress = feasible_prestress(structure, parts.groups, group=outermost, tension=pretension)
-    force = np.zeros((len(parts.tops), 3))
-    force[:, 2] = -load * parts.areas
-    return Scene(
-        structure,
-        [
-            Phase(pretension=prestress.tension, increments=increments[0]),
-            Phase(loads=NodalLoads(parts.tops, force), increments=increments[1]),
-        ],
-    )
+    roof = downward(parts.tops, load * parts.areas)
+    return two_phases(structure, increments, roof, pretension=prestress.tension)

@@ -8,19 +8,13 @@ Reference  Net: a saddle of 10 x 10 free nodes, prestressed and loaded, solved h
            40 digits (`isolated_cable.py`). Fibres: the section's closed form in four fibres.
 Error      Of displacements, largest over the nodes, over the largest displacement of the loading
            phase; OpenSees: of the middle node's z, likewise.
-Command    OPENSEES_PYTHON=... python experiments/work_precision.py
-           (an interpreter with openseespy, default this one; without it the rows are left out and
-           that is said; writes experiments/results/work_precision.txt and .png; five minutes)
+Results    work_precision.txt and .png; five minutes. Without OpenSees its rows are left out, and
+           that is said.
 
 Loops are fused (`jaxcable.fuse_loops`). Times are wall milliseconds of both phases, medians of
 calls by turns in one process, each with new numbers and blocked on completion; of OpenSees
 `analyze` alone, medians in a process of its own.
 """
-
-import os
-import time
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import isolated_cable
 import jax
@@ -28,17 +22,19 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from record import Record
-from scaling import opensees
+from scenes.frames import solid
 
 import jaxcable as jc
-from jaxcable.scenes.snapping import solid
+from jaxcable.scenes.parts import chain
+
+from .measure import by_turns, clock
+from .scaling import of_opensees
 
 jc.fuse_loops()
 jax.config.update("jax_enable_x64", True)
 
 SIDE, LOAD = 10, 5000.0 / 11  # free nodes a side; N on each
 GOALS = (1e-3, 1e-6, 1e-9)
-REPEATS = 9
 
 
 def reference(structure, phases):
@@ -83,14 +79,14 @@ def reference(structure, phases):
     return ends
 
 
-def net_settings():
-    """Name of the family, label, method, increments of each phase, precision."""
-    for corrections, counts in ((0, (16, 256)), (1, (1, 4, 16)), (2, (1, 2))):
+def net_settings(cases):
+    """Name of the family, label (increments of each phase, or tolerance), method."""
+    for corrections, counts in cases.corrections.items():
         for k in counts:
             yield f"tangent, {corrections} corrections", k, jc.Incremental(corrections, tol=np.inf)
-    for k in (64, 256):
+    for k in cases.secant:
         yield "secant", k, jc.Incremental(stiffness="secant", tol=np.inf)
-    for tol in (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-9, 1e-12):
+    for tol in cases.precision:
         yield "full Newton", tol, jc.Newton(tol=tol)
     for name in ("dense", "superlu", "pardiso"):
         try:
@@ -101,7 +97,7 @@ def net_settings():
         yield "Newton, float32", tol, jc.Newton(tol=tol)
 
 
-def net(say):
+def net(say, cases):
     """Rows (family, setting, error, ms, compile s) of the saddle net."""
     structure, phases = jc.scenes.saddle(SIDE, SIDE, load=LOAD)
     first, last = reference(structure, phases)
@@ -111,39 +107,30 @@ def net(say):
         f"the loading {1e3 * float(size):.3f} mm, in all {1e3 * float(np.abs(last).max()):.3f} mm"
     )
     runs, rows = [], []
-    for family, setting, method in net_settings():
+    for family, setting, method in net_settings(cases):
         count = setting if isinstance(method, jc.Incremental) else 1
         dtype = jnp.float32 if "float32" in family else jnp.float64
         own = jc.replace(structure, nodes=jnp.asarray(structure.nodes, dtype))
 
         @jax.jit
-        def run(load, method, own=own, count=count):
-            forces = load * jnp.array([0.0, 0.0, -1.0], own.nodes.dtype)
+        def analysed(load, method, own=own, count=count):
+            forces = load.astype(own.nodes.dtype) * jnp.array([0.0, 0.0, -1.0], own.nodes.dtype)
             loading = jc.replace(
                 phases[1], loads=jc.replace(phases[1].loads, forces=forces), increments=count
             )
             solution = jc.solve(own, [jc.replace(phases[0], increments=count), loading], method)
             return solution.last.displacement, solution.status
 
-        begin = time.perf_counter()
-        moved, status = jax.block_until_ready(run(jnp.asarray(LOAD, dtype), method))
-        compiled = time.perf_counter() - begin
+        runs.append(lambda load, run=analysed, method=method: run(load, method))
+        first, (moved, status) = clock(runs[-1], jnp.asarray(LOAD))
         off = np.abs(np.asarray(moved, np.longdouble) - last).max() / size
-        rows.append([family, setting, float(off), np.nan, compiled, int(status)])
-        runs.append((run, method, dtype))
-    times, rng = np.zeros((REPEATS, len(runs))), np.random.default_rng(0)
-    for repeat in range(REPEATS):
-        for k, (run, method, dtype) in enumerate(runs):
-            load = jnp.asarray(LOAD * (1 + 1e-3 * rng.random()), dtype)
-            begin = time.perf_counter()
-            jax.block_until_ready(run(load, method))
-            times[repeat, k] = 1e3 * (time.perf_counter() - begin)
-    for row, own in zip(rows, times.T, strict=True):
+        rows.append([family, setting, float(off), np.nan, first / 1e3, int(status)])
+    for row, own in zip(rows, warm(runs, cases, LOAD).T, strict=True):
         row[3] = np.median(own)
     middle = SIDE // 2 * SIDE + SIDE // 2
     node = phases[1].loads.nodes.array[middle]
     for tol in (1e-2, 1e-4, 1e-6, 1e-8, 1e-10):
-        found = opensees(SIDE, LOAD, "BandSPD", "RCM", "Newton", repeats=9, tol=tol)
+        found = of_opensees(SIDE, LOAD, "BandSPD", "RCM", "Newton", cases.repeats, tol)
         if not found.get("ok"):
             say(f"OpenSees, tol {tol:.0e}: {found.get('error')}")
             continue
@@ -157,25 +144,25 @@ def net(say):
     return rows
 
 
-def cable(say):
+def warm(runs, cases, load):
+    """Milliseconds of functions of a load, by turns with loads near `load`."""
+    rng = np.random.default_rng(0)
+    return by_turns(runs, cases.repeats, lambda _: jnp.asarray(load * (1 + 1e-3 * rng.random())))
+
+
+def cable(say, cases):
     """Rows of the isolated cable, straight elements and catenaries."""
     exact, rows = isolated_cable.reference(), []
     size = np.linalg.norm(exact)
-    cases = [("catenaries", 0, tol) for tol in (1e-4, 1e-10)]
-    cases += [("straight elements", n, 1e-10) for n in (16, 64, 256)]
+    settings = [("catenaries", 0, tol) for tol in (1e-4, 1e-10)]
+    settings += [("straight elements", n, 1e-10) for n in cases.straight]
     say(f"Isolated cable under a point load, displacement {size:.3f} m")
-    for family, n, tol in cases:
+    for family, n, tol in settings:
         run = isolated_cable.analysis(n, tol)
-        begin = time.perf_counter()
-        moved, status = jax.block_until_ready(run(jnp.asarray(isolated_cable.LOAD)))
-        compiled = time.perf_counter() - begin
+        first, (moved, status) = clock(run, jnp.asarray(isolated_cable.LOAD))
         assert int(status) == 0, jc.describe(status)
         off = np.linalg.norm(np.asarray(moved)[[0, 2]] - exact) / size
-        took = []
-        for k in range(REPEATS):
-            begin = time.perf_counter()
-            jax.block_until_ready(run(jnp.asarray(isolated_cable.LOAD * (1 + 1e-3 * (k + 1)))))
-            took.append(1e3 * (time.perf_counter() - begin))
+        took, compiled = warm([run], cases, isolated_cable.LOAD), first / 1e3
         setting = tol if n == 0 else n
         rows.append([family, setting, float(off), np.median(took), compiled, 0])
         what = f"tol {tol:.0e}" if n == 0 else f"{n} a span"
@@ -184,19 +171,18 @@ def cable(say):
     return rows
 
 
-def fibres(say):
+def fibres(say, cases):
     """Rows of a cantilever whose round section has k x k fibres."""
     n, diameter, modulus = 8, 0.1, 210e9
     x = np.linspace(0, 2.0, n + 1)
-    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
     nodes = np.column_stack([x, 0 * x, 0 * x])
     law, area = jc.Elastic(modulus), np.pi * diameter**2 / 4
     sections = {0: solid(area, np.pi * diameter**4 / 64, modulus)}
-    sections |= {k: jc.Section.disc(diameter, law, (k, k)) for k in (8, 32, 64)}
+    sections |= {k: jc.Section.disc(diameter, law, (k, k)) for k in cases.fibres}
     tips, rows = {}, []
     say("Cantilever of 2 m, 8 beams, round section of 100 mm, deflected by a quarter of its length")
     for k, section in sections.items():
-        beams = jc.Beams(links, section=section, torsional_stiffness=1e5)
+        beams = jc.Beams(chain(range(n + 1)), section=section, torsional_stiffness=1e5)
         structure = jc.Structure(nodes, beams, supports=jc.clamped([0]))
 
         @jax.jit
@@ -205,15 +191,9 @@ def fibres(say):
             solution = jc.solve(structure, [jc.Phase(loads=down, increments=4)])
             return solution.displacement[n], solution.status
 
-        begin = time.perf_counter()
-        tip, status = jax.block_until_ready(run(jnp.asarray(2e5)))
-        compiled = time.perf_counter() - begin
+        first, (tip, status) = clock(run, jnp.asarray(2e5))
         assert int(status) == 0, jc.describe(status)
-        took = []
-        for repeat in range(REPEATS):
-            begin = time.perf_counter()
-            jax.block_until_ready(run(jnp.asarray(2e5 * (1 + 1e-3 * (repeat + 1)))))
-            took.append(1e3 * (time.perf_counter() - begin))
+        took, compiled = warm([run], cases, 2e5), first / 1e3
         tips[k] = np.asarray(tip)
         if k:
             off = np.linalg.norm(tips[k] - tips[0]) / np.linalg.norm(tips[0])
@@ -279,12 +259,8 @@ def draw(net_rows, cable_rows, fibre_rows):
     return figure
 
 
-def main():
+def run(cases, _):
     say = Record("work_precision")
-    parts = net(say), cable(say), fibres(say)
+    parts = net(say, cases), cable(say, cases), fibres(say, cases)
     summary(say, *parts)
     say.close(draw(*parts))
-
-
-if __name__ == "__main__":
-    main()

@@ -8,8 +8,7 @@ Reference  The gradient of the same net at tolerance 1e-13 with dense matrices; 
            (all of the flat net).
 Error      Largest difference over the largest entry of the reference, -. Of finite differences over
            the same 12 pretensions, at the best of the steps tried.
-Command    python experiments/gradient_cost.py   (writes experiments/results/gradient_cost.txt and
-           .png; a minute or two)
+Results    gradient_cost.txt and .png; a minute or two
 
 Nets: `jaxcable.scenes.flat_net`, and `saddle` of 10 x 10 and 20 x 20 free nodes with 5 kN / (n + 1)
 on each, no cable slack; two phases of one increment, which is where the analysis is cheapest and a
@@ -19,26 +18,19 @@ on completion and with new pretensions (factors of matrices are kept by value). 
 of the ratios of neighbouring calls, with their quartiles. Compile: the first call less the median.
 """
 
-import io
-import os
-import platform
-import time
-from pathlib import Path
-
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
-
 import jax
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
-from record import commit, write
+from record import Record
 
 import jaxcable as jc
 from jaxcable.spaces.freedoms import number_freedoms
 
+from .measure import by_turns, clock, quartiles
+
 jax.config.update("jax_enable_x64", True)
 
-RESULTS = Path(__file__).parent / "results"
 TIGHT = {"tol": 1e-13, "linear_solver": "dense"}
 STEPS = 10.0 ** -np.arange(1.0, 9.0)  # of finite differences, relative to the pretension
 RICHARDSON = 1e-2  # of the reference, likewise; rounding makes 1e-3 up to ten times worse
@@ -57,55 +49,33 @@ def net(n, increments=1):
 
 
 def deflection(n, increments=1, **options):
-    """Deflection of the middle as a function of all pretensions, and these."""
+    """Deflection of the middle, jitted: value, and value with gradient; and all pretensions."""
     structure, loading, node, mean = net(n, increments)
 
     def value(T):
         solution = jc.solve(structure, [jc.Phase(pretension=T), loading], jc.Newton(**options))
         return solution.displacement[node, 2], solution.status
 
-    links = len(structure.elements.links)
-    return value, jnp.asarray(mean * np.random.default_rng(0).uniform(0.9, 1.1, links))
+    count = len(structure.elements.links)
+    T = jnp.asarray(mean * np.random.default_rng(0).uniform(0.9, 1.1, count))
+    return jax.jit(value), jax.jit(jax.value_and_grad(value, has_aux=True)), T
 
 
-def clock(function, *arguments):
-    begin = time.perf_counter()
-    result = jax.block_until_ready(function(*arguments))
-    return 1e3 * (time.perf_counter() - begin), result
-
-
-def by_turns(functions, T, pairs):
-    """First times (compilation) less warm ones, s, and warm times of two functions, ms."""
-    first = [clock(function, T)[0] for function in functions]
-    warm = np.empty((pairs, 2))
-    for k in range(pairs):
-        for i in (0, 1) if k % 2 else (1, 0):
-            new = jax.block_until_ready(T * (1 + 1e-7 * (2 * k + i + 1)))
-            warm[k, i] = clock(functions[i], new)[0]
-    return (np.array(first) - np.median(warm, 0)) / 1e3, warm
-
-
-def quartiles(x, digits=2):
-    low, middle, high = np.quantile(x, [0.25, 0.5, 0.75])
-    return f"{middle:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
+def warm(programs, T, pairs):
+    """Warm times of two functions of pretensions, ms, [pairs, 2]."""
+    return by_turns(programs, pairs, lambda number: T * (1 + 1e-7 * number))
 
 
 def default_solver(structure):
     """Name of the solver that this machine chooses."""
     fixed = structure.fixed(structure.supports)
     links = tuple((group.links, group.n_freedom, ()) for group in structure.groups)
-    return number_freedoms(fixed, None, links).pattern.solver
-
-
-def jitted(value):
-    """Value, and value with gradient, compiled."""
-    return jax.jit(value), jax.jit(jax.value_and_grad(value, has_aux=True))
+    return number_freedoms(fixed, None, links).pattern.solver.name
 
 
 def reference(n):
     """Tight gradient with dense matrices, chosen entries, and its error by differences."""
-    value, T = deflection(n, **TIGHT)
-    single, both = jitted(value)
+    single, both, T = deflection(n, **TIGHT)
     (_, status), gradient = both(T)
     assert int(status) == 0
     chosen = np.random.default_rng(1).choice(len(T), CHOSEN, replace=False)
@@ -133,42 +103,39 @@ def difference_errors(single, T, chosen, gradient):
     return np.array(errors)
 
 
-def batched_differences(value, T):
+def batched_differences(single, T):
     """Median time of all forward differences as one vmapped program, ms."""
     changes = jnp.vstack([jnp.zeros_like(T), 1e-5 * jnp.mean(T) * jnp.eye(len(T))])
-    batch = jax.jit(jax.vmap(lambda change, T: value(T + change)[0], (0, None)))
+    batch = jax.jit(jax.vmap(lambda change, T: single(T + change)[0], (0, None)))
     return np.median([clock(batch, changes, T * (1 + 1e-7 * k))[0] for k in range(8)][1:])
 
 
-def costs(out):
+def costs(say, pairs):
     """The table of nets; returns what the picture needs."""
-    print(
-        "value, and value with gradient by all pretensions (VG), two phases of one increment\n\n"
+    say("\nvalue, and value with gradient by all pretensions (VG), two phases of one increment\n")
+    say(
         f"{'unknowns':>8} {'cables':>6}  {'solver':8} {'compile, s':>12} {'value, ms':>19} "
         f"{'VG, ms':>19} {'VG / value':>18} {'differences / value':>20}\n"
-        f"{'counted  in a batch':>118}",
-        file=out,
+        f"{'counted  in a batch':>118}"
     )
     curves, lines = {}, []
-    for n in (2, 10, 20):
+    for n, count in pairs.items():
         gradient, chosen, checked = reference(n)
         default = default_solver(net(n)[0])
         for solver in [None, *(["superlu"] if n == 20 and default != "superlu" else [])]:
-            value, T = deflection(n, linear_solver=solver)
+            single, both, T = deflection(n, linear_solver=solver)
             name = solver or default
-            single, both = jitted(value)
-            compiled, warm = by_turns((single, both), T, 201 if n == 2 else 61)
+            first = [clock(function, T)[0] for function in (single, both)]
+            times = warm((single, both), T, count)
+            compiled = (first - np.median(times, 0)) / 1e3
             (_, status), own = both(T)
             assert int(status) == 0
-            batch = "-"
-            if n < 20:
-                batch = f"{batched_differences(value, T) / np.median(warm[:, 0]):.1f}"
-            print(
-                f"{3 * n * n:8} {len(T):6}  {name:8} "
-                f"{compiled[0]:5.1f} {compiled[1]:6.1f} {quartiles(warm[:, 0]):>19} "
-                f"{quartiles(warm[:, 1]):>19} {quartiles(warm[:, 1] / warm[:, 0]):>18} "
-                f"{len(T) + 1:>9} {batch:>10}",
-                file=out,
+            alone = np.median(times[:, 0])
+            batch = f"{batched_differences(single, T) / alone:.1f}" if n < 20 else "-"
+            say(
+                f"{3 * n * n:8} {len(T):6}  {name:8} {compiled[0]:5.1f} {compiled[1]:6.1f} "
+                f"{quartiles(times[:, 0]):>19} {quartiles(times[:, 1]):>19} "
+                f"{quartiles(times[:, 1] / times[:, 0]):>18} {len(T) + 1:>9} {batch:>10}"
             )
             error = np.abs(np.asarray(own) - gradient).max() / np.abs(gradient).max()
             best = ""
@@ -177,39 +144,37 @@ def costs(out):
                 curves[3 * n * n] = apart, error
                 best = f"{apart.min():.1e} at {STEPS[apart.argmin()]:.0e}"
             lines.append(f"{3 * n * n:8}  {name:8} {error:10.1e} {best:>22} {checked:16.1e}")
-    print(
+    say(
         "\nThe first solver of a net is the default here. Differences: one analysis more than "
         "there are cables,\ncounted; in a batch: all in one vmapped call, measured.\n\n"
         "errors, relative to the largest entry of the reference\n\n"
         f"{'unknowns':>8}  {'solver':8} {'gradient':>10} {'differences, best step':>22} "
-        f"{'reference itself':>16}",
-        file=out,
+        f"{'reference itself':>16}"
     )
-    print("\n".join(lines), file=out)
+    say("\n".join(lines))
     return curves
 
 
-def increments(out):
+def by_increments(say, pairs, counts):
     """The table of increments: time and memory, dense matrices."""
-    print(
-        "\nincrements of the loading phase (dense matrices, so that no memory is the host's)\n\n"
+    say("\nincrements of the loading phase (dense matrices, so that no memory is the host's)\n")
+    say(
         f"{'unknowns':>8} {'increments':>10} {'value, ms':>20} {'VG, ms':>20} {'VG - value':>11} "
         f"{'VG / value':>18} {'temporary memory, kB':>32}\n"
-        f"{'value        VG      more':>136}",
-        file=out,
+        f"{'value        VG      more':>136}"
     )
-    for n in (2, 10):
-        for count in (1, 10, 100):
-            value, T = deflection(n, count, linear_solver="dense")
-            programs = [f.lower(T).compile() for f in jitted(value)]
+    for n in [n for n in pairs if n < 20]:
+        for count in counts:
+            *functions, T = deflection(n, count, linear_solver="dense")
+            programs = [f.lower(T).compile() for f in functions]
             kB = [f.memory_analysis().temp_size_in_bytes / 1e3 for f in programs]
-            _, warm = by_turns(programs, T, 301 if n == 2 else 31)
-            more = np.median(warm[:, 1] - warm[:, 0])
-            print(
-                f"{3 * n * n:8} {count:10} {quartiles(warm[:, 0]):>20} {quartiles(warm[:, 1]):>20} "
-                f"{more:11.2f} {quartiles(warm[:, 1] / warm[:, 0]):>18} "
-                f"{kB[0]:12.1f} {kB[1]:9.1f} {kB[1] - kB[0]:9.1f}",
-                file=out,
+            times = warm(programs, T, pairs[n])
+            more = np.median(times[:, 1] - times[:, 0])
+            say(
+                f"{3 * n * n:8} {count:10} {quartiles(times[:, 0]):>20} "
+                f"{quartiles(times[:, 1]):>20} {more:11.2f} "
+                f"{quartiles(times[:, 1] / times[:, 0]):>18} "
+                f"{kB[0]:12.1f} {kB[1]:9.1f} {kB[1] - kB[0]:9.1f}"
             )
 
 
@@ -224,23 +189,11 @@ def draw(curves):
     axes.set_xlabel("step of the forward difference, relative to the pretension")
     axes.set_ylabel("error, relative to the largest entry")
     figure.legend(fontsize="small", ncols=3, loc="outside lower center")
-    write(RESULTS / "gradient_cost.png", figure, dpi=150)
+    return figure
 
 
-def main():
-    begin = time.perf_counter()
-    out = io.StringIO()
-    print(
-        f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
-        f"jax {jax.__version__}, numpy {np.__version__}; commit {commit()}\n",
-        file=out,
-    )
-    curves = costs(out)
-    increments(out)
-    write(RESULTS / "gradient_cost.txt", out.getvalue())
-    print(out.getvalue() + f"\n{time.perf_counter() - begin:.0f} s")
-    draw(curves)
-
-
-if __name__ == "__main__":
-    main()
+def run(cases, _):
+    say = Record("gradient_cost")
+    curves = costs(say, cases.gradients)
+    by_increments(say, cases.gradients, cases.increments)
+    say.close(draw(curves))

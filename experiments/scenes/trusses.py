@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.phases import Phase
-from ..common import checks
-from ..elements import Bars, Cables
-from ..loads import NodalLoads
-from ..model.structure import Structure
-from ..model.supports import Supports
-from .nets import Scene
+import jaxcable as jc
+from jaxcable.common import checks
+from jaxcable.scenes.parts import Scene, chain, downward, require_positive, two_phases
 
 FORMS = ("biconcave", "biconvex")
 LOADED = ("full", "half")
@@ -78,7 +74,7 @@ def cable_truss(
     Example:
         A single state of self-stress and ``panels - 2`` mechanisms:
 
-        >>> structure, phases = jc.scenes.cable_truss(panels=10)
+        >>> structure, phases = scenes.cable_truss(panels=10)
         >>> found = jc.forms.self_stress(structure)
         >>> found.s, found.m
         (1, 8)
@@ -88,13 +84,10 @@ def cable_truss(
             raise ValueError(f"{name} = {value!r}: expected one of {', '.join(known)}")
     checks.whole(panels, "panels", least=3)
     concave = form == "biconcave"
-    for name, size in (("span", span), ("sags[0]", sags[0]), ("sags[1]", sags[1])):
-        if not size > 0:
-            raise ValueError(f"{name} = {size}: must be positive")
+    require_positive(**{"span": span, "sags[0]": sags[0], "sags[1]": sags[1]})
     if not (gap > 0 or (gap == 0 and not concave)):
         raise ValueError(f"gap = {gap}: must be positive (or 0 in a biconvex truss)")
-    if not pretension > 0:
-        raise ValueError(f"pretension = {pretension}: must be positive")
+    require_positive(pretension=pretension)
 
     along = np.linspace(-1.0, 1.0, panels + 1)
     # shape of the bearing cable, zero where the cables are nearest
@@ -105,22 +98,19 @@ def cable_truss(
         for z in (side * gap / 2 + sags[0] * shape, -side * gap / 2 - sags[1] * shape)
     ]
     nodes = np.concatenate(parabolas)
-    cable = np.column_stack([np.arange(panels), np.arange(1, panels + 1)])
+    cable = chain(range(panels + 1))
     inner = np.arange(1, panels)
     ties = np.column_stack([inner, inner + panels + 1])
     held = np.zeros((len(nodes), 3), bool)
     held[:, 1] = True
     held[[0, panels, panels + 1, 2 * panels + 1]] = True
-    tie = Cables if concave else Bars
-    structure = Structure(
-        nodes,
-        {
-            "bearing": Cables(cable, axial_stiffness=cable_stiffness),
-            "stabilising": Cables(cable + panels + 1, axial_stiffness=cable_stiffness),
-            "ties": tie(ties, axial_stiffness=tie_stiffness),
-        },
-        supports=Supports(held),
-    )
+    tie = jc.Cables if concave else jc.Bars
+    elements = {
+        "bearing": jc.Cables(cable, axial_stiffness=cable_stiffness),
+        "stabilising": jc.Cables(cable + panels + 1, axial_stiffness=cable_stiffness),
+        "ties": tie(ties, axial_stiffness=tie_stiffness),
+    }
+    structure = jc.Structure(nodes, elements, supports=jc.Supports(held))
     panel = span / panels
     pull = 8 * pretension * sags[0] * panel / span**2
     height = np.abs(nodes[ties[:, 0], 2] - nodes[ties[:, 1], 2])
@@ -132,13 +122,6 @@ def cable_truss(
     share = np.full(panels - 1, 1.0)
     if loaded == "half":
         share = np.where(2 * inner < panels, 1.0, np.where(2 * inner == panels, 0.5, 0.0))
-    force = np.zeros((panels - 1, 3))
-    force[:, 2] = -load * panel * share
     upper = inner if concave else inner + panels + 1
-    return Scene(
-        structure,
-        [
-            Phase(force_density=density, increments=increments[0]),
-            Phase(loads=NodalLoads(upper, force), increments=increments[1]),
-        ],
-    )
+    roof = downward(upper, load * panel * share)
+    return two_phases(structure, increments, roof, force_density=density)

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.phases import Phase
-from ..common.selection import only
-from ..common.tree import replace
-from ..elements import Beams, Cables
-from ..loads import NodalLoads, SelfWeight
-from ..materials import Elastic
-from ..model.structure import Structure
-from ..model.supports import clamped, restrained
-from ..sections import Section, bredt_torsion
-from .masts import STEEL_WEIGHT
-from .nets import Scene
+import jaxcable as jc
+from jaxcable.scenes.parts import (
+    STEEL_WEIGHT,
+    STRAND,
+    STRESS,
+    Scene,
+    chain,
+    downward,
+    hollow,
+    two_phases,
+)
 
-STEEL = 210e9  # N/m2
-_SHEAR = STEEL / 2.6
-STRAND = 195e9  # N/m2, of parallel strands
-STRESS = 500e6  # N/m2, of the stays under the weight of the deck
 _ANGLES = "fan", "harp"
 
 
@@ -66,7 +62,7 @@ def cable_stayed_bridge(
         ValueError: `n` is less than 3, an unknown arrangement of the stays.
 
     Example:
-        >>> structure, phases = jc.scenes.cable_stayed_bridge(4)
+        >>> structure, phases = scenes.cable_stayed_bridge(4)
         >>> {kind: len(group.links) for kind, group in structure.elements.items()}
         {'pylon': 5, 'deck': 8, 'stays': 6}
         >>> len(phases)
@@ -94,51 +90,37 @@ def cable_stayed_bridge(
     force = segment * weight * length / top  # its vertical part is the weight of a segment
     area = (force + segment * paving * length / top) / STRESS
     elements = {
-        "pylon": Beams(
-            np.column_stack([np.arange(m + 2), np.arange(1, m + 3)]),
+        "pylon": jc.Beams(
+            chain(range(m + 3)),
             up=(1.0, 0.0, 0.0),
             weight=STEEL_WEIGHT * float(tower["section"].total_area),
             **tower,
         ),
-        "deck": Beams(np.stack([before, ends], axis=-1).reshape(-1, 2), weight=weight, **box),
-        "stays": Cables(
+        "deck": jc.Beams(np.stack([before, ends], axis=-1).reshape(-1, 2), weight=weight, **box),
+        "stays": jc.Cables(
             np.stack([heads, ends[:m]], axis=-1).reshape(-1, 2),
             axial_stiffness=STRAND * np.repeat(area, 2),
             weight=STEEL_WEIGHT * np.repeat(area, 2),
         ),
     }
-    structure = Structure(nodes, elements, supports=clamped([0]))
-    laid = NodalLoads(ends[:m].ravel(), (0.0, 0.0, -paving * segment))
-    bearings = clamped([0]) + restrained(ends[-1], "yz")
+    structure = jc.Structure(nodes, elements, supports=jc.clamped([0]))
+    laid = downward(ends[:m].ravel(), paving * segment)
+    bearings = jc.clamped([0]) + jc.restrained(ends[-1], "yz")
     nothing = {"pylon": None, "deck": None}
     if not stages:
         forces = {**nothing, "stays": np.repeat(force, 2)}
-        return Scene(
-            replace(structure, supports=bearings),
-            [Phase(pretension=forces, loads=SelfWeight()), Phase(loads=laid)],
-        )
+        finished = jc.replace(structure, supports=bearings)
+        return two_phases(finished, (1, 1), laid, pretension=forces, loads=jc.SelfWeight())
     phases = []
     for k in range(m):
         pair = [2 * k, 2 * k + 1]
         phases.append(
-            Phase(
-                adds={"pylon": None, "deck": only(pair), "stays": only(pair)},
+            jc.Phase(
+                adds={"pylon": None, "deck": jc.only(pair), "stays": jc.only(pair)},
                 placed="attached",
-                jacking={**nothing, "stays": only(pair, force[k])},
-                loads=SelfWeight() if k == 0 else None,
+                jacking={**nothing, "stays": jc.only(pair, force[k])},
+                loads=jc.SelfWeight() if k == 0 else None,
             )
         )
-    last = {"pylon": None, "deck": only([2 * m, 2 * m + 1]), "stays": None}
-    return Scene(structure, [*phases, Phase(adds=last, supports=bearings), Phase(loads=laid)])
-
-
-def hollow(width, height, wall):
-    """Section and torsional stiffness of a box of steel, a dict for `Beams`."""
-
-    def outline(y, z):
-        return 0.5 * np.array([[-y, -z], [y, -z], [y, z], [-y, z]])
-
-    inside = width - 2 * wall, height - 2 * wall
-    section = Section.polygon(outline(width, height), [outline(*inside)], Elastic(STEEL), size=0.25)
-    torsion = bredt_torsion(outline(width - wall, height - wall), wall)
-    return {"section": section.centred(), "torsional_stiffness": _SHEAR * float(torsion)}
+    last = {"pylon": None, "deck": jc.only([2 * m, 2 * m + 1]), "stays": None}
+    return Scene(structure, [*phases, jc.Phase(adds=last, supports=bearings), jc.Phase(loads=laid)])

@@ -6,15 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.phases import Phase
-from ..common.types import ArrayLike
-from ..elements import Cables, Catenaries
-from ..elements.element import Element
-from ..forms.hanging import hanging_chain
-from ..loads import LineLoads, NodalLoads, SelfWeight
-from ..model.structure import Structure
-from ..model.supports import pinned
-from .nets import Scene
+import jaxcable as jc
+from jaxcable.forms.hanging import hanging_chain
+from jaxcable.scenes.parts import Scene, chain, downward, two_phases
 
 FOOT, POUND, INCH = 0.3048, 4.4482216152605, 0.0254
 
@@ -45,7 +39,7 @@ def isolated_cable(
     Source: Michalos and Birnstiel (1962); Jayaraman and Knudson (1981).
 
     Example:
-        >>> structure, phases = jc.scenes.isolated_cable()
+        >>> structure, phases = scenes.isolated_cable()
         >>> print(np.round(structure.elements.rest_length, 2), np.ptp(structure.nodes[:, 0]))  # m
         [125.85 186.86] 304.8
     """
@@ -54,22 +48,15 @@ def isolated_cable(
     shared: dict[str, Any] = {"axial_stiffness": 0.85 * 19e6 * POUND, "weight": 3.16 * POUND / FOOT}
     if n < 0:
         raise ValueError(f"n = {n}: a number of elements, or 0 for catenaries")
-    nodes: ArrayLike
-    group: Element
     if n == 0:
-        nodes, group = corners, Catenaries([[0, 1], [1, 2]], rest_length=lengths, **shared)
+        nodes, group = corners, jc.Catenaries([[0, 1], [1, 2]], rest_length=lengths, **shared)
     else:
         parameter = np.arange(2 * n + 1) / n
         nodes = np.column_stack([np.interp(parameter, [0, 1, 2], x) for x in corners.T])
-        group = Cables(_chain(2 * n), rest_length=np.repeat(lengths / n, n), **shared)
-    structure = Structure(nodes, group, pinned([0, len(nodes) - 1]))
-    return Scene(
-        structure,
-        [
-            Phase(loads=SelfWeight(), increments=increments[0]),
-            Phase(loads=NodalLoads([max(n, 1)], (0.0, 0.0, -load)), increments=increments[1]),
-        ],
-    )
+        rest_length = np.repeat(lengths / n, n)
+        group = jc.Cables(chain(range(2 * n + 1)), rest_length=rest_length, **shared)
+    structure = jc.Structure(nodes, group, jc.pinned([0, len(nodes) - 1]))
+    return two_phases(structure, increments, downward([max(n, 1)], load), loads=jc.SelfWeight())
 
 
 def suspended_cable(
@@ -102,25 +89,18 @@ def suspended_cable(
         `Scene`.
 
     Example:
-        >>> structure, phases = jc.scenes.suspended_cable(span=120.0, rise=0.0, sag=9.0, n=20)
+        >>> structure, phases = scenes.suspended_cable(span=120.0, rise=0.0, sag=9.0, n=20)
         >>> print(f"{structure.nodes[10, 2]:.6f} m")  # the middle of the chain as it starts
         -9.000000 m
     """
     ends = np.array([[0.0, 0.0, 0.0], [span, 0.0, rise]])
     shared: dict[str, Any] = {"axial_stiffness": axial_stiffness, "weight": weight}
-    nodes: ArrayLike
-    group: Element
+    first: dict[str, Any] = {"loads": jc.SelfWeight()}
     if n == 0:
-        nodes, group = ends, Catenaries([[0, 1]], **shared)
-        first = Phase(sag=sag, loads=SelfWeight(), increments=increments[0])
+        nodes, group = ends, jc.Catenaries([[0, 1]], **shared)
+        first["sag"] = sag
     else:
         nodes, rest_length = hanging_chain(ends[0], ends[1], n, sag, weight, axial_stiffness)
-        group = Cables(_chain(n), rest_length=rest_length, **shared)
-        first = Phase(loads=SelfWeight(), increments=increments[0])
-    structure = Structure(nodes, group, pinned([0, len(nodes) - 1]))
-    return Scene(structure, [first, Phase(loads=LineLoads((0, 0, -ice)), increments=increments[1])])
-
-
-def _chain(n):
-    """Links of a chain of n elements, [n, 2]."""
-    return np.column_stack([np.arange(n), np.arange(1, n + 1)])
+        group = jc.Cables(chain(range(n + 1)), rest_length=rest_length, **shared)
+    structure = jc.Structure(nodes, group, jc.pinned([0, len(nodes) - 1]))
+    return two_phases(structure, increments, jc.LineLoads((0, 0, -ice)), **first)

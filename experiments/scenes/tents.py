@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.phases import Phase
-from ..elements import Bars, Cables
-from ..loads import CablePressure, LineLoads
-from ..model.structure import Structure
-from ..model.supports import pinned
-from .nets import Scene
+import jaxcable as jc
+from jaxcable.scenes.parts import Scene, chain, two_phases
 
 
 def tent_edge(
@@ -59,7 +55,7 @@ def tent_edge(
         ValueError: fewer than two elements; proportions with compressed guys or pylons in tension.
 
     Example:
-        >>> structure, phases = jc.scenes.tent_edge(span=20.0, sag=2.0, n=16, pressure=3e3)
+        >>> structure, phases = scenes.tent_edge(span=20.0, sag=2.0, n=16, pressure=3e3)
         >>> radius = (20.0**2 / 4 + 2.0**2) / (2 * 2.0)  # radius of the arc, m
         >>> print(f"{phases[0].pretension['edge'] / (3e3 * radius):.4f}")  # close to T = p r
         0.9997
@@ -85,13 +81,12 @@ def tent_edge(
         axis=1,
     )
     nodes = np.concatenate([edge, feet, anchors.reshape(4, 3)])
-    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
     guys = [(0, n + 3), (0, n + 4), (n, n + 5), (n, n + 6)]
     pylons = [(0, n + 1), (n, n + 2)]
     elements = {
-        "edge": Cables(links, axial_stiffness=edge_stiffness),
-        "guys": Cables(guys, axial_stiffness=guy_stiffness),
-        "pylons": Bars(pylons, axial_stiffness=pylon_stiffness),
+        "edge": jc.Cables(chain(range(n + 1)), axial_stiffness=edge_stiffness),
+        "guys": jc.Cables(guys, axial_stiffness=guy_stiffness),
+        "pylons": jc.Bars(pylons, axial_stiffness=pylon_stiffness),
     }
     guy_tension, pylon_force = np.empty(4), np.empty(2)
     for k, (top, inner) in enumerate(((0, 1), (n, n - 1))):
@@ -104,25 +99,14 @@ def tent_edge(
         guy_tension[2 * k], guy_tension[2 * k + 1], pylon_force[k] = np.linalg.solve(ways.T, -pull)
     if guy_tension.min() <= 0 or pylon_force.max() >= 0:
         raise ValueError("lean, reach: guys would push or pylons pull; let the anchors reach out")
-    structure = Structure(nodes, elements, pinned(np.arange(n + 1, n + 7)))
+    structure = jc.Structure(nodes, elements, jc.pinned(np.arange(n + 1, n + 7)))
 
     def membrane(amount):
-        return CablePressure(amount, axis=(0, 0, 1), on="edge")
+        return jc.CablePressure(amount, axis=(0, 0, 1), on="edge")
 
-    return Scene(
-        structure,
-        [
-            Phase(
-                pretension={"edge": tension, "guys": guy_tension, "pylons": pylon_force},
-                loads=membrane(pressure),
-                increments=increments[0],
-            ),
-            Phase(
-                loads=[
-                    membrane(0.5 * pressure),
-                    LineLoads((0, 0, uplift), on="edge", per="initial"),
-                ],
-                increments=increments[1],
-            ),
-        ],
-    )
+    gusts = [
+        membrane(0.5 * pressure),
+        jc.LineLoads((0, 0, uplift), on="edge", per="initial"),
+    ]
+    forces = {"edge": tension, "guys": guy_tension, "pylons": pylon_force}
+    return two_phases(structure, increments, gusts, pretension=forces, loads=membrane(pressure))

@@ -6,12 +6,11 @@ Question   100 000 load cases of a net of 300 unknowns, results in files (`jc.st
            computed twice.
 Reference  The same study by one process without disturbance.
 Error      Number of cases that are missing or whose displacements differ in any bit.
-Command    python experiments/many_cases.py [CASES]
-           (writes experiments/results/many_cases.txt; three minutes)
+Results    many_cases.txt; three minutes
 
 By hand, on any machines with a common folder, with whatever starts processes there (an array job of
-a queue, GNU parallel, Dask, Ray): `python experiments/many_cases.py --run FOLDER CASES RANK
-PROCESSES`, and the same again for what was killed.
+a queue, GNU parallel, Dask, Ray): `python experiments/benchmarks/many_cases.py FOLDER CASES CHUNK
+RANK PROCESSES`, and the same again for what was killed.
 
 Processes keep one core each. The displacements of the loaded nodes are kept, 2.4 kB a case.
 """
@@ -24,11 +23,10 @@ import tempfile
 import time
 from pathlib import Path
 
-CHUNK = 500
 SIDE = 10
 
 
-def run(folder, count, rank, processes):
+def share(folder, count, chunk, rank, processes):
     """The share of this process."""
     if hasattr(os, "sched_setaffinity"):
         cores = sorted(os.sched_getaffinity(0))
@@ -57,12 +55,13 @@ def run(folder, count, rank, processes):
         return {"displacement": solution.displacement[loaded], "status": solution.status}
 
     begin = time.perf_counter()
-    study = jc.streamed(analyse, cases, folder, CHUNK, n_case=count, share=(rank, processes))
+    study = jc.streamed(analyse, cases, folder, chunk, n_case=count, share=(rank, processes))
     print(time.perf_counter() - begin, len(study.missing), flush=True)
 
 
-def started(folder, count, rank, processes):
-    command = [sys.executable, __file__, "--run", folder, str(count), str(rank), str(processes)]
+def started(*words):
+    """The process of a share."""
+    command = [sys.executable, __file__, *map(str, words)]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
@@ -76,18 +75,20 @@ def chunks(folder):
     return {f.name: f.stat().st_mtime_ns for f in Path(folder).glob("chunk-*.npz")}
 
 
-def main(count):
+def run(cases, _):
     import numpy as np
     from record import Record
 
     import jaxcable as jc
 
-    record = Record("many_cases")
-    record(f"\n{count} load cases of {3 * SIDE**2} unknowns, in chunks of {CHUNK}\n")
+    record, (count, chunk) = Record("many_cases"), cases.study
+    record(f"\n{count} load cases of {3 * SIDE**2} unknowns, in chunks of {chunk}\n")
     with tempfile.TemporaryDirectory() as alone, tempfile.TemporaryDirectory() as pair:
-        seconds(started(tempfile.mkdtemp(dir=alone), CHUNK, 0, 1))  # the program is on disk now
-        one = seconds(started(f"{alone}/study", count, 0, 1))
-        both = [started(f"{pair}/study", count, rank, 2) for rank in range(2)]
+        seconds(
+            started(tempfile.mkdtemp(dir=alone), chunk, chunk, 0, 1)
+        )  # the program is on disk now
+        one = seconds(started(f"{alone}/study", count, chunk, 0, 1))
+        both = [started(f"{pair}/study", count, chunk, rank, 2) for rank in range(2)]
         two = max(seconds(process) for process in both)
         record(f"one process   {one:8.1f} s  {count / one:9.0f} cases a second")
         record(f"two processes {two:8.1f} s  {count / two:9.0f} cases a second")
@@ -98,17 +99,17 @@ def main(count):
             f"1 000 cores {us / 1000:.1f} s and their start"
         )
         killed = f"{pair}/killed"
-        both = [started(killed, count, rank, 2) for rank in range(2)]
-        while len(chunks(killed)) < count // CHUNK // 2:
+        both = [started(killed, count, chunk, rank, 2) for rank in range(2)]
+        while len(chunks(killed)) < count // chunk // 2:
             time.sleep(0.05)
         both[1].send_signal(signal.SIGKILL)
         both[1].wait()
         seconds(both[0])
         before = chunks(killed)
-        seconds(started(killed, count, 1, 2))
+        seconds(started(killed, count, chunk, 1, 2))
         after = chunks(killed)
         again = sum(after[name] != stamp for name, stamp in before.items())
-        whole, study = (jc.results.Study(Path(f), count, CHUNK) for f in (f"{alone}/study", killed))
+        whole, study = (jc.results.Study(Path(f), count, chunk) for f in (f"{alone}/study", killed))
         differ = numbers = 0
         for (own, a), (_, b) in zip(whole.chunks(), study.chunks(), strict=True):
             numbers += len(own)
@@ -124,7 +125,4 @@ def main(count):
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["--run"]:
-        run(sys.argv[2], *(int(word) for word in sys.argv[3:]))
-    else:
-        main(int(sys.argv[1]) if sys.argv[1:] else 100_000)
+    share(sys.argv[1], *(int(word) for word in sys.argv[2:]))

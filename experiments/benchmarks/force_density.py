@@ -8,9 +8,8 @@ Reference  jax_fdm (Pastrana et al., https://github.com/arpastrana/jax_fdm), its
            solver replaced by PARDISO. jaxcable with PARDISO (its default here) and SuperLU.
 Error      Largest difference of positions and of gradients between the two programs, over the
            largest entry, -; asserted below 1e-12 and 1e-11 (rounding times condition).
-Command    JAX_FDM_PYTHON=.../bin/python python experiments/force_density.py
-           (writes experiments/results/force_density.txt; three minutes). JAX_FDM_PYTHON is an
-           interpreter that has jax_fdm, and pypardiso for the last row.
+Results    force_density.txt; three minutes. JAX_FDM_PYTHON names an interpreter that has jax_fdm,
+           and pypardiso for the last row.
 
 Nets: `jaxcable.scenes.saddle` of n x n free nodes, every node loaded, force densities random
 between 500 and 2 000 N/m. All sides are fed the same file and work by turns in changing order on
@@ -27,10 +26,8 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
-from pathlib import Path
 
-os.environ |= {"OPENBLAS_NUM_THREADS": "1", "KMP_BLOCKTIME": "0"}
+os.environ["KMP_BLOCKTIME"] = "0"
 
 import jax
 import jax.numpy as jnp
@@ -41,10 +38,11 @@ import jaxcable as jc
 from jaxcable import linear
 from jaxcable.forms import force_density
 
+from .measure import PEERS, clock, quartiles
+
 jax.config.update("jax_enable_x64", True)
 
-CHILD = Path(__file__).parent / "peers" / "jax_fdm_child.py"
-SIZES, TURNS, CALLS = (30, 100, 200), 9, 5
+TURNS, CALLS = 9, 5
 THEIRS = (("scipy", 1), ("scipy", 2), ("pardiso", 1))  # solver, threads of BLAS
 
 
@@ -53,7 +51,7 @@ class Peer:
 
     def __init__(self, path, threads):
         self.process = subprocess.Popen(
-            [os.environ["JAX_FDM_PYTHON"], "-W", "ignore", str(CHILD), path],
+            [os.environ["JAX_FDM_PYTHON"], "-W", "ignore", str(PEERS / "jax_fdm_child.py"), path],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -99,11 +97,6 @@ def ours(structure, load, solver):
     return {"value": jax.jit(positions), "gradient": jax.jit(jax.value_and_grad(measure))}
 
 
-def quartiles(x, digits=1):
-    low, middle, high = np.quantile(x, [0.25, 0.5, 0.75])
-    return f"{middle:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
-
-
 def compare(n, record):
     """One net: all programs by turns."""
     structure, load, q = net(n)
@@ -118,12 +111,10 @@ def compare(n, record):
         peers = {threads: Peer(path, threads) for _, threads in THEIRS}
         version = check(functions, rows, peers, f"{folder}/answer.npz", record)
 
-        def clock(who, what, call):
+        def time_of(who, what, call):
             if who[0] == "jax_fdm":
                 return peers[who[2]].ask(call=call, what=what, solver=who[1])["ms"]
-            begin = time.perf_counter()
-            jax.block_until_ready(functions[who[1]][what](rows[call]))
-            return 1e3 * (time.perf_counter() - begin)
+            return clock(functions[who[1]][what], rows[call])[0]
 
         everyone = [("jaxcable", s) for s in mine] + [("jax_fdm", s, t) for s, t in THEIRS]
         times = {(who, what): [] for who in everyone for what in ("value", "gradient")}
@@ -131,7 +122,7 @@ def compare(n, record):
             for who in everyone if turn % 2 else everyone[::-1]:
                 for k, what in enumerate(("value", "gradient")):
                     first = (2 * turn + k) * CALLS
-                    own = [clock(who, what, first + call) for call in range(CALLS)]
+                    own = [time_of(who, what, first + call) for call in range(CALLS)]
                     times[who, what] += own[1:]
         for peer in peers.values():
             peer.close()
@@ -143,9 +134,9 @@ def compare(n, record):
         )
         value, gradient = (times[who, what] for what in ("value", "gradient"))
         record(
-            f"{n * n:8} {name:26} {quartiles(value):>21} {quartiles(gradient):>21} "
-            f"{quartiles(value / base['value'], 2):>18} "
-            f"{quartiles(gradient / base['gradient'], 2):>18}"
+            f"{n * n:8} {name:26} {quartiles(value, 1):>21} {quartiles(gradient, 1):>21} "
+            f"{quartiles(value / base['value']):>18} "
+            f"{quartiles(gradient / base['gradient']):>18}"
         )
     return version
 
@@ -169,7 +160,7 @@ def check(functions, rows, peers, path, record):
     return version
 
 
-def main():
+def run(cases, _):
     if "JAX_FDM_PYTHON" not in os.environ:
         sys.exit("JAX_FDM_PYTHON is not set: the interpreter of an environment with jax_fdm")
     record = Record("force_density")
@@ -178,11 +169,7 @@ def main():
         f"{'unknowns':>8} {'':26} {'value':>21} {'value and gradient':>21} {'ratio, value':>18} "
         f"{'ratio, gradient':>18}"
     )
-    for n in SIZES:
+    for n in cases.forms:
         version = compare(n, record)
     record(f"\njax_fdm {version['version']} on jax {version['jax']}")
     record.close()
-
-
-if __name__ == "__main__":
-    main()
