@@ -19,7 +19,8 @@ from ..elements.element import Element
 from ..elements.element_state import ElementState
 from ..mechanics.bundles import Bundles
 from ..model.structure import Structure
-from .phases import Phase, spread
+from .by_group import spread
+from .phases import Phase
 
 
 class Presence(NamedTuple):

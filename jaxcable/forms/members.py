@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ..analysis.phases import spread
+from ..analysis.by_group import spread
 from ..common import checks, status
 from ..common.rules import Rule, kept, or_nan, rules_of
 from ..common.selection import Only, Selection
