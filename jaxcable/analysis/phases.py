@@ -189,9 +189,9 @@ class Phase:
                         raise ValueError(f"{error}{of}") from None
         for statements, (where, group) in zip(per_group, named, strict=True):
             _require_apart(statements, where, group)
-            several = getattr(group, "components", {})
-            for name, stated in ((n, s) for n, s in statements.items() if n not in several):
-                plausibility.prestress(name, stated, group, where, structure.nodes)
+            for name, stated in statements.items():
+                if not _has_components(group, name):
+                    plausibility.prestress(name, stated, group, where, structure.nodes)
         return per_group
 
 
@@ -251,13 +251,18 @@ def _passes_by(group, name, structure):
         return isinstance(any_group, Prestressable) and name in any_group.statements
 
     def differs(any_group):  # its numbers mean something else than those of cables and bars
-        return any_group.rotates or name in any_group.components
+        return any_group.rotates or _has_components(any_group, name)
 
     if not takes(group):
         return any(map(takes, structure.groups))
     mixed = any(takes(other) and not differs(other) for other in structure.groups)
     warms = name == "temperature" and group.expansion is not None
     return differs(group) and mixed and not warms
+
+
+def _has_components(group, name):
+    """Whether a statement has several numbers for an element of a group."""
+    return isinstance(group, Prestressable) and name in group.components
 
 
 def _checked(value, group, name, structure):
