@@ -266,12 +266,23 @@ class Element(abc.ABC):
     ) -> Float[Array, "n_end 3 n_end 3"] | Float[Array, "n n"]:
         """Tangent stiffness [n_end, 3, n_end, 3], N/m: autodiff of the end forces.
 
-        Of elements with rotations by a step from the motion, [n_end, 6, n_end, 6].
+        Of elements with rotations by a step from the motion, [n_end, 6, n_end, 6]. The matrix of an
+        element with inner numbers is [n, n], for the freedoms of its ends and then these numbers.
         """
         if self.rotates:
             still = jnp.zeros((len(motion), self.n_freedom), motion.dtype)
-            return jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(still)
-        return jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
+            matrix = jax.jacfwd(lambda step: self.end_forces_about(state, ends, motion, step))(
+                still
+            )
+        else:
+            matrix = jax.jacfwd(lambda moved: self.end_forces(state, ends, moved))(motion)
+        if not self.inner:
+            return matrix
+        rows, columns = np.array(self.inner).T
+        n_end = len(motion) - self.n_inner_row
+        at = (n_end + rows) * self.n_freedom + columns
+        at = np.concatenate([np.arange(n_end * self.n_freedom), at])
+        return matrix.reshape(len(motion) * self.n_freedom, -1)[np.ix_(at, at)]
 
     def finds_both(self, state: OwnState) -> bool:
         """Whether an iteration gets forces and tangent of a group by one evaluation, `linearized`.

@@ -284,13 +284,17 @@ class Structure:
         if not fixed[:, :3].any():
             raise ValueError("supports: no freedom is fixed; the structure would float away")
         self._require_touched(fixed)
+        rows, _ = self.rows()
         if not self.space.rotates:
             if supports.holds_rotations:
                 raise ValueError(
                     "supports mask: expected [n_node, 3]; no element of the structure has rotations"
                 )
-            return Fixed(fixed[:, :3], None if (axes == np.eye(3)).all() else axes)
-        rows, _ = self.rows()
+            fixed = fixed[:, :3]
+            if rows is not None:
+                fixed, axes = fixed[rows.node], axes[rows.node]
+                fixed[rows.inner], axes[rows.inner] = rows.idle[rows.inner], np.eye(3)
+            return Fixed(fixed, None if (axes == np.eye(3)).all() else axes)
         if self.rigid is not None:
             carried = self.rigid.array[:, 1]
             wrong = fixed[carried].any(axis=1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from extensions.own_elements import GroundSprings, TurningSprings
 from extensions.own_laws import Maxwell, Prager
-from extensions.own_links import Brittle, Dampers, Hooks, Lying, Thrusters
+from extensions.own_links import Brittle, Dampers, Hooks, Lying, Series, Thrusters
 from numpy.testing import assert_allclose
 
 import jaxcable as jc
@@ -351,6 +351,34 @@ def test_increments_of_a_law_with_memory_have_derivatives():
     between = (there(300e6 + step)[1][0] - there(300e6 - step)[1][0]) / (2 * step)
     assert_allclose(slopes, between, rtol=1e-5)
     assert (np.asarray(slopes) != 0).all()
+
+
+def test_inner_numbers_without_rotations():
+    """Two springs one behind the other between cables, along inclined supports: one spring each."""
+    nodes = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 0.0, -3.0]])
+    slope = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0], [-0.8, 0.0, 0.6]])
+    supports = jc.pinned([0]) + jc.restrained([1], "yz") + jc.restrained([2], "xy", axes=slope)
+    load = np.array([[10.0, 0.0, 0.0], [0.0, 0.0, -20.0]])
+
+    def analysed(first):
+        springs = Series([[0, 1], [1, 2]], first, 500.0)
+        elements = {"springs": springs, "cable": jc.Cables([[0, 2]], axial_stiffness=1e4)}
+        structure = jc.Structure(nodes, elements, supports)
+        return jc.solve(structure, jc.Phase(loads=jc.NodalLoads([1, 2], load), increments=2))
+
+    solution = analysed(300.0)
+    assert solution.status == status.OK
+    places = nodes + np.asarray(solution.displacement)
+    along, before = np.diff(places, axis=0), np.array([2.0, 3.0])
+    length = np.linalg.norm(along, axis=1)
+    force = 300.0 * 500.0 / 800.0 * (length - before)
+    assert_allclose(solution.tension["springs"], force, rtol=1e-8)
+    pull = force[:, None] * along / length[:, None]
+    assert_allclose(load[0, 0], (pull[0] - pull[1])[0], rtol=1e-9)
+    assert abs(solution.displacement[2] @ slope[0]) < 1e-15  # held along the inclined axis
+    rate = jax.grad(lambda first: analysed(first).displacement[1, 0])(300.0)
+    ends = [analysed(300.0 + step).displacement[1, 0] for step in (1e-2, -1e-2)]
+    assert_allclose(rate, (ends[0] - ends[1]) / 2e-2, rtol=1e-6)  # of order step^2
 
 
 @pytest.mark.parametrize("method", [jc.Newton(), jc.Incremental()], ids=["newton", "increments"])
