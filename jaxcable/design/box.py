@@ -51,10 +51,12 @@ class Box:
         parts = jnp.split(jnp.asarray(x), np.cumsum(self.counts)[:-1])
         return jnp.concatenate([jnp.full_like(part, norm(part)) for part in parts])
 
+    @jax.jit  # one function in a program
     def largest(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
         """For every entry of `x` the largest entry, by size, of the array to which it belongs."""
         return self.of_arrays(lambda part: jnp.max(jnp.abs(part), initial=0.0), x)
 
+    @jax.jit
     def sizes(self, x: Float[ArrayLike, " n"]) -> Float[Array, " n"]:
         """Sizes of parameters that start at `x`: the largest of their array, of its bounds, or 1.
 

@@ -257,29 +257,22 @@ class _Search(Trials):
 def _make(reference):
     """The compiled loss and constraints, with their Jacobian, of what `reference()` returns."""
 
-    def parts(params, args):
-        returned = reference()(params, *args)
-        if not isinstance(returned, tuple) or len(returned) not in (2, 3):
-            raise ValueError(
-                "problem: expected (loss, constraints) or (loss, constraints, solution)"
-            )
-        value, code = split_loss((returned[0], returned[2:]))
-        constraints = jnp.asarray(returned[1])
-        if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
-            raise ValueError(
-                f"constraints: expected floats [n], got {constraints.dtype}"
-                f"{list(constraints.shape)}"
-            )
-        return value, constraints, code
-
     @jax.jit
     def evaluate(x, params, args):
         _, back = ravel_pytree(params)
 
         def flattened(x):
-            value, constraints, code = parts(back(x), args)
-            values = jnp.concatenate([value[None], constraints]).astype(x.dtype)
-            return values, code
+            returned = reference()(back(x), *args)
+            if not isinstance(returned, tuple) or len(returned) not in (2, 3):
+                raise ValueError(
+                    "problem: expected (loss, constraints) or (loss, constraints, solution)"
+                )
+            value, code = split_loss((returned[0], returned[2:]))
+            constraints = jnp.asarray(returned[1])
+            if constraints.ndim != 1 or not jnp.issubdtype(constraints.dtype, jnp.floating):
+                got = f"{constraints.dtype}{list(constraints.shape)}"
+                raise ValueError(f"constraints: expected floats [n], got {got}")
+            return jnp.append(value, constraints).astype(x.dtype), code
 
         count = jax.eval_shape(flattened, x)[0].size
         return values_and_jacobian(flattened, x, count).judged()

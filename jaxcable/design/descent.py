@@ -1,8 +1,8 @@
-"""The loop of `minimize`: evaluate a trial point, accept it or shorten the step, ask for the next.
+"""The search of `minimize`: accept a trial point or shorten the step, and ask for the next one.
 
-The program evaluates the loss once, in the body of the loop. The state of the loop says whether it
-shortens the present step, avoids a failed analysis or asks the optimizer for the next step.
-Parameters are one flat vector here; only the optimizer gets them in the shape that users gave.
+The state says whether the search shortens the present step, avoids a failed analysis or asks the
+optimizer for the next step. Parameters are one flat vector here; only the optimizer gets them in
+the shape that users gave.
 """
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ class Point(NamedTuple):
     at_rest: Bool[Array, ""]
 
 
-class Search(NamedTuple):
-    """State of the loop.
+class State(NamedTuple):
+    """State of the search.
 
     Attributes:
         trial: point to be evaluated: ``at.x + length step``, projected into the bounds.
@@ -97,7 +97,7 @@ class Search(NamedTuple):
             status code of the last failure.
         log: `History`.
         code: status.
-        running: whether the loop goes on.
+        running: whether the search goes on.
     """
 
     trial: Float[Array, " n"]
@@ -124,7 +124,7 @@ class Search(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Descent:
-    """The loop for one problem.
+    """The search for one problem.
 
     Args:
         loss: function of the parameters, in the shape that users gave, to (value, status code).
@@ -161,20 +161,20 @@ class Descent:
         """Changes of the loss, relative to it, that cannot be judged."""
         return max(_NOISE, 64 * float(jnp.finfo(self.scale.dtype).eps))
 
-    def run(self, x: Float[Array, " n"]) -> Search:
-        """Search from `x`, [n]."""
+    def begin(self, x: Float[Array, " n"]) -> State:
+        """The state before the start `x`, [n], is evaluated."""
         nothing, none = jnp.zeros_like(x), jnp.int32(0)
         unknown, one = jnp.asarray(jnp.nan, x.dtype), jnp.ones((), x.dtype)
         start = Point(x, unknown, nothing, nothing, unknown, jnp.zeros((), bool))
         reals, integers = jnp.full(self.steps + 1, unknown), jnp.full(self.steps + 1, jnp.int32(-1))
-        search = Search(
+        return State(
             trial=x,
             step=nothing,
             length=one,
             at=start,
             best=start,
             blocked=jnp.zeros(x.shape, bool),
-            optimizer=self._begin(x),
+            optimizer=self._anew(x),
             fresh=jnp.ones((), bool),
             unit=one,
             first=one,
@@ -189,11 +189,10 @@ class Descent:
             code=none,
             running=jnp.ones((), bool),
         )
-        return lax.while_loop(lambda s: s.running, self._iterate, search)
 
-    def _iterate(self, s):
-        """Evaluate the trial point, accept it or not, and find the next one."""
-        value, gradient, code = self._evaluated(s.trial)
+    def advance(self, s: State, found: Evaluation) -> State:
+        """Accept the trial point, at which `found` was evaluated, or not, and find the next one."""
+        value, gradient, code = found.judged()
         sound, begun = code == status.OK, s.n >= 0
         accepted, factor = self._judged(s, value, gradient, sound, begun)
 
@@ -295,10 +294,10 @@ class Descent:
         value, code = self.loss(self.back(x))
         return value.astype(x.dtype), code
 
-    def _evaluated(self, x):
-        """The `Evaluation` of loss and gradient."""
+    def evaluate(self, x: Float[Array, " n"]) -> Evaluation:
+        """Loss, gradient and status at a point."""
         (value, code), gradient = jax.value_and_grad(self._value, has_aux=True)(x)
-        return Evaluation(value, gradient, code).judged()
+        return Evaluation(value, gradient, code)
 
     def _judged(self, s, value, gradient, sound, begun):
         """Whether to accept the trial point, and the factor that shortens the step if not.
@@ -320,7 +319,7 @@ class Descent:
         shorter = jnp.clip(-0.5 * promised / jnp.where(bend > 0, bend, 1.0), 0.1, 0.5)
         return sound & (falls | ~begun), jnp.where(sound & (bend > 0), shorter, 0.5)
 
-    def _begin(self, x):
+    def _anew(self, x):
         """State of an optimizer that starts at `x`."""
         return self.method.init(self.back(x / self.scale))
 
@@ -328,7 +327,7 @@ class Descent:
         """A new step from `s.at`, the optimizer's state, and whether it started without memory."""
         if not self.searched:
             return *self._propose(s, s.optimizer), s.fresh
-        anew = self._begin(s.at.x)
+        anew = self._anew(s.at.x)
         step, state = self._propose(s, where(s.fresh, anew, s.optimizer))
         downward = s.at.inside @ step < 0  # if not, the memory of the curvature is misleading
         step, state = lax.cond(downward, lambda: (step, state), lambda: self._propose(s, anew))

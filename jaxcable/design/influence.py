@@ -219,19 +219,18 @@ def flat_matrix(
     shape: Any = jax.tree.structure(wrt)
     sizes = [jnp.size(leaf) for leaf in jax.tree.leaves(wrt)]
 
-    def blocks(entry):
-        parts = jax.tree.leaves(entry)
-        for part, size in zip(parts, sizes, strict=True):
-            if not size or part.size % size:
-                raise ValueError(
-                    f"jacobian: has shape {list(part.shape)}, which is not one by {size} inputs"
-                )
-        return [part.reshape(-1, size) for part, size in zip(parts, sizes, strict=True)]
+    def block(part, size):
+        if not size or part.size % size:
+            raise ValueError(
+                f"jacobian: has shape {list(part.shape)}, which is not one by {size} inputs"
+            )
+        return part.reshape(-1, size)
 
     entries = jax.tree.leaves(jacobian, is_leaf=lambda t: shape == jax.tree.structure(t))
     if any(shape != jax.tree.structure(entry) for entry in entries):
         raise ValueError("jacobian: was taken with respect to something of another shape than wrt")
-    return jnp.concatenate([jnp.concatenate(blocks(entry), axis=1) for entry in entries])
+    rows = [map(block, jax.tree.leaves(entry), sizes) for entry in entries]
+    return jnp.concatenate([jnp.concatenate([*row], axis=1) for row in rows])
 
 
 def adjustment(

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 import optax
+from jax import lax
 from jax.flatten_util import ravel_pytree
 
 from ..analysis.solution import Solution
@@ -189,7 +190,11 @@ def _make(reference, optimizer, steps, listen):
 
         criteria = Criteria(box, floor, tol)
         descent = Descent(value, back, optimizer, steps, box, criteria, scale, listen)
-        end = descent.run(start)
+
+        def iterate(state):
+            return descent.advance(state, descent.evaluate(state.trial))
+
+        end = lax.while_loop(lambda s: s.running, iterate, descent.begin(start))
         converged = (end.code == status.OK) | (end.code == status.STATIONARY)
         point = where(converged, end.at, end.best)
         return underivable(

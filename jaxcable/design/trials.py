@@ -2,8 +2,12 @@
 
 The rules are the same in `minimize`, `fit`, `tune` and `minimize_subject_to`. A trial point has
 failed if its analysis has, or if one of its numbers is not finite. It is never accepted, it is
-counted, and the search goes on with a shorter step. A loss, constraints or residuals are one
-vector here, evaluated with their Jacobian by one program.
+counted, and the search goes on with a shorter step. A loss, constraints or residuals are evaluated
+with their derivatives by one program.
+
+The searches of `minimize` and `fit` have one form: a state with the point to be evaluated next,
+``state.trial``, as long as it is ``running``, and ``advance(state, evaluation)``, which accepts the
+point or not. So the program of a search evaluates at one place, and `tune` can do it outside.
 """
 
 from __future__ import annotations

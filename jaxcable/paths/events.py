@@ -28,9 +28,6 @@ NAMES = {
 FAILURES = (LIMIT_POINT, BIFURCATION, MATERIAL_FAILURE)
 """Kinds at which a structure under growing dead load fails."""
 
-CRITICAL = (LIMIT_POINT, BIFURCATION)
-"""Kinds at which the tangent is singular."""
-
 
 @pytree
 class Events:
