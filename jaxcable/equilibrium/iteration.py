@@ -12,7 +12,7 @@ from ..common.tree import copy, pytree, where
 from ..common.types import Array, ArrayLike, Bool, Float, Int, PyTree
 from ..linear.sparse import Factored
 from ..mechanics.assembly import System
-from ..mechanics.chords import Chords, pushes, relative
+from ..mechanics.chords import Chords, have_chords, relative
 from ..mechanics.pulls import Pulls, loaded
 from ..numerics.search import Search
 from .balance import Balance, Method, in_vain, limit
@@ -109,7 +109,7 @@ class Task:
         self.net = system.is_net
         self.judges = not system.always_convex
         self.loaded = loaded(system) if self.net else None
-        self.predicts = not self.net and pushes(system.groups)
+        self.predicts = not self.net and have_chords(system.groups)
         self.convex = system.convex
         tension_only = system.may_be_convex and not self.net
         self.sprints = tension_only or system.may_be_unsymmetric

@@ -91,9 +91,9 @@ def has_chord(group: Element) -> bool:
     return group.links.shape[1] == 2 and not group.rotates
 
 
-def pushes(groups: Sequence[Element]) -> bool:
-    """Whether any element with two ends may be in compression."""
-    return any(has_chord(group) and not group.tension_only for group in groups)
+def have_chords(groups: Sequence[Element]) -> bool:
+    """Whether any element has two ends without rotations."""
+    return any(map(has_chord, groups))
 
 
 def tension_only(groups: Sequence[Element]) -> Bool[np.ndarray, " n"]:

@@ -182,16 +182,21 @@ def _elastic(numbers, depth):
     return jc.Section.rectangle(depth, depth, jc.Elastic(modulus))
 
 
-def arm(numbers):
+def arm(numbers, kind=jc.Bars):
     """A string of bars, drawn crooked, that hangs from the tip of a cantilever of two beams."""
     beams = np.array([[0.0, 0, 0], [0.5, 0, 0], [1, 0, 0]])
     nodes = np.concatenate([beams, numbers.strings(beams[-1], 4)])
     groups = {
         "beams": jc.Beams([[0, 1], [1, 2]], section=_elastic(numbers, 0.1)),
-        "string": jc.Bars(_row(4, 2), axial_stiffness=numbers.stiffness(4)),
+        "string": kind(_row(4, 2), axial_stiffness=numbers.stiffness(4)),
     }
     load = jc.NodalLoads(np.arange(3, 7), numbers.pulls(4))
     return jc.Structure(nodes, groups, jc.clamped([0])), [jc.Phase(loads=load)]
+
+
+def rope(numbers):
+    """The same with a string of cables: no net, because of the beams, and no bars."""
+    return arm(numbers, jc.Cables)
 
 
 def stayed(numbers):
@@ -212,7 +217,10 @@ def stayed(numbers):
     return jc.Structure(nodes, groups, supports), phases
 
 
-KINDS = {f.__name__: f for f in (turning, string, chain, mixed, prism, mast, truss, arm, stayed)}
+KINDS = {
+    kind.__name__: kind
+    for kind in (turning, string, chain, mixed, prism, mast, truss, arm, rope, stayed)
+}
 
 
 def drawn(kind, seed, decades=(2, STIFFEST)):
