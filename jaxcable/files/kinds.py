@@ -107,12 +107,9 @@ def value(
             ways.append(plain)
         elif word.startswith("Literal["):
             ways.append({"enum": [*ast.literal_eval(word.removeprefix("Literal")), *nothing]})
-        elif word in classes:
-            ways.append({"type": ["object", *null], **if_type("object", ref(word))})
-        elif word in _NAMED:
-            types, name = _NAMED[word]
-            told = {"if": {"type": types}, "then": ref(name)} if len(types) > 1 else None
-            ways.append({"type": [*types, *null], **(told or if_type(types[0], ref(name)))})
+        elif word in _NAMED or word in classes:
+            types, name = _NAMED.get(word, (["object"], word))
+            ways.append({"type": [*types, *null], "if": {"type": types}, "then": ref(name)})
         elif word.startswith(("PyTree[Float", "PyTree[Bool")):
             ways.append(ref("statement" if word.startswith("PyTree[Float") else "change"))
         elif word != "None" and _ARRAY.match(word) is None:

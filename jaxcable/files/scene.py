@@ -145,15 +145,11 @@ def _scene(data):
         if not isinstance(data.get(name), kind):
             raise FileError(f"{name}: expected {words}, got {_short(data.get(name))}")
     structure = decode(data["structure"], "structure", Structure)
-    if not isinstance(structure, Structure):
-        raise FileError(f"structure: expected a Structure, got {_short(data['structure'])}")
     phases = []
     for k, phase in enumerate(data["phases"]):
         if not isinstance(phase, dict):
             raise FileError(f"phases[{k}]: expected an object, got {_short(phase)}")
         phases.append(decode(phase, f"phases[{k}]", Phase))
-        if not isinstance(phases[-1], Phase):
-            raise FileError(f"phases[{k}]: expected a Phase, got {_short(phase)}")
         if phases[-1].increments > MOST_INCREMENTS:
             raise FileError(f"phases[{k}].increments: more than {MOST_INCREMENTS}")
     try:

@@ -18,10 +18,13 @@ from typing import Any
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.selection import Selection
 from ..elements.element import Element
 from ..loads.load import Load
 from ..materials.law import Law
-from .codec import COMMENT, IMPLIED, TYPES, stated
+from ..model.supports import Supports
+from ..sections import Section
+from .codec import COMMENT, IMPLIED, TYPED, TYPES, stated
 from .examples import examples, snippets
 from .explained import explained, summary
 from .kinds import TAGS, Schema, closed, if_named, if_type, ref, tagged, tags, value
@@ -64,6 +67,13 @@ _BEYOND = (
     'also takes the form {"type": "list", "items": [...]}, and single numbers in it as '
     '{"type": "float32", ...}, which no field needs.'
 )
+
+
+_OFFERED: dict[tuple[str, ...], type] = {
+    **{words: base for base, (words, _) in TYPED.items()},
+    **{(cls.__name__,): cls for cls in (Section, Supports, Selection)},
+}
+"""What editors offer examples of, by how annotations begin."""
 
 
 def scene_schema() -> dict[str, Any]:
@@ -182,21 +192,11 @@ def _field(cls, field, told, bounds, defs):
         about["examples"] = shown
     if annotation == "None" or "set by " in text:
         about["doNotSuggest"] = True
-    for words, names in _offered():
+    for words, base in _OFFERED.items():
         if annotation.startswith(words):
-            about["defaultSnippets"] = snippets(names)
+            about["defaultSnippets"] = snippets(_names(base))
     bound = _COUNTS.get((cls.__name__, field.name), bounds.get(field.name))
     return {**about, **value(annotation, TYPES, defs, bound, issubclass(cls, Element))}
-
-
-def _offered():
-    """Pairs: how an annotation begins, and the classes whose examples editors offer there."""
-    return [
-        ("PyTree[Element]", _names(Element)),
-        ("Load |", _names(Load)),
-        *((words, _names(Law)) for words in ("Law", "Sequence[Law]")),
-        *((name, [name]) for name in ("Section", "Supports", "Selection")),
-    ]
 
 
 def _names(base):
