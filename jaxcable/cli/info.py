@@ -47,9 +47,8 @@ def _scene(structure, phases):
     rows, _ = structure.rows()
     freedoms = number_freedoms(structure.fixed(structure.supports), rows, rigid=structure.rigid)
     print(f"unknowns: {len(freedoms.free)}")
-    for label, group in groups_by_name(structure):
-        ends = nodes[group.links.array]
-        lengths = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
+    named = groups_by_name(structure)
+    for (label, group), lengths in zip(named, inputs.lengths(structure), strict=True):
         print(
             f"{type(group).__name__} {label}".strip()
             + f": {inputs.counted(len(lengths), 'element')}, "

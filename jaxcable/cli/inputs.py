@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -154,7 +154,7 @@ def numbers(
 
 
 def values(
-    words: Sequence[str], structure: Structure, name: str, drawn: Mapping[str, Any] | None = None
+    words: Sequence[str], structure: Structure, name: str, drawn: Sequence[Any] | None = None
 ) -> float | PyTree[Any]:
     """Numbers on a command line: one for all elements, or ``group=number`` for groups.
 
@@ -162,7 +162,7 @@ def values(
         words: on the command line.
         structure: whose groups are meant.
         name: of the option.
-        drawn: what ``group=drawn`` means, by group; then one number for all is refused.
+        drawn: what ``group=drawn`` means for each group; then one number for all is refused.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
@@ -176,8 +176,17 @@ def values(
     for key, value in found.items():
         if key not in names:
             raise Refused(f"{name}: no group {key!r}; there are {', '.join(names)}")
-        found[key] = drawn[key] if value is None else value
+        found[key] = drawn[names.index(key)] if value is None else value
     return structure.arrange([found.get(label) for label in names])
+
+
+def lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
+    """Initial lengths of the elements of every group, [n_elem], m, along all of their nodes."""
+    nodes = np.asarray(structure.nodes)
+    return [
+        np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
+        for group in structure.groups
+    ]
 
 
 def anchors(words: Sequence[str] | None) -> list[int | str] | None:
