@@ -261,7 +261,8 @@ def _decode_object(data, where, implied, depth):
     except ValueError as error:
         raise FileError(f"{where}: {error}") from None
     except TypeError as error:
-        missing = [f.name for f in dataclasses.fields(cls) if _required(f, values)]
+        needed = [f.name for f in dataclasses.fields(cls) if has_no_default(f)]
+        missing = [name for name in needed if name not in values]
         if missing:
             raise FileError(f"{where}: {missing[0]}: missing; a {name} needs it") from None
         raise FileError(f"{where}: not the numbers that a {name} needs: {error}") from None
@@ -305,12 +306,9 @@ def _require_typed(value, base, example, where):
             _require_typed(item, base, example, f"{where}[{key!r}]")
 
 
-def _required(field, values):
-    """Whether a field has no default and no value."""
-    nothing = dataclasses.MISSING
-    return (
-        field.default is nothing and field.default_factory is nothing and field.name not in values
-    )
+def has_no_default(field: dataclasses.Field) -> bool:
+    """Whether a field must be given to the constructor."""
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def _meant(name, known):

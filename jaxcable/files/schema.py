@@ -10,7 +10,6 @@ text: ``python -m jaxcable schema --save jaxcable/files/scene.schema.json`` writ
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -24,7 +23,7 @@ from ..loads.load import Load
 from ..materials.law import Law
 from ..model.supports import Supports
 from ..sections import Section
-from .codec import COMMENT, IMPLIED, TYPED, TYPES, stated
+from .codec import COMMENT, IMPLIED, TYPED, TYPES, has_no_default, stated
 from .examples import examples, snippets
 from .explained import explained, summary
 from .kinds import TAGS, Schema, closed, if_named, if_type, ref, tagged, tags, value
@@ -132,7 +131,7 @@ def _object(cls, defs):
     """The schema of the objects of a class; what the class is stands at its `type`."""
     name, told, bounds = cls.__name__, explained(cls, TYPES), _bounds(cls)
     fields = {field.name: _field(cls, field, told, bounds, defs) for field in stated(cls)}
-    needs = [field.name for field in stated(cls) if _needed(cls, field)]
+    needs = [f.name for f in stated(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
     named = cls not in (*IMPLIED.values(), Phase)
     kind: Schema = {"const": name, "description": f"{name}: {summary(cls)}"}
     shown = list(examples()["classes"].get(name, {}).values())
@@ -148,13 +147,6 @@ def _object(cls, defs):
         **together(cls),
         **({"examples": shown} if shown else {}),
     }
-
-
-def _needed(cls, field):
-    """Whether a field must be there."""
-    nothing = dataclasses.MISSING
-    bare = field.default is nothing and field.default_factory is nothing
-    return bare or (cls.__name__, field.name) in _NEEDED
 
 
 def _annotation(cls, field):
