@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.types import ArrayLike, Float, PyTree
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
+from ..files.doubts import counted
 from ..files.nets import Net
 from ..files.reading import FileError, number, read_json, whole
 from ..files.scene import FORMAT
@@ -224,8 +225,3 @@ def farthest(displacement: Float[ArrayLike, "n_node 3"]) -> tuple[float, str]:
     moved = np.linalg.norm(np.asarray(displacement), axis=1)
     node = int(moved.argmax())
     return float(moved[node]), f"{short(float(moved[node]))} m at node {node}"
-
-
-def counted(number: int, word: str) -> str:
-    """A number with its noun as text: 1 increment, 2 increments."""
-    return f"{number} {word}" + ("" if number == 1 else "s")
