@@ -159,12 +159,12 @@ def _annotation(cls, field):
 
 def _bounds(cls):
     """Bounds of numbers by field, from the rules of a class: above zero, or not below it."""
-    bare = object.__new__(cls)
-    vars(bare).update(dict.fromkeys(cls.__dataclass_fields__))
     limits = {(True, True): {"exclusiveMinimum": 0}, (True, False): {"minimum": 0}}
     found: dict[str, Schema] = {}
     # rules of a user's class may need its numbers
     with contextlib.suppress(AttributeError, IndexError, TypeError, ValueError):
+        bare = object.__new__(cls)
+        vars(bare).update(dict.fromkeys(cls.__dataclass_fields__))
         for rule in bare.rules() if hasattr(cls, "rules") else ():
             if rule.values is None:
                 broken = tuple(np.ravel(rule.broken(np.array([-1.0, 0.0]))))
