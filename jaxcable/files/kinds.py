@@ -87,7 +87,7 @@ def value(
     """
     for several, one in _MIXED.items():
         annotation = annotation.replace(several, one)
-    words = _alternatives(annotation)
+    words = _alternatives(ast.parse(annotation, mode="eval").body)
     null, nothing = (["null"], [None]) if "None" in words else ([], [])
     arrays: dict[str, list[tuple[str, ...]]] = {}
     for word in words:
@@ -120,15 +120,10 @@ def value(
 
 
 def _alternatives(annotation):
-    """The parts of an annotation that ``|`` joins, outside of brackets."""
-    parts, depth = [""], 0
-    for character in annotation:
-        depth += {"[": 1, "]": -1}.get(character, 0)
-        if character == "|" and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += character
-    return [part.strip() for part in parts]
+    """The parts of a parsed annotation that ``|`` joins, as texts."""
+    if isinstance(annotation, ast.BinOp):
+        return [*_alternatives(annotation.left), *_alternatives(annotation.right)]
+    return [ast.unparse(annotation)]
 
 
 def _shapes(kind, axes, each):

@@ -152,7 +152,7 @@ def _object(cls, defs):
 def _annotation(cls, field):
     """The annotation of a field as text; metadata without a value are set by the constructor."""
     kind = field.type  # text, but for a class without postponed annotations
-    text = kind if isinstance(kind, str) else getattr(kind, "__name__", "")
+    text = kind if isinstance(kind, str) else getattr(kind, "__name__", "Any")
     absent = field.default is None and field.name in getattr(cls, "_static_fields", ())
     return f"{text} | None" if absent and "None" not in text else text
 
