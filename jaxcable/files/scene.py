@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 
-from ..analysis.phases import Phase
+from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
 from ..common.writing import written
@@ -78,12 +78,7 @@ def save_scene(
         structure, phases = scene
     except (TypeError, ValueError):
         raise ValueError("scene: expected a Scene or a pair (structure, phases)") from None
-    if not isinstance(structure, Structure):
-        raise ValueError(f"scene: expected a Structure first, got {type(structure).__name__}")
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
-    for k, phase in enumerate(phases):
-        if not isinstance(phase, Phase):
-            raise ValueError(f"phases[{k}]: expected a Phase, got {type(phase).__name__}")
+    phases = as_phases(structure, phases)
     data = {
         "format": FORMAT,
         "version": VERSION,
