@@ -4,7 +4,6 @@ BIN := .venv/bin
 
 # scripts in experiments/ that `make studies` runs, two at a time, and then the one that takes times
 STUDIES := accession_curves bar_bank cable_bank slack_regions fuzz to_failure saddle_net hard_cases accuracy_cable flat_net_path hypar_net
-TIMED := work_precision
 
 .PHONY: demo test test-all test-more lint studies docs notebooks notebooks-test clean
 
@@ -26,7 +25,7 @@ test-more: .venv/installed-test
 
 studies: .venv/installed-test
 	$(MAKE) -j 2 $(STUDIES:%=study-%)
-	$(MAKE) $(TIMED:%=study-%)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/benchmark.py work_precision
 
 study-%: .venv/installed-test
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python experiments/$*.py

@@ -315,7 +315,7 @@ def bars():
 
 
 def seconds(*commands):
-    """Whole seconds that commands take together, as `first_screen.py` has noted them."""
+    """Whole seconds that commands take together, as the benchmark `first_screen` has noted them."""
     lines = (RESULTS / "first_screen.txt").read_text().splitlines()
     noted = dict(line.split(maxsplit=1)[::-1] for line in lines if len(line.split()) > 1)
     return f"{sum(float(noted[command]) for command in commands):.0f}"

@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 import jax
 import numpy as np
 from banks.hard_cases import CASES
-from record import Record, write
+from record import Record
 
 from jaxcable.common import status
 
@@ -103,9 +103,8 @@ def main():
     for text in failures:
         record(f"SILENT: {text}")
     record(f"\noutcomes that were not expected: {', '.join(unexpected) or 'none'}")
-    record.close()
     record(f"silent failures: {len(failures)}")
-    write(record.path, "\n".join(record.lines) + "\n")
+    record.close()
     return len(failures)
 
 

@@ -1,6 +1,6 @@
 """What does a displacement cost to a given error, with catenaries and with straight elements?
 
-Question   The isolated cable (`jaxcable.scenes.isolated_cable`) with one elastic catenary a span,
+Question   The isolated cable (`scenes.isolated_cable`) with one elastic catenary a span,
            and with 1 to 256 straight elements a span: time against error.
 Reference  Both spans as catenaries by Irvine's integrals, solved in 40 digits with mpmath, apart
            from the package; beside it the published displacement (Jayaraman and Knudson 1981).
@@ -22,10 +22,11 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import mpmath as mp
 import numpy as np
+import scenes
 from record import Record
+from scenes.cables import FOOT, POUND
 
 import jaxcable as jc
-from jaxcable.scenes.cables import FOOT, POUND
 
 jax.config.update("jax_enable_x64", True)
 
@@ -69,7 +70,7 @@ def reference():
 
 def analysis(n, tol):
     """Compiled function of the load: displacement of the loaded node in phase 2, and status."""
-    structure, phases = jc.scenes.isolated_cable(n)
+    structure, phases = scenes.isolated_cable(n)
     node = phases[1].loads.nodes.array[0]
 
     @jax.jit
@@ -149,7 +150,7 @@ def draw(cases, errors, middle, straight):
     left.margins(0.12)
     left.grid(alpha=0.3)
     left.legend()
-    structure, phases = jc.scenes.isolated_cable()
+    structure, phases = scenes.isolated_cable()
     for count, style, label in ((1, "--", "self-weight"), (2, "-", "and 8 kip")):
         solution = jc.solve(structure, phases[:count])
         curves = np.asarray(jc.forms.catenary_curves(structure, solution, 41))

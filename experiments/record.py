@@ -15,12 +15,28 @@ def commit():
 
     def git(*arguments):
         run = subprocess.run(
-            ["git", *arguments], capture_output=True, text=True, cwd=RESULTS.parent.parent
+            ["git", *arguments], capture_output=True, text=True, cwd=Path(__file__).parent.parent
         )
         return run.stdout.strip()
 
     changed = git("status", "--porcelain", "--", ".", ":!experiments/results")
     return git("rev-parse", "--short", "HEAD") + ("-dirty" if changed else "")
+
+
+def machine():
+    """What figures belong to: processor, cores, versions, commit."""
+    import jax
+    import numpy as np
+    import scipy
+
+    information = Path("/proc/cpuinfo")  # of Linux
+    lines = information.read_text().splitlines() if information.exists() else []
+    names = [line.split(":")[1].strip() for line in lines if line.startswith("model name")]
+    return (
+        f"{names[0] if names else platform.machine()}, {os.cpu_count()} cores; "
+        f"Python {platform.python_version()}, jax {jax.__version__}, numpy {np.__version__}, "
+        f"scipy {scipy.__version__}; commit {commit()}"
+    )
 
 
 def write(path, content, dpi=130):
@@ -37,31 +53,25 @@ def write(path, content, dpi=130):
 
 
 class Record:
-    """Prints lines, and keeps them for `results/NAME.txt`, which `close` writes.
+    """Prints text, and keeps it for `results/NAME.txt`, which `close` writes.
 
     It begins with the machine, the versions and the commit.
     """
 
     def __init__(self, name):
-        import jax
-        import numpy as np
-
         self.path = RESULTS / f"{name}.txt"
         self.picture = RESULTS / f"{name}.png"
-        self.lines, self.begin = [], time.perf_counter()
-        self(
-            f"{platform.machine()}, {os.cpu_count()} cores; Python {platform.python_version()}, "
-            f"jax {jax.__version__}, numpy {np.__version__}; commit {commit()}"
-        )
+        self.text, self.begin = "", time.perf_counter()
+        self(machine())
 
-    def __call__(self, line=""):
-        print(line)
+    def __call__(self, text="", end="\n"):
+        print(text, end=end)
         sys.stdout.flush()
-        self.lines.append(line)
+        self.text += text + end
 
     def close(self, figure=None):
         """Write the table, and the picture if there is one."""
         self(f"\n{time.perf_counter() - self.begin:.0f} s in all, compilation included")
-        write(self.path, "\n".join(self.lines) + "\n")
+        write(self.path, self.text)
         if figure is not None:
             write(self.picture, figure)

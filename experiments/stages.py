@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+import scenes
 from record import Record
 
 import jaxcable as jc
@@ -34,7 +35,7 @@ matplotlib.use("Agg")
 N = 6  # segments on either side
 M = N - 1  # stays
 BASE = M + 3  # number of the first node of the deck
-STRUCTURE, PHASES = jc.scenes.cable_stayed_bridge(N)
+STRUCTURE, PHASES = scenes.cable_stayed_bridge(N)
 LEVEL = jc.design.Target("positions", 0.0, at=np.s_[BASE : BASE + 2 * M, 2], within=1e-4)
 PLANNED = np.array([float(PHASES[k].jacking["stays"].values[0]) for k in range(M)])  # N
 
@@ -192,7 +193,7 @@ def cantilever(n):
 
 def lost(record):
     """A stay of the finished bridge is lost, beside OpenSees."""
-    structure, _ = jc.scenes.cable_stayed_bridge(N, stages=False)
+    structure, _ = scenes.cable_stayed_bridge(N, stages=False)
     groups = {name: jc.replace(group, weight=None) for name, group in structure.elements.items()}
     structure = jc.replace(structure, elements=groups)
     forces = np.zeros((structure.n_node, 3))

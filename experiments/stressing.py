@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
+import scenes
 from record import Record
 from scipy.optimize import linprog
 
@@ -41,7 +42,7 @@ NOTHING = {"pylon": None, "deck": None}
 
 def on_falsework():
     """The bridge, props under its deck that only press, and the lengths of its stays."""
-    bridge, phases = jc.scenes.cable_stayed_bridge(N, stages=False)
+    bridge, phases = scenes.cable_stayed_bridge(N, stages=False)
     ends = np.arange(BASE, BASE + 2 * M)
     feet = np.array(bridge.nodes)[ends] - [0.0, 0.0, 20.0]
     pressing = jc.Polygonal([-0.01, 0.0, 0.01], [-21e8, 0.0, 21e2])  # next to nothing in tension
@@ -126,7 +127,7 @@ ORDERS = np.arange(M), np.arange(M)[::-1]
 
 def strands(record, count=4):
     """The longest stay on the right in strands, each stressed once."""
-    bridge, phases = jc.scenes.cable_stayed_bridge(N, stages=False)
+    bridge, phases = scenes.cable_stayed_bridge(N, stages=False)
     stays = bridge.elements["stays"]
     others, last = np.arange(2 * M - 1), 2 * M - 1
     keep = jc.Cables(
@@ -175,7 +176,7 @@ def strands(record, count=4):
 
 def again(record, cases=200, slip=20e-3, within=3e-3):
     """Least number of stays that are to be stressed again, for bridges with random errors."""
-    bridge, phases = jc.scenes.cable_stayed_bridge(N, stages=False)
+    bridge, phases = scenes.cable_stayed_bridge(N, stages=False)
     planned = np.asarray(phases[0].pretension["stays"])
 
     def built(change):

@@ -21,10 +21,10 @@ import matplotlib.pyplot as plt
 import mpmath
 import numpy as np
 import rods
+import scenes
 from record import Record
 
 import jaxcable as jc
-from jaxcable import scenes
 
 jax.config.update("jax_enable_x64", True)
 
@@ -53,7 +53,7 @@ def truss_limit(rise, b=1.0, ea=1e6):
 def shallow(say):
     """The truss of von Mises and its derivative."""
     mpmath.mp.dps = 60
-    path, seconds = traced(scenes.von_mises_truss())
+    path, seconds = traced(jc.scenes.von_mises_truss())
     exact = float(truss_limit(mpmath.mpf("0.1")))
     height = 0.1 + np.asarray(path.displacement)[:, 1, 2]
     off = np.abs(500 * path.load_factor - truss_load(height)).max() / exact
@@ -68,7 +68,7 @@ def shallow(say):
 
 def print_derivative(say):
     """Derivative of the limit load by rise, half-span and EA."""
-    structure, phases = scenes.von_mises_truss()
+    structure, phases = jc.scenes.von_mises_truss()
 
     @jax.jit
     def load(p):
@@ -106,7 +106,7 @@ def print_derivative(say):
 
 def steep(say):
     """Limit and branch points of a steep truss that may sway."""
-    path, seconds = traced(scenes.von_mises_truss(rise=3.0, load=1e6, sway=True))
+    path, seconds = traced(jc.scenes.von_mises_truss(rise=3.0, load=1e6, sway=True))
     l0 = np.sqrt(10.0)
     roots = sorted(np.real(np.roots([1, -l0, 0, l0])))[:0:-1]
     first, second = (truss_load(np.sqrt(l * l - 1), rise=3.0) for l in roots)
@@ -126,7 +126,7 @@ def steep(say):
 
 def hanger(say):
     """Snap-back behind a soft hanger."""
-    path, seconds = traced(scenes.von_mises_truss(hanger=2e3))
+    path, seconds = traced(jc.scenes.von_mises_truss(hanger=2e3))
     apex, end = np.asarray(path.displacement)[:, [1, 3], 2].T
     force = 500 * np.asarray(path.load_factor)
     off = max(np.abs(truss_load(0.1 + apex) - force).max(), np.abs(apex - end - force / 2e3).max())
@@ -177,10 +177,10 @@ def column(say):
     euler = np.pi**2 * ei / length**2
     for n in (4, 8):
         z = np.linspace(0, length, n + 1)
-        section = scenes.snapping.solid(1.0, 1.0 / (2e4 * euler / ei), 2e4 * euler)
+        section = scenes.frames.solid(1.0, 1.0 / (2e4 * euler / ei), 2e4 * euler)
         links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
         beams = jc.Beams(links, section=section, torsional_stiffness=ei)
-        held = scenes.snapping.in_plane(n + 1).mask.array.copy()
+        held = scenes.frames.in_plane(n + 1).mask.array.copy()
         held[0, :3] = held[n, :2] = True
         structure = jc.Structure(np.column_stack([0 * z, 0 * z, z]), beams, jc.Supports(held))
         load = jc.Phase(loads=jc.NodalLoads([n], (0, 0, -1.5 * euler)))

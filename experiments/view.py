@@ -17,6 +17,7 @@ import time
 from pathlib import Path
 
 import jax
+import scenes
 from record import RESULTS, Record
 
 import jaxcable as jc
@@ -117,7 +118,7 @@ PICTURES = [  # name, scene, its options, controls, what else is done, options o
 def pictures():
     with tempfile.TemporaryDirectory() as folder, browser.started() as own:
         for name, scene, numbers, controls, script, options in PICTURES:
-            made = getattr(jc.scenes, scene)(**numbers)
+            made = scenes.EVERY[scene](**numbers)
             path, _ = written(Path(folder), name, made, title=scene.replace("_", " "))
             with browser.opened(own, path, **options) as page:
                 page.evaluate(f"() => {{ {put(**controls)} }}")

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.phases import ABSOLUTE, Phase, spread
+from ..analysis.by_group import spread
+from ..analysis.phases import ABSOLUTE, Phase
 from ..common import status
 from ..common.progress import SHOW, compiling
 from ..common.selection import Only

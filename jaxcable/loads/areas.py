@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Literal
 
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
 from ..common import checks
-from ..common.tree import copy, pytree
+from ..common.tree import copy, put, pytree
 from ..common.types import Array, ArrayLike, Float, Int
-from ..elements.element import Element
 from ..model.structure import Structure
 from ..numerics import scaled
 from . import faces as _faces
-from .along import check_geometry, padded, room
-from .load import Measured, OwnState
+from .along import check_geometry, padded
+from .load import Groups, Measured, OnEveryNode, Positions, States
 
 PER = ("projected", "initial")
 
@@ -64,25 +62,15 @@ class AreaLoads(Measured):
     )
 
     def __post_init__(self):
-        object.__setattr__(self, "faces", _faces.checked(self.faces))
-        forces = checks.floats(self.forces, "forces")
-        if forces.shape not in ((3,), (len(self.faces), 3)):
-            raise ValueError(
-                f"forces: expected shape (3,) or ({len(self.faces)}, 3), got {forces.shape}"
-            )
-        object.__setattr__(self, "forces", forces)
-        object.__setattr__(self, "factor", checks.scalar(self.factor, "factor"))
-        if self.per not in PER:
-            raise ValueError(f"per = {self.per!r}: expected one of {', '.join(PER)}")
+        put(self, faces=_faces.checked(self.faces))
+        forces = checks.shaped(self.forces, "forces", (3,), (len(self.faces), 3))
+        put(self, forces=forces, factor=checks.scalar(self.factor, "factor"))
+        checks.one_of(self.per, "per", PER)
         check_geometry(self.geometry, self.per)
 
     def check(self, structure: Structure) -> None:
         """Raise ValueError if a node is unknown to the structure."""
         _faces.known(self.faces, structure)
-
-    def among(self, structure: Structure) -> AreaLoads:
-        """The load with an array for the nodes at the beginning of its phase, if it needs them."""
-        return copy(self, begun=room(self.geometry, structure))
 
     def scaled(self, factor: Float[ArrayLike, ""]) -> AreaLoads:
         """The load times `factor`."""
@@ -90,12 +78,12 @@ class AreaLoads(Measured):
 
     def element_forces(
         self,
-        groups: Sequence[Element],
-        states: Sequence[OwnState],
-        nodes: Float[Array, "n_row 3"],
+        groups: Groups,
+        states: States,
+        nodes: Positions,
         shape: tuple[int, int],
         dtype: DTypeLike,
-    ) -> Float[Array, "n_row n_freedom"]:
+    ) -> OnEveryNode:
         """Force on every node, of `shape`, N."""
         corners = self.measured(nodes)[self.faces]
         per_area = jnp.broadcast_to(self.forces.astype(dtype), (len(corners), 3))

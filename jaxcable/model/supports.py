@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..common import checks
-from ..common.tree import Indices, pytree
+from ..common.tree import Indices, put, pytree
 from ..common.types import ArrayLike, Bool, Float, Int
 from .spins import Spins
 
@@ -99,16 +99,13 @@ class Supports:
                 "Supports: nothing is held; give nodes or clamps (node numbers), chosen with held, "
                 "or a mask [n_node, 3]"
             )
-        names = {"nodes": "pinned", "clamps": "clamped", "chosen": "restrained"}
-        for name, words in names.items():
+        numbers = {"nodes": "pinned", "clamps": "clamped", "chosen": "restrained"}
+        for name in (*numbers, "held", "axes"):
             value = getattr(self, name)
             if value is not None and not isinstance(value, Indices):
-                value = checks.integers(value, words + " nodes")
-                object.__setattr__(self, name, Indices(value))
-        for name in ("held", "axes"):
-            value = getattr(self, name)
-            if value is not None and not isinstance(value, Indices):
-                object.__setattr__(self, name, Indices(value))
+                if name in numbers:
+                    value = checks.integers(value, f"{numbers[name]} nodes")
+                put(self, **{name: Indices(value)})
         self._check_directions()
         if self.mask is not None and not isinstance(self.mask, Indices):
             mask = np.asarray(self.mask)
@@ -117,7 +114,7 @@ class Supports:
                     f"supports mask: expected booleans [n_node, {N_FREEDOM}] or [n_node, 6], "
                     f"got {mask.dtype} {mask.shape}; for node numbers use pinned(nodes)"
                 )
-            object.__setattr__(self, "mask", Indices(mask))
+            put(self, mask=Indices(mask))
 
     def _check_directions(self):
         """Put in default `axes`; raise ValueError unless `chosen` and `held` are given in shape."""
@@ -131,7 +128,7 @@ class Supports:
                 )
         if self.axes is None:
             axes = np.tile(np.eye(3), (len(self.chosen), 1, 1))
-            object.__setattr__(self, "axes", Indices(axes))
+            put(self, axes=Indices(axes))
         count = len(self.chosen)
         if self.held.shape != (count, 6) or self.held.array.dtype != bool:
             raise ValueError(f"supports held: expected booleans [{count}, 6]")

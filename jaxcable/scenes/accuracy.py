@@ -7,10 +7,9 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..common.types import Float
 from ..elements import Cables
-from ..loads import NodalLoads
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .nets import Scene
+from .parts import Scene, chain, downward
 
 LENGTH = 15.0  # m, unstressed
 SPAN = 14.90  # m, identified from published displacements, see `accuracy_cable`
@@ -60,17 +59,15 @@ def accuracy_cable(
     else:
         nodes, loaded = corners, np.arange(1, 5)
     n = n_elements
-    links = np.column_stack([np.arange(n), np.arange(1, n + 1)])
     mask = np.zeros((n + 1, 3), bool)
     mask[:, 1] = True
     mask[[0, n]] = True
-    structure = Structure(
-        nodes, Cables(links, axial_stiffness=500e-6 * 105e9), supports=Supports(mask)
-    )
+    cables = Cables(chain(range(n + 1)), axial_stiffness=500e-6 * 105e9)
+    structure = Structure(nodes, cables, supports=Supports(mask))
     return Scene(
         structure,
         [
-            Phase(loads=NodalLoads(loaded, (0.0, 0.0, -load)), increments=k)
+            Phase(loads=downward(loaded, load), increments=k)
             for load, k in zip(loads, increments, strict=True)
         ],
     )

@@ -10,13 +10,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.phases import Phase
 from ..common.types import Float, Int
 from ..elements import Cables
-from ..loads import NodalLoads
-from ..model.structure import Structure
-from ..model.supports import pinned
-from .nets import Scene, grid
+from .nets import anchored, flat, grid
+from .parts import Scene, downward, two_phases
 
 NODE_NAMES = (5, 6, 7, 10, 11, 12, 15, 16, 17, 20, 21, 22)
 """Names of the free nodes in the paper, along x first."""
@@ -48,8 +45,7 @@ Source: Mihanovic, Trogrlic, Zivaljic (2011), Table 3, with its reference number
 def plan() -> tuple[Float[np.ndarray, "26 3"], Int[np.ndarray, "31 2"], Int[np.ndarray, " 12"]]:
     """The identified plan: nodes [26, 3], links [31, 2], free node numbers [12]."""
     places, links, free = grid(3, 4)
-    nodes = np.zeros((len(places), 3))
-    nodes[:, :2] = 0.4 * places
+    nodes = flat(0.4 * places)
     nodes[places[:, 0] == 4, 0] = 1.2 + 0.795
     nodes[places[:, 1] == 5, 1] = 1.6 + 1.084
     return nodes, links, free
@@ -96,12 +92,5 @@ def hypar_net(disturbed: bool = True, increments: tuple[int, int] = (100, 10)) -
         places = grid(3, 4)[0]
         nodes[free] += disturbance(places[free])
     loaded = [n for n, name in zip(free, NODE_NAMES, strict=True) if name not in UNLOADED]
-    anchors = np.setdiff1d(np.arange(len(nodes)), free)
-    structure = Structure(nodes, Cables(links, axial_stiffness=100.72e3), supports=pinned(anchors))
-    return Scene(
-        structure,
-        [
-            Phase(jacking=200.0, increments=increments[0]),
-            Phase(loads=NodalLoads(loaded, (0.0, 0.0, -15.7)), increments=increments[1]),
-        ],
-    )
+    structure = anchored(nodes, Cables(links, axial_stiffness=100.72e3), free)
+    return two_phases(structure, increments, downward(loaded, 15.7), jacking=200.0)

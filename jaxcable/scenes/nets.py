@@ -2,34 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from ..analysis.phases import Phase
-from ..common.types import Int
+from ..common.types import Float, Int
 from ..elements import Cables
-from ..loads import NodalLoads
 from ..model.structure import Structure
 from ..model.supports import pinned
-
-
-class Scene(NamedTuple):
-    """A structure and the phases of its analysis: ``jc.solve(*scene)``.
-
-    Attributes:
-        structure: `Structure`.
-        phases: list of `Phase`.
-
-    Example:
-        >>> scene = jc.scenes.flat_net(load=15.0)
-        >>> structure, phases = scene
-        >>> int(jc.solve(*scene).status), structure.n_node, len(phases)
-        (0, 12, 2)
-    """
-
-    structure: Structure
-    phases: list[Phase]
+from .parts import Scene, downward, two_phases
 
 
 def grid(
@@ -49,6 +28,18 @@ def grid(
     along_y = [(number[i, j], number[i, j + 1]) for i in range(1, n_x + 1) for j in range(n_y + 1)]
     free = [number[i, j] for j in range(1, n_y + 1) for i in range(1, n_x + 1)]
     return np.array(places), np.array(along_x + along_y), np.array(free)
+
+
+def flat(plan: Float[np.ndarray, "n_node 2"]) -> Float[np.ndarray, "n_node 3"]:
+    """Places in plan, x and y, at the height 0."""
+    return np.column_stack([plan, np.zeros(len(plan))])
+
+
+def anchored(
+    nodes: Float[np.ndarray, "n_node 3"], cables: Cables, free: Int[np.ndarray, " n_free"]
+) -> Structure:
+    """Net all nodes of which are pinned but the free ones."""
+    return Structure(nodes, cables, supports=pinned(np.setdiff1d(np.arange(len(nodes)), free)))
 
 
 def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scene:
@@ -72,16 +63,8 @@ def flat_net(load: float = 150.0, increments: tuple[int, int] = (1, 10)) -> Scen
         converged: -0.012838093 m
     """
     places, links, free = grid(2, 2)
-    nodes = np.column_stack([0.4 * places, np.zeros(len(places))])
-    anchors = np.setdiff1d(np.arange(len(nodes)), free)
-    structure = Structure(nodes, Cables(links, axial_stiffness=97.97e3), supports=pinned(anchors))
-    return Scene(
-        structure,
-        [
-            Phase(pretension=200.0, increments=increments[0]),
-            Phase(loads=NodalLoads(free, (0.0, 0.0, -load)), increments=increments[1]),
-        ],
-    )
+    structure = anchored(flat(0.4 * places), Cables(links, axial_stiffness=97.97e3), free)
+    return two_phases(structure, increments, downward(free, load), pretension=200.0)
 
 
 def saddle(
@@ -129,15 +112,6 @@ def saddle(
     x, y = spacing * places.T
     span_x, span_y = spacing * (n_x + 1), spacing * (n_y + 1)
     z = rise * (span_x * (2 * x / span_x - 1) ** 2 - span_y * (2 * y / span_y - 1) ** 2)
-    nodes = np.column_stack([x, y, z])
-    anchors = np.setdiff1d(np.arange(len(nodes)), free)
-    structure = Structure(
-        nodes, Cables(links, axial_stiffness=axial_stiffness), supports=pinned(anchors)
-    )
-    return Scene(
-        structure,
-        [
-            Phase(pretension=pretension, increments=increments[0]),
-            Phase(loads=NodalLoads(free, (0.0, 0.0, -load)), increments=increments[1]),
-        ],
-    )
+    cables = Cables(links, axial_stiffness=axial_stiffness)
+    structure = anchored(np.column_stack([x, y, z]), cables, free)
+    return two_phases(structure, increments, downward(free, load), pretension=pretension)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ..analysis.phases import Phase
+from ..common.tree import replace
 from ..elements import Cables
-from ..loads import NodalLoads
 from ..materials import Elastic
 from ..materials.law import Law
-from ..model.structure import Structure
-from ..model.supports import pinned
 from ..sections import Section
-from .nets import Scene, grid
+from .nets import saddle
+from .parts import Scene
 
 DIAMETER = 0.05  # m: the paper's area is 19.63 cm2
 
@@ -58,19 +54,9 @@ def saddle_net(
         >>> structure.n_node, len(structure.elements.links), structure.elements.section.n_fibre
         (132, 201, 100)
     """
-    places, links, free = grid(15, 6)
-    x, y = spacing * places.T
-    span_x, span_y = spacing * 16, spacing * 7
-    z = rise * (span_x * (2 * x / span_x - 1) ** 2 - span_y * (2 * y / span_y - 1) ** 2)
+    structure, phases = saddle(
+        15, 6, spacing, rise, pretension=pretension, load=load, increments=increments
+    )
     section = Section.disc(DIAMETER, Elastic(210e9) if law is None else law, shape)
-    anchors = np.setdiff1d(np.arange(len(places)), free)
-    structure = Structure(
-        np.column_stack([x, y, z]), Cables(links, section=section), supports=pinned(anchors)
-    )
-    return Scene(
-        structure,
-        [
-            Phase(pretension=pretension, increments=increments[0]),
-            Phase(loads=NodalLoads(free, (0.0, 0.0, -load)), increments=increments[1]),
-        ],
-    )
+    cables = Cables(structure.elements.links, section=section)
+    return Scene(replace(structure, elements=cables), phases)

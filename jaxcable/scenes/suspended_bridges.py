@@ -7,12 +7,20 @@ import numpy as np
 from ..analysis.phases import Phase
 from ..common.selection import only
 from ..elements import Bars, Beams, Cables
-from ..loads import NodalLoads, SelfWeight
+from ..loads import SelfWeight
 from ..model.structure import Structure
 from ..model.supports import pinned, restrained
-from .bridges import STEEL, STRAND, STRESS, hollow
-from .masts import STEEL_WEIGHT
-from .nets import Scene
+from .parts import (
+    STEEL,
+    STEEL_WEIGHT,
+    STRAND,
+    STRESS,
+    Scene,
+    chain,
+    downward,
+    hollow,
+    require_positive,
+)
 
 _PIER = 4.0  # height of the deck above the feet of the pylons, m
 _ROUNDS = 50  # of statics; weights of cables and hangers are little beside that of the deck
@@ -68,9 +76,7 @@ def suspension_footbridge(
     """
     if n < 4 or n % 2:
         raise ValueError(f"n = {n}: must be even, and at least 4")
-    for name, value in (("span", span), ("sag", sag), ("dead", dead), ("planks", planks)):
-        if not value > 0:
-            raise ValueError(f"{name} = {value!r}: must be positive")
+    require_positive(span=span, sag=sag, dead=dead, planks=planks)
     x = np.linspace(-span / 2, span / 2, n + 1)
     height, posts, strands, hung = _statics(x, span, sag, dead)
     back = x[-1] + span / 3
@@ -79,22 +85,20 @@ def suspension_footbridge(
     nodes[2:4, 2], nodes[4:6, 2] = -_PIER, height[[0, -1]]
     on_cable, on_deck = 6 + np.arange(n - 1), 5 + n + np.arange(n + 1)
     nodes[on_cable, 0], nodes[on_cable, 2], nodes[on_deck, 0] = x[1:-1], height[1:-1], x
-    ridge = [0, 4, *on_cable, 5, 1]
     hangers = np.column_stack([on_cable, on_deck[1:-1]])
-    girder = np.column_stack([on_deck[:-1], on_deck[1:]])
     elements = {
         "pylons": Bars([[2, 4], [3, 5]], **posts),
-        "cables": Cables(np.column_stack([ridge[:-1], ridge[1:]]), **strands),
+        "cables": Cables(chain([0, 4, *on_cable, 5, 1]), **strands),
         "hangers": Cables(hangers, **hung),
-        "girder": Beams(girder, **hollow(0.4, 0.5, 0.01)),
+        "girder": Beams(chain(on_deck), **hollow(0.4, 0.5, 0.01)),
     }
     abutments = restrained(on_deck[:1], "xyz", "x") + restrained(on_deck[-1:], "yz", "x")
     supports = pinned([0, 1, 2, 3]) + restrained([4, 5], "y") + abutments
     structure = Structure(nodes, elements, supports=supports)
-    laid = NodalLoads(on_deck[1:-1], (0.0, 0.0, -planks * span / n))
+    laid = downward(on_deck[1:-1], planks * span / n)
     segment = dead * span / n
     if not stages:
-        deck = NodalLoads(on_deck[1:-1], (0.0, 0.0, -segment))
+        deck = downward(on_deck[1:-1], segment)
         return Scene(structure, [Phase(loads=[SelfWeight(), deck]), Phase(loads=laid)])
     nothing = {"pylons": None, "cables": None, "girder": None}
     phases, middle = [Phase(loads=SelfWeight())], n // 2
@@ -103,12 +107,11 @@ def suspension_footbridge(
         adds = only([j - 1 for j in new]) if k < middle else None  # abutments have no hangers
         ends = [j for s in (-1, 1) for j in (middle + s * (k - 1), middle + s * k) if 0 < j < n]
         at, halves = np.unique(ends, return_counts=True)
-        weight = np.outer(halves, [0.0, 0.0, -0.5 * segment])
         phases.append(
             Phase(
                 adds=None if adds is None else {**nothing, "hangers": adds},
                 placed="attached",
-                loads=NodalLoads(on_deck[at], weight),
+                loads=downward(on_deck[at], 0.5 * segment * halves),
             )
         )
     return Scene(structure, [*phases, Phase(adds="girder"), Phase(loads=laid)])

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.phases import Phase
 from ..elements import Bars, Cables
-from ..loads import NodalLoads
 from ..model.structure import Structure
 from ..model.supports import Supports
-from .nets import Scene
+from .parts import Scene, around, chain, downward, require_positive, two_phases
 
 TWIST = np.pi / 6
 """Angle by which the upper triangle is turned relative to the lower one, rad."""
@@ -72,45 +70,24 @@ def simplex(
         >>> print({kind: round(float(q / density["verticals"]), 6) for kind, q in density.items()})
         {'struts': -1.0, 'triangles': 0.57735, 'verticals': 1.0}
     """
-    for name, value in (("radius", radius), ("height", height), ("pretension", pretension)):
-        if not value > 0:
-            raise ValueError(f"{name} = {value}: must be positive")
-    around = 2 * np.pi * np.arange(3) / 3
-
-    def ring(start, z):
-        angle = start + around
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(3, z)])
-
-    nodes = np.concatenate([ring(0.0, 0.0), ring(twist, height)])
+    require_positive(radius=radius, height=height, pretension=pretension)
+    angle = 2 * np.pi * np.arange(3) / 3
+    nodes = np.concatenate([around(radius, angle, 0.0), around(radius, twist + angle, height)])
     lower = np.arange(3)
-    ahead = (lower + 1) % 3
-    sides = np.column_stack([lower, ahead])
+    sides = chain(lower, closed=True)
     held = np.zeros((6, 3), bool)
     held[0] = held[1, 0] = held[:3, 2] = True  # node 1 cannot turn about node 0
-    structure = Structure(
-        nodes,
-        {
-            "triangles": Cables(
-                np.concatenate([sides, sides + 3]), axial_stiffness=cable_stiffness
-            ),
-            "verticals": Cables(
-                np.column_stack([lower, lower + 3]), axial_stiffness=cable_stiffness
-            ),
-            "struts": Bars(np.column_stack([lower, ahead + 3]), axial_stiffness=strut_stiffness),
-        },
-        supports=Supports(held),
-    )
+    triangles, verticals = np.concatenate([sides, sides + 3]), np.column_stack([lower, lower + 3])
+    struts = sides + np.array([0, 3])
+    elements = {
+        "triangles": Cables(triangles, axial_stiffness=cable_stiffness),
+        "verticals": Cables(verticals, axial_stiffness=cable_stiffness),
+        "struts": Bars(struts, axial_stiffness=strut_stiffness),
+    }
     q = pretension / np.linalg.norm(nodes[3] - nodes[0])
-    return Scene(
-        structure,
-        [
-            Phase(
-                force_density={"triangles": q / np.sqrt(3.0), "verticals": q, "struts": -q},
-                increments=increments[0],
-            ),
-            Phase(
-                loads=NodalLoads([3, 4, 5], (0.0, 0.0, -load)),
-                increments=increments[1],
-            ),
-        ],
+    return two_phases(
+        Structure(nodes, elements, supports=Supports(held)),
+        increments,
+        downward([3, 4, 5], load),
+        force_density={"triangles": q / np.sqrt(3.0), "verticals": q, "struts": -q},
     )

@@ -8,12 +8,20 @@ from ..analysis.phases import Phase
 from ..common import checks
 from ..common.tree import replace
 from ..elements import Bars, Cables
-from ..loads import NodalLoads, SelfWeight
+from ..loads import SelfWeight
 from ..model.structure import Structure
 from ..model.supports import restrained
-from .bridges import STEEL, STRAND, STRESS
-from .masts import STEEL_WEIGHT
-from .nets import Scene
+from .parts import (
+    STEEL,
+    STEEL_WEIGHT,
+    STRAND,
+    STRESS,
+    Scene,
+    around,
+    chain,
+    downward,
+    require_positive,
+)
 
 
 def roof_ring(
@@ -71,36 +79,30 @@ def roof_ring(
     """
     checks.whole(n, "n", least=3)
     checks.whole(lifts, "lifts")
-    sizes = {"drop": drop, "radius": radius, "hub": hub, "height": height, "pretension": pretension}
-    for name, value in sizes.items():
-        if not value > 0:
-            raise ValueError(f"{name} = {value!r}: must be positive")
+    require_positive(drop=drop, radius=radius, hub=hub, height=height, pretension=pretension)
     if not hub < radius:
         raise ValueError(f"hub = {hub}: must be less than the radius of the rings, {radius}")
     angle = 2 * np.pi * np.arange(n) / n
-    outward = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    around = np.column_stack([-np.sin(angle), np.cos(angle), 0 * angle])
-    up = np.array([0.0, 0.0, 1.0])
-    nodes = np.concatenate(
-        [radius * outward + 0.5 * height * up, radius * outward - 0.5 * height * up, hub * outward]
-    )
+    rings = (radius, 0.5 * height), (radius, -0.5 * height), (hub, 0.0)
+    nodes = np.concatenate([around(r, angle, z) for r, z in rings])
     number = np.arange(n)
     upper, lower, inner = number, n + number, 2 * n + number
     parts, short = _statics(n, radius, hub, height, pretension)
-    rings = [np.column_stack([ring, np.roll(ring, -1)]) for ring in (upper, lower, inner)]
+    compressed = np.concatenate([chain(upper, closed=True), chain(lower, closed=True)])
     elements = {
-        "rings": Bars(np.concatenate(rings[:2]), **parts["rings"]),
-        "hub": Cables(rings[2], **parts["hub"]),
+        "rings": Bars(compressed, **parts["rings"]),
+        "hub": Cables(chain(inner, closed=True), **parts["hub"]),
         "upper": Cables(np.column_stack([inner, upper]), **parts["upper"]),
         "lower": Cables(np.column_stack([inner, lower]), **parts["lower"]),
     }
-    axes = np.stack([outward, around, np.broadcast_to(up, outward.shape)], axis=1)
+    outward, up = around(1.0, angle, 0.0), np.array([0.0, 0.0, 1.0])
+    axes = np.stack([outward, np.cross(up, outward), np.broadcast_to(up, outward.shape)], axis=1)
     bearings = restrained(np.concatenate([upper, lower]), "yz", axes=np.concatenate([axes, axes]))
     structure = Structure(nodes, elements, supports=bearings)
     nothing = dict.fromkeys(elements)
     pulled = {**nothing, "lower": short["lower"]}
     share = 0.5 * load * np.pi * (radius**2 - hub**2) / n
-    roof = Phase(loads=NodalLoads(inner, (0.0, 0.0, -share)))
+    roof = Phase(loads=downward(inner, share))
     if not stages:
         return Scene(structure, [Phase(rest_length=pulled, loads=SelfWeight()), roof])
     strand = np.hypot(radius - hub, 0.5 * height + drop) - np.hypot(radius - hub, 0.5 * height)

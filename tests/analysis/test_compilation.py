@@ -5,6 +5,7 @@ import json
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -14,6 +15,7 @@ import jaxcable as jc
 from jaxcable.analysis import solver
 from jaxcable.common import compilation, jax_internals
 
+EXPERIMENTS = Path(__file__).parents[2] / "experiments"
 STRUCTURE, (PRESTRESS, LOADING) = jc.scenes.flat_net()
 
 
@@ -101,10 +103,12 @@ before = dict(jax.config.values)
 import jaxcable as jc
 
 assert dict(jax.config.values) == before  # importing changes nothing
+sys.path.append(sys.argv.pop(1))
+import scenes
 jax.config.update("jax_enable_x64", True)
 counts = {}
 for name in sys.argv[1:]:
-    structure, phases = getattr(jc.scenes, name)()[:2]
+    structure, phases = scenes.EVERY[name]()[:2]
 
     def sum_of(nodes):
         return jc.solve(jc.replace(structure, nodes=nodes), phases).displacement.sum()
@@ -122,7 +126,7 @@ def line_counts():
 
     Lowered in a process of its own: what a process has traced before changes them by some lines.
     """
-    command = [sys.executable, "-c", COUNTED, *LINES]
+    command = [sys.executable, "-c", COUNTED, str(EXPERIMENTS), *LINES]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)

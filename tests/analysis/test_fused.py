@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 from banks.net_bank import drawn
 from conftest import FUSED
 
@@ -23,7 +24,7 @@ fused = pytest.mark.skipif(not FUSED, reason="needs FUSED_LOOPS=1, see `make tes
 NETS = {
     "saddle": lambda: jc.scenes.saddle(3, 3),
     "hypar_net": jc.scenes.hypar_net,  # with jacks
-    "isolated_cable": jc.scenes.isolated_cable,
+    "isolated_cable": scenes.isolated_cable,
 }
 
 SCRIPT = """
@@ -142,7 +143,7 @@ def test_only_nets_are_solved_so():
 
     assert [solver(make()[:2]) for make in NETS.values()] == ["rolling"] * len(NETS)
     assert solver(jc.scenes.saddle(3, 3), to_end=False) == "dense"  # a path may become unstable
-    assert solver(jc.scenes.geiger_dome()[:2]) == "dense"  # has struts
+    assert solver(scenes.geiger_dome()[:2]) == "dense"  # has struts
     assert solver(jc.scenes.saddle(20, 20)) in ("superlu", "pardiso")  # of too large a bandwidth
 
 

@@ -3,7 +3,7 @@
     python tests/banks/waiting_programs.py frames --calls 50
 
 runs one of them, with other numbers in every call, and prints how many calls ended. Whoever starts
-it sets a time limit: `test_waiting.py`, `experiments/waiting.py`.
+it sets a time limit: `test_waiting.py`, `experiments/benchmark.py waiting`.
 """
 
 import argparse

@@ -14,6 +14,7 @@ import jax
 import jsonschema
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.cli import main
@@ -449,7 +450,7 @@ def test_wrong_words_end_with_status_2(scene, refused):
         with pytest.raises(SystemExit) as ended:
             command(words)
         assert ended.value.code == 2
-    jc.save_scene("mast.json", jc.scenes.isolated_cable())
+    jc.save_scene("mast.json", scenes.isolated_cable())
     for words, message in (
         ("solve nothing.json", "nothing.json: No such file or directory"),
         ("solve .", ".: Is a directory"),

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.cli import derived, main
@@ -113,7 +114,7 @@ def test_pictures_pages_and_schemas_that_nobody_has_named_are_known_by_their_mar
 def test_tables_of_this_program_are_known_and_replaced(tmp_path, monkeypatch, capsys):
     """As they are written, for cables and for beams; the same command may run again."""
     monkeypatch.chdir(tmp_path)
-    scene = jc.scenes.strung_arch()
+    scene = scenes.strung_arch()
     assert {type(group) for group in scene.structure.groups} == {jc.Beams, jc.Cables}
     jc.save_scene("arch.json", scene)
     words = ["solve", "arch.json", "--report", "arch.csv", "--save", "arch.CSV", "--quiet"]

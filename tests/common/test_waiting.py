@@ -38,5 +38,5 @@ def test_calls_end(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OTHERS)
 def test_all_programs_end(name):
-    """`experiments/waiting.py` runs all of them with fused loops, and without."""
+    """`experiments/benchmark.py waiting` runs all of them with fused loops, and without."""
     assert ended(name) == "30 calls ended"

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
+import scenes
 from oracles.convex_oracle import WIDE, Element, Scene, find
 from oracles.taylor import slope
 from scipy.optimize import brentq
@@ -17,6 +18,7 @@ import jaxcable as jc
 from jaxcable.common import status
 from jaxcable.common.tree import copy
 from jaxcable.elements import hanging, hanging_springs
+from jaxcable.elements.element_state import ElementLoad
 from jaxcable.elements.hanging_sag import strain_at_sag
 from jaxcable.elements.stated import Stated
 from jaxcable.mechanics.elementwise import each
@@ -55,7 +57,9 @@ def middle_force(x, z, length, weight, stiffness):
     links = np.arange(2 * n).reshape(2, n).T
     group = jc.Catenaries(links, axial_stiffness=stiffness, rest_length=length)
     group = copy(group, links=links)
-    state = copy(group.start(nodes[links]), line_load=jnp.outer(weight, DOWN.astype(x.dtype)))
+    state = copy(
+        group.start(nodes[links]), element_load=ElementLoad(jnp.outer(weight, DOWN.astype(x.dtype)))
+    )
     still = jnp.zeros_like(nodes)
     force = each("end_forces", group, state, nodes, still)[:, 1]
     return force[:, ::2], each("tension", group, state, nodes, still)
@@ -440,7 +444,9 @@ def test_spans_hang_by_the_force_that_belongs_to_their_sag():
     np.testing.assert_allclose(solution.tension, ends.mean(axis=1), rtol=1e-12)
     np.testing.assert_allclose(solution.peak_tension, ends.max(axis=1), rtol=1e-12)
     state, own = solution.last.carry.states[0], copy(cables, links=links)
-    state = copy(state, line_load=jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
+    state = copy(
+        state, element_load=ElementLoad(jnp.asarray(np.tile(WEIGHT / WARMTH * DOWN, (n, 1))))
+    )
     told = each("end_tensions", own, state, structure.nodes, jnp.zeros((2 * n, 3)))
     np.testing.assert_allclose(told, ends, rtol=1e-12)
     said = jc.forms.statements(structure, solution).sag
@@ -545,7 +551,7 @@ def test_a_chain_hangs_by_its_sag():
 def test_isolated_cable():
     """One element a span: ten digits of Michalos and Birnstiel's cable (Jayaraman 1981)."""
     exact = 0.3048 * np.array([-2.819439381, 0.0, -18.456746888])
-    structure, phases = jc.scenes.isolated_cable(0)
+    structure, phases = scenes.isolated_cable(0)
     solution = jc.solve(structure, phases, jc.Newton(tol=1e-12))
     assert int(solution.status) == 0
     error = np.linalg.norm(np.asarray(solution.phases[1].displacement[1]) - exact)

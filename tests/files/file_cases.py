@@ -8,6 +8,7 @@ from pathlib import Path
 import jax
 import jsonschema
 import numpy as np
+import scenes
 
 import jaxcable as jc
 from jaxcable.files import FileError
@@ -146,11 +147,11 @@ def stages():
 
 
 OWN = {"everything": everything, "stages": stages}
-SCENES = [name for name in jc.scenes.__all__ if name != "Scene"] + [*OWN]
+SCENES = [*scenes.EVERY, *OWN]
 
 
 def scene_of(name):
-    make = OWN.get(name) or getattr(jc.scenes, name)
+    make = OWN.get(name) or scenes.EVERY[name]
     return jc.scenes.Scene(*make(**SMALL.get(name, {})))
 
 

@@ -8,6 +8,7 @@ import warnings
 import ezdxf
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.cli import main
@@ -185,7 +186,7 @@ def test_joints_on_inclined_upright_and_doubled_links():
 @pytest.mark.parametrize("name", ["geiger_dome", "cable_truss", "guyed_mast", "simplex"])
 def test_structures_in_space_are_not_doubtful(name):
     """Their cables lie above each other in plan, and are not meant to be joined."""
-    structure, _ = getattr(jc.scenes, name)()
+    structure, _ = scenes.EVERY[name]()
     links = np.concatenate([g.links.array[:, :2] for g in structure.groups])
     held = np.asarray(structure.supports.fixed(structure.n_node)).any(axis=1)
     assert doubts(np.asarray(structure.nodes, float), links, held) == []

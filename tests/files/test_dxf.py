@@ -6,6 +6,7 @@ import dxfgrabber
 import ezdxf
 import numpy as np
 import pytest
+import scenes
 from file_cases import outcome
 
 import jaxcable as jc
@@ -165,7 +166,7 @@ def test_hidden_lines_are_read_if_asked_for(tmp_path, capsys):
 @pytest.mark.parametrize("name", ["hypar_net", "geiger_dome"])
 def test_structures_come_back(name, tmp_path):
     """Every digit of the positions, links, groups and supports; with nothing left out."""
-    structure, _ = getattr(jc.scenes, name)()
+    structure, _ = scenes.EVERY[name]()
     save_dxf(tmp_path / "net.dxf", structure)
     net, told = outcome(read_dxf, tmp_path / "net.dxf", tol=0.0, supports="supports")
     places = np.asarray(structure.nodes, float)
@@ -183,7 +184,7 @@ def test_structures_come_back(name, tmp_path):
 
 
 def test_drawings_in_other_units(tmp_path):
-    structure, _ = jc.scenes.geiger_dome()
+    structure, _ = scenes.geiger_dome()
     links = np.concatenate([group.links.array for group in structure.groups])
     for scale, unit in ((1e-3, 4), (0.3048, 2)):
         (path,) = save_dxf(tmp_path / "net.dxf", structure, scale=scale)

@@ -10,6 +10,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.model.parts import pieces
@@ -99,13 +100,13 @@ SCENES = {
     "tie_of_points": tie_of_points,
     "flat_net": functools.partial(jc.scenes.flat_net, load=15.0),
     "hypar_net": functools.partial(jc.scenes.hypar_net, increments=(1, 1)),  # with locked jacks
-    "cable_truss": jc.scenes.cable_truss,
-    "geiger_dome": jc.scenes.geiger_dome,
-    "levy_dome": jc.scenes.levy_dome,
+    "cable_truss": scenes.cable_truss,
+    "geiger_dome": scenes.geiger_dome,
+    "levy_dome": scenes.levy_dome,
     "simplex": jc.scenes.simplex,
     "saddle": functools.partial(jc.scenes.saddle, 4, 4, load=30e3),  # with slack cables
     "saddle_net": functools.partial(jc.scenes.saddle_net, increments=(1, 10)),  # a law of points
-    "tent_edge": jc.scenes.tent_edge,  # with loads that follow
+    "tent_edge": scenes.tent_edge,  # with loads that follow
     "accuracy_cable": jc.scenes.accuracy_cable,
     "von_mises_truss": functools.partial(jc.scenes.von_mises_truss, load=300.0),
 }

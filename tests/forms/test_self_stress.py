@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 from oracles.taylor import slope
 from scipy.optimize import brentq
 
@@ -323,7 +324,7 @@ ONE_VERTICAL = {**SIMPLEX.elements, "verticals": jc.Cables([[0, 3]], 1.0)}
             r"links: no element of elements\['verticals'\] joins nodes",
         ),
         (
-            lambda: forms.self_stress(jc.scenes.strung_arch(n=8)[0]),
+            lambda: forms.self_stress(scenes.strung_arch(n=8)[0]),
             r"elements.* \(Beams\) is not made of straight members",
         ),
         (

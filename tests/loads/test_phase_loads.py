@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 from oracles.taylor import TIGHT, slope
 
 import jaxcable as jc
@@ -105,7 +106,7 @@ CASES = {
     "pressure": arch_under_pressure,
     "freed": freed_and_propped,
     "stages": stages,
-    "catenaries": jc.scenes.suspended_cable,
+    "catenaries": scenes.suspended_cable,
 }
 
 

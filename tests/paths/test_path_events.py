@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 from banks.problems import INSTALLED
+from scenes.frames import in_plane, solid
 
 import jaxcable as jc
-from jaxcable.scenes.snapping import in_plane, solid
 
 
 def ok(path, code=0):
@@ -147,7 +148,7 @@ def rods(monkeypatch):
 
 def test_toggles_of_any_size_have_the_limit_loads_of_rods(rods):
     """Williams' toggle, and the same shrunk to 2.6 mm: quaternions are no lengths."""
-    structure, (phase,) = jc.scenes.toggle_frame(4)
+    structure, (phase,) = scenes.toggle_frame(4)
     section = structure.elements.section
     paths = []
     for size in (1.0, 1e-4):  # lengths times s, areas and forces times s^2
@@ -177,7 +178,7 @@ def test_lee_frame(rods):
     for w in np.arange(1, 49.0):
         guess = rods.lee_frame(w, guess)
     limit, _ = rods.lee_limit(48.7, guess)
-    path = ok(jc.trace_path(*jc.scenes.lee_frame(2)))
+    path = ok(jc.trace_path(*scenes.lee_frame(2)))
     assert path.events.names == ["limit point"] * 2
     first = 30 * float(path.events.load_factor[0])
     assert abs(first / limit - 1) < 5e-5  # of order 4; 2.3e-5 with 20 elements
@@ -214,9 +215,9 @@ def test_an_arch_of_358_unknowns_on_every_solver():
 @pytest.mark.slow
 def test_a_dome_twists():
     """The path goes straight on where corrections could fall onto the twisted branch."""
-    path = ok(jc.trace_path(*jc.scenes.geiger_dome(load=500.0)))
+    path = ok(jc.trace_path(*scenes.geiger_dome(load=500.0)))
     assert path.events.names == ["bifurcation"] and float(path.events.alignment[0]) < 1e-6
-    structure, (prestress, loading) = jc.scenes.geiger_dome(load=500.0)
+    structure, (prestress, loading) = scenes.geiger_dome(load=500.0)
 
     @jax.jit
     def lowest(factor):

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+import scenes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.quiver import Quiver
 from PIL import Image
@@ -139,7 +140,7 @@ def test_sequences_and_diagrams_have_the_same_curves(cantilever, rope):
 
 def test_increments_have_curves(cantilever, rope, tmp_path):
     structure, solution = cantilever
-    found = shapes.Shapes(solution, structure).along([(0, 0), (1, 0)])
+    found = [shapes.Shapes(solution, structure).along(k, 0) for k in (0, 1)]
     for k, curves in enumerate(found):
         x = np.linspace(0.0, LENGTH, curves.apart.shape[1])
         place = np.asarray(solution.phases[k].positions)
@@ -199,10 +200,10 @@ def test_axes_of_sections(cantilever):
         jc.plots.net(solution, axes=True)
 
 
-@pytest.mark.parametrize("name", [name for name in jc.scenes.__all__ if name != "Scene"])
+@pytest.mark.parametrize("name", scenes.EVERY)
 def test_arrows_are_a_modest_part_of_every_scene(name):
     """At most 0.14 of the extent, and 0.3 of what is seen in every direction of the picture."""
-    scene = getattr(jc.scenes, name)(*((20, 20) if name == "saddle" else ()))
+    scene = scenes.EVERY[name](*((20, 20) if name == "saddle" else ()))
     nodes = np.asarray(scene.structure.nodes)
     links = np.concatenate([g.links.array[:, :2] for g in scene.structure.groups])
     rng = np.random.default_rng(len(name))

@@ -11,6 +11,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 from jaxcable.__main__ import main
@@ -134,17 +135,19 @@ def test_diagrams_at_the_ends_of_phases(points):
 
 
 def test_diagrams_of_beams_that_turn_far():
-    structure, _, solution = solved(*jc.scenes.toggle_frame())
+    structure, _, solution = solved(*scenes.toggle_frame())
     _, arrays = shown(solution, structure)
     n = arrays["diagrams"].shape[2]
     exact = np.concatenate(jax.tree.leaves(jc.section_forces(structure, solution, n)))
     forces, moments = np.abs(exact[..., :3]).max(), np.abs(exact[..., 3:]).max()
-    error = np.abs(arrays["diagrams"][-1] - exact)  # cubics between the points: `curved._along`
+    error = np.abs(
+        arrays["diagrams"][-1] - exact
+    )  # cubics between the points, see `results.between`
     assert error[..., :3].max() < 1e-3 * forces and error[..., 3:].max() < 1e-3 * moments
 
 
 def test_catenaries_hang_in_every_phase():
-    structure, phases, solution = solved(*jc.scenes.suspended_cable())
+    structure, phases, solution = solved(*scenes.suspended_cable())
     _, arrays = shown(solution, structure)
     n = arrays["sag"].shape[2] + 2
     parts = np.linspace(0, 1, n)[1:-1, None]
@@ -156,7 +159,7 @@ def test_catenaries_hang_in_every_phase():
 
 
 def test_slack_cables_and_struts_differ():
-    structure, _, solution = solved(*jc.scenes.geiger_dome())
+    structure, _, solution = solved(*scenes.geiger_dome())
     _, arrays = shown(solution, structure)
     force = np.concatenate([np.asarray(x) for x in jax.tree.leaves(solution.tension)])
     np.testing.assert_array_equal(arrays["looks"][-1] & 2 != 0, force < 0)

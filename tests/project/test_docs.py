@@ -11,13 +11,14 @@ import jax.numpy as jnp
 import matplotlib
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
 
 matplotlib.use("Agg")
 
-NAMES = {"jax": jax, "jnp": jnp, "np": np, "jc": jc}
-"""What examples assume; the docstring of the package says so."""
+NAMES = {"jax": jax, "jnp": jnp, "np": np, "jc": jc, "scenes": scenes}
+"""What examples assume; the docstring of the package says so (and of scenes of the studies)."""
 
 PLACES = [jc, jc.loads, jc.sections, jc.elements]
 PLACES += [place for place in map(jc.__dict__.get, jc.__all__) if inspect.ismodule(place)]
@@ -32,6 +33,7 @@ METHODS = {
 """Methods that users call; those of elements, laws and loads are called by the analysis."""
 
 MODULES = ["jaxcable", *(m.name for m in pkgutil.walk_packages(jc.__path__, "jaxcable."))]
+MODULES += [m.name for m in pkgutil.walk_packages(scenes.__path__, "scenes.")]
 
 
 def public(place):

@@ -4,8 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
 import jaxcable as jc
+from jaxcable.plots.snapshots import Snapshots
 from jaxcable.results.between import forces_between
 
 SECTION = jc.Section.rectangle(0.1, 0.2, jc.Elastic(10e9))
@@ -151,10 +153,10 @@ def test_diagrams_of_all_phases_have_one_scale(propped):
 
 def test_a_picture_of_a_phase_is_that_of_the_analysis_so_far():
     """Positions, forces and loads of the stayed bridge after two of its stages."""
-    structure, phases = jc.scenes.cable_stayed_bridge()
+    structure, phases = scenes.cable_stayed_bridge()
     solution = jc.solve(structure, phases)
     assert int(solution.status) == 0
-    shown = jc.plots.stages.state_of(solution, None, 2, structure)
+    shown = Snapshots(solution, structure).state(None, 2)
     end = solution.phases[2]
     assert int(shown.phase) == 2 and float(shown.load_factor) == 1.0
     for name in ("positions", "load", "reactions"):

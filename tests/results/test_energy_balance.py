@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+import scenes
 from scipy.optimize import brentq
 
 import jaxcable as jc
@@ -267,7 +268,7 @@ def assert_of_second_order(coarse, fine, solution, bounds, starts=()):
 
 
 def smooth(name, **arguments):
-    return lambda: getattr(jc.scenes, name)(**arguments)
+    return lambda: scenes.EVERY[name](**arguments)
 
 
 STRAND = jc.materials.strand(1860e6, 195e9)

@@ -5,6 +5,7 @@ import functools
 import jax
 import numpy as np
 import pytest
+import scenes
 from banks import problems
 
 import jaxcable as jc
@@ -13,12 +14,12 @@ from jaxcable import forms
 EPS = np.finfo(float).eps
 SCENES = {
     "simplex": functools.partial(jc.scenes.simplex),
-    "geiger": functools.partial(jc.scenes.geiger_dome, sectors=6),
-    "levy": functools.partial(jc.scenes.levy_dome, sectors=6),
-    "biconcave": functools.partial(jc.scenes.cable_truss, panels=6),
-    "biconvex": functools.partial(jc.scenes.cable_truss, "biconvex", panels=6),
+    "geiger": functools.partial(scenes.geiger_dome, sectors=6),
+    "levy": functools.partial(scenes.levy_dome, sectors=6),
+    "biconcave": functools.partial(scenes.cable_truss, panels=6),
+    "biconvex": functools.partial(scenes.cable_truss, "biconvex", panels=6),
     "three rings": functools.partial(
-        jc.scenes.geiger_dome, sectors=7, rings=3, struts=(5.0, 6.0, 6.5, 7.0), pretension=400e3
+        scenes.geiger_dome, sectors=7, rings=3, struts=(5.0, 6.0, 6.5, 7.0), pretension=400e3
     ),
 }
 COUNTS = {"simplex": (1, 1), "geiger": (1, 18), "levy": (7, 0), "biconcave": (1, 4)}
@@ -135,11 +136,11 @@ def test_the_force_that_is_asked_for_and_the_load():
 @pytest.mark.parametrize("sectors", [5, 8])
 def test_counts_of_domes(sectors):
     for rings in (1, 2, 3):
-        found = forms.self_stress(jc.scenes.geiger_dome(sectors=sectors, rings=rings)[0])
+        found = forms.self_stress(scenes.geiger_dome(sectors=sectors, rings=rings)[0])
         several = rings > 1
         assert found.s == (1 if several else sectors - 2)
         assert found.m == (6 + 2 * sectors * (rings - 1) if several else sectors + 3)
-        found = forms.self_stress(jc.scenes.levy_dome(sectors=sectors, rings=rings)[0])
+        found = forms.self_stress(scenes.levy_dome(sectors=sectors, rings=rings)[0])
         assert (found.s, found.m) == (2 * sectors - 5, 0)
 
 
@@ -258,7 +259,7 @@ def rigid_motions(nodes):
 def test_half_and_full_load_of_a_cable_truss():
     """Half the load gives S-shapes: more deflection than all of it, one half up."""
     full, _ = solved("biconcave")
-    half = jc.solve(*jc.scenes.cable_truss(panels=6, loaded="half"))
+    half = jc.solve(*scenes.cable_truss(panels=6, loaded="half"))
     assert int(half.status) == 0
     assert float(half.load[:, 2].sum()) == pytest.approx(-3e3 * 20.0 * (1 - 1 / 6), rel=1e-13)
     assert float(full.load[:, 2].sum()) == pytest.approx(-3e3 * 40.0 * (1 - 1 / 6), rel=1e-13)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scenes
 from banks import problems
 
 import jaxcable as jc
@@ -40,7 +41,7 @@ def test_suspended_cable_hangs_by_its_sag(n):
     By the parabola, 20 N/m add 4 kN to 6 kN, a strain of 6.7e-5, and so 3 l dL / 16 f = 20 mm.
     """
     for ice, sag, near in ((0.0, 9.0, 3e-6), (20.0, 9.02, 3e-3)):
-        structure, phases = jc.scenes.suspended_cable(n=n, ice=ice)
+        structure, phases = scenes.suspended_cable(n=n, ice=ice)
         solution = solved((structure, phases))
         if n:
             curve = np.asarray(solution.positions)
@@ -60,7 +61,7 @@ def test_suspended_cable_hangs_by_its_sag(n):
 @pytest.mark.parametrize("n", [0, pytest.param(8, marks=pytest.mark.slow)])
 def test_isolated_cable(n):
     """By catenaries as published; 8 straight elements a span are 6 cm off the 5.7 m."""
-    solution = solved(jc.scenes.isolated_cable(n))
+    solution = solved(scenes.isolated_cable(n))
     moved = np.asarray(solution.phases[1].displacement)[max(n, 1)]
     exact = np.array([-2.819439381, 0.0, -18.456746888]) * FOOT
     off = np.abs(moved - exact).max()
@@ -70,7 +71,7 @@ def test_isolated_cable(n):
 def test_tent_edge():
     """The given geometry is in equilibrium; in gusts the pylons still push and the guys pull."""
     n = 6
-    solution = solved(jc.scenes.tent_edge(n=n, increments=(1, 2)))
+    solution = solved(scenes.tent_edge(n=n, increments=(1, 2)))
     first = solution.phases[0]
     assert int(first.path.iterations[0]) == 0
     assert np.abs(np.asarray(first.displacement)).max() == 0.0
@@ -111,7 +112,7 @@ def test_guyed_mast():
 @pytest.mark.slow
 def test_a_net_stiffens_an_arch():
     """More than one that next to nothing is left of: of its stiffness and of its tension."""
-    structure, phases = jc.scenes.strung_arch(n=8, load=2e3, increments=(1, 2))
+    structure, phases = scenes.strung_arch(n=8, load=2e3, increments=(1, 2))
     net = structure.elements["net"]
     loose = {**structure.elements, "net": jc.replace(net, axial_stiffness=1.0)}
     sway = []
@@ -138,7 +139,7 @@ def test_sizes_of_the_saddle_net():
 def test_a_bridge_in_stages_and_at_once(stages):
     """In equilibrium, alike on both sides; in stages only what is there yet bears."""
     n, m = 3, 2
-    structure, phases = jc.scenes.cable_stayed_bridge(n, stages=stages)
+    structure, phases = scenes.cable_stayed_bridge(n, stages=stages)
     solution = solved((structure, phases))
     z = np.asarray(solution.positions)[m + 3 :, 2].reshape(n, 2)
     np.testing.assert_allclose(z[:, 0], z[:, 1], atol=1e-8)
@@ -193,7 +194,7 @@ WRONG = [
 @pytest.mark.parametrize(("name", "options", "message"), WRONG)
 def test_scenes_that_are_none(name, options, message):
     with pytest.raises(ValueError, match=message):
-        getattr(jc.scenes, name)(**options)
+        scenes.EVERY[name](**options)
 
 
 def test_picture_of_a_section(tmp_path):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 from oracles.taylor import slope
+from scenes.frames import in_plane, solid
 
 import jaxcable as jc
-from jaxcable.scenes.snapping import in_plane, solid
 from jaxcable.stiffness import buckling, buckling_factor
 
 # --- a rigid strut, its top between two cables along x

@@ -1,0 +1,58 @@
+"""The benchmarks: times of jaxcable, alone and beside other programs, and where their tables are.
+
+    python experiments/benchmark.py [--quick] NAME [PART ...]
+
+Without a name it lists them. Each writes its files to experiments/results; with --quick it measures
+a case or two of each kind and writes to a temporary folder: to see that it runs. What is measured
+is a table, `benchmarks/cases.py`; how, `benchmarks/measure.py`. Where OPENSEES_PYTHON names an
+interpreter with openseespy, and JAX_FDM_PYTHON one with jax_fdm, they are measured beside.
+"""
+
+import importlib
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy is loaded
+
+import record
+from benchmarks.cases import FULL, QUICK
+
+NAMES = {  # name: module of `benchmarks`, function, parts, and what it measures
+    "scaling": (
+        "scaling",
+        "run",
+        "nets and batches beside OpenSees [nets hard batches draw]",
+    ),
+    "first_call": ("first_calls", "first_call", "first calls of ready scenes"),
+    "kept_programs": ("first_calls", "kept_programs", "programs kept on disk [first many]"),
+    "gradient_cost": ("gradient_cost", "run", "value and gradient over the value alone"),
+    "work_precision": ("work_precision", "run", "time against error, setting by setting"),
+    "force_density": ("force_density", "run", "force densities beside jax_fdm"),
+    "many_cases": ("many_cases", "run", "a study of many cases in files, by several processes"),
+    "first_screen": ("commands", "first_screen", "commands of the README's first screen"),
+    "waiting": ("commands", "waiting", "programs that might wait for ever [PYTHON ...]"),
+    "gpu": ("gpu", "run", "a GPU beside the CPU of its machine"),
+}
+
+
+def main(words):
+    quick = "--quick" in words
+    name, *parts = [word for word in words if word != "--quick"] or [""]
+    if name not in NAMES:
+        print(__doc__)
+        for known, (module, _, text) in NAMES.items():
+            print(f"  {known:16}{text}; see benchmarks/{module}.py")
+        return 2
+    module, function, _ = NAMES[name]
+    with tempfile.TemporaryDirectory() as folder:
+        if quick:
+            record.RESULTS = Path(folder)
+        run = getattr(importlib.import_module(f"benchmarks.{module}"), function)
+        run(QUICK if quick else FULL, parts)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""What `benchmark.py` runs: a benchmark a module, from the cases in `cases` and by `measure`."""

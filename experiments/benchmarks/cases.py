@@ -1,0 +1,140 @@
+"""What the benchmarks measure: nets, scenes, solvers, counts; a small choice for `--quick`."""
+
+from typing import NamedTuple
+
+
+class Cases(NamedTuple):
+    """Cases of all benchmarks.
+
+    Attributes:
+        sides: free nodes on a side of saddle nets beside OpenSees.
+        solvers: of these nets, with the largest side that each of them has.
+        batches: load cases of a net of 48 unknowns, plain and with fused loops.
+        hard: free nodes on a side of the net with slack cables.
+        first_calls: scenes whose first call is measured, by the name in the table.
+        kept: scenes and solvers whose programs are kept on disk, likewise.
+        again: processes that find them there.
+        nets: nets of different shape that one process analyses.
+        gradients: free nodes on a side, and pairs of calls.
+        increments: of the loading phase of a gradient.
+        precision: tolerances of Newton's method.
+        corrections, secant: increments of the incremental methods, by number of corrections.
+        straight: elements on each side of the isolated cable.
+        fibres: on a side of a round section.
+        repeats: calls by turns.
+        forms: free nodes on a side of nets whose force densities are given.
+        study: load cases of the study in files, and those of a file.
+        whole: whether all commands and programs of `commands` run.
+        waiting: calls of each program, and of the control.
+        gpu: sizes of batches, of dense and of sparse nets.
+    """
+
+    sides: tuple
+    solvers: dict
+    batches: tuple
+    hard: int
+    first_calls: dict
+    kept: dict
+    again: int
+    nets: int
+    gradients: dict
+    increments: tuple
+    precision: tuple
+    corrections: dict
+    secant: tuple
+    straight: tuple
+    fibres: tuple
+    repeats: int
+    forms: tuple
+    study: tuple
+    whole: bool
+    waiting: tuple
+    gpu: tuple
+
+
+FULL = Cases(
+    sides=(4, 10, 20, 50, 100, 200, 577),
+    solvers={"pardiso": 577, "cholmod": 200, "superlu": 200},
+    batches=(100, 1000, 10_000, 100_000),
+    hard=100,
+    first_calls={
+        "flat net": "flat_net",
+        "hypar": "hypar_net",
+        "saddle 4 x 4": "saddle 4",
+        "saddle 4 x 4, fused": "saddle 4 fused",
+        "cable truss": "cable_truss",
+        "Geiger dome": "geiger_dome",
+        "isolated cable": "isolated_cable",
+        "suspended cable": "suspended_cable",
+        "strung arch": "strung_arch",
+        "guyed mast": "guyed_mast",
+        "flat net, 2 phases": "phases 2",
+        "flat net, 8 phases": "phases 8",
+        "flat net, 32 phases": "phases 32",
+    },
+    kept={
+        "hypar": ("hypar_net", None),
+        "Geiger dome": ("geiger_dome", None),
+        "guyed mast": ("guyed_mast", None),
+        "48 unknowns": ("saddle 4", None),
+        "48 unknowns, fused loops": ("saddle 4 fused", None),
+        "1 200 unknowns, PARDISO": ("saddle 20", "pardiso"),
+        "1 200 unknowns, CHOLMOD": ("saddle 20", "cholmod"),
+        "7 500 unknowns, PARDISO": ("saddle 50", "pardiso"),
+        "7 500 unknowns, CHOLMOD": ("saddle 50", "cholmod"),
+    },
+    again=5,
+    nets=500,
+    gradients={2: 201, 10: 61, 20: 61},
+    increments=(1, 10, 100),
+    precision=(1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-9, 1e-12),
+    corrections={0: (16, 256), 1: (1, 4, 16), 2: (1, 2)},
+    secant=(64, 256),
+    straight=(16, 64, 256),
+    fibres=(8, 32, 64),
+    repeats=9,
+    forms=(30, 100, 200),
+    study=(100_000, 500),
+    whole=True,
+    waiting=(50, 500),
+    gpu=((1000, 10_000, 100_000), (4, 10, 20), (100, 200)),
+)
+QUICK = Cases(
+    sides=(4,),
+    solvers={"superlu": 200},
+    batches=(10,),
+    hard=4,
+    first_calls={"flat net": "flat_net"},
+    kept={"48 unknowns": ("saddle 4", None)},
+    again=1,
+    nets=2,
+    gradients={2: 3},
+    increments=(1,),
+    precision=(1e-1, 1e-9),
+    corrections={1: (1,)},
+    secant=(4,),
+    straight=(2,),
+    fibres=(4,),
+    repeats=2,
+    forms=(4,),
+    study=(40, 10),
+    whole=False,
+    waiting=(1, 2),
+    gpu=((10,), (4,), ()),
+)
+
+SMALL, LARGE, ANY = range(1, 21), range(21, 201), range(1, 201)  # sides
+SYSTEMS = [  # of OpenSees: system, numberer, algorithm, and for which sides
+    ("BandSPD", "RCM", "Newton", SMALL),
+    ("ProfileSPD", "RCM", "Newton", SMALL),
+    ("SparseSYM", "Plain", "Newton", ANY),
+    ("SparseSYM", "Plain", "ModifiedNewton", ANY),
+    ("BandSPD", "RCM", "ModifiedNewton", SMALL),
+    ("UmfPack", "Plain", "Newton", ANY),
+    ("Mumps", "Plain", "ModifiedNewton", LARGE),
+]
+HARD = {  # how OpenSees may find a net with slack cables
+    "corotTruss, Newton": {"algorithm": "Newton"},
+    "corotTruss, NewtonLineSearch": {"algorithm": "NewtonLineSearch"},
+    "corotTruss without compression, Newton": {"algorithm": "Newton", "compression": 0.0},
+}

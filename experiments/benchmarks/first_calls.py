@@ -1,0 +1,119 @@
+"""How long does the first call of an analysis take, once and in the next process; what is kept?
+
+Question   first_call: seconds to trace, to lower and to compile, and lines of StableHLO, of the
+           analysis of ready scenes, by itself and as value with gradient, and with the number of
+           phases. kept_programs_first: seconds of the first call of `solve` in a new process, with
+           nothing on disk, and with programs kept there by an earlier process
+           (`jc.keep_programs`); the same inside of `jax.jit`, where the analysis is traced and only
+           its compilation is kept. kept_programs_many: memory of a process that analyses 500 nets
+           of different shape.
+Reference  A bare analysis of a net of 48 unknowns in the same run (`bare.py`): its first call is
+           the unit Y.
+Error      None: the results are those of the tests; those from disk are equal to the last bit
+           (`tests/common/test_keeping.py`). Lines do not depend on the machine.
+Results    first_call.txt and .json; kept_programs_first.txt; kept_programs_many.txt
+
+Every first call is one in a process of its own, without the import; the unit is measured before and
+after each scene, and its mean taken, since the machine is not as fast every minute. "plain" is a
+call of `solve` as it is, with all its results; "jitted" the sum of the squares of the displacements
+inside `jax.jit`, as a function of the nodes; "gradient" its value and gradient. Run: median of 15
+further calls, other nodes in each. "fused": after `jaxcable.fuse_loops`.
+"""
+
+import gc
+import json
+import re
+import statistics
+import tempfile
+from pathlib import Path
+
+import record
+
+from .measure import analysis, bare, extent
+
+KINDS = "plain", "jitted", "gradient"
+
+
+def first_call(cases, _):
+    say = record.Record("first_call")
+    say("\nY: first call of the bare analysis. plain, jitted, gradient: first calls in Y. Then of")
+    say("jitted | gradient: seconds to trace, lower, compile; lines of StableHLO; a run, ms.\n")
+    say(f"{'':22}{'Y, s':>6}{'plain':>7}{'jitted':>8}{'gradient':>9}   g/j")
+    rows = {}
+    for label, scene in cases.first_calls.items():
+        units, found = [bare()], {}
+        for kind in KINDS:
+            own = analysis({"scene": scene, "kinds": [kind], "repeats": 15})
+            first, run = own[kind].pop("first_s"), statistics.median(own[kind].pop("ms"))
+            found[kind] = {"first": first, "run": run, "status": own["status"], **own[kind]}
+            units.append(bare())
+        unit = sum(units) / len(units)
+        rows[label] = found | {"unit": unit}
+        firsts = [found[kind]["first"] / unit for kind in KINDS]
+        text = "  ".join(
+            " ".join(f"{s:.1f}" for s in found[kind]["stages"])
+            + f" s{found[kind]['lines']:7d}{found[kind]['run']:8.2f}"
+            for kind in KINDS[1:]
+        )
+        say(
+            f"{label:22}{unit:6.2f}{firsts[0]:7.2f}{firsts[1]:8.2f}{firsts[2]:9.2f}"
+            f"{firsts[2] / firsts[1]:6.2f}   {text}"
+        )
+    say.close()
+    record.write(record.RESULTS / "first_call.json", json.dumps(rows, indent=1) + "\n")
+
+
+def kept_programs(cases, parts):
+    for part in parts or ("first", "many"):
+        {"first": kept_first, "many": kept_many}[part](cases)
+
+
+def kept_first(cases):
+    say, units = record.Record("kept_programs_first"), [bare()]
+    say("\nFirst calls, s, without the import. plain: jc.solve; jitted: inside of jax.jit. Again:")
+    say(f"median, least and largest of {cases.again} processes that find the programs on disk\n")
+    say(f"{'':26}{'plain, once':>12}{'again, from disk':>22}{'jitted, once':>15}{'again':>22}")
+    for label, (scene, solver) in cases.kept.items():
+        cells = []
+        for kind in KINDS[:2]:
+            with tempfile.TemporaryDirectory() as folder:
+                case = {"scene": scene, "solver": solver, "kinds": [kind], "keep": folder}
+                if scene.startswith("saddle"):
+                    case["load"] = 5000 / (int(scene.split()[1]) + 1)
+                runs = [analysis(case) for _ in range(1 + cases.again)]
+            assert all(run["status"] == 0 for run in runs), label
+            once, *again = (run[kind]["first_s"] for run in runs)
+            cells += [f"{once:.2f}", extent(again)]
+        say(f"{label:26}{cells[0]:>12}{cells[1]:>22}{cells[2]:>15}{cells[3]:>22}")
+        units.append(bare())
+    say(f"\nY, s: {extent(units)}")
+    say.close()
+
+
+def resident():
+    """Memory of this process, MB, and number of its memory maps."""
+    size = re.search(r"VmRSS:\s+(\d+)", Path("/proc/self/status").read_text()).group(1)
+    return int(size) / 1e3, len(Path("/proc/self/maps").read_text().splitlines())
+
+
+def kept_many(cases):
+    import jax
+
+    import jaxcable as jc
+    from jaxcable.common.compilation import MOST
+
+    jax.config.update("jax_enable_x64", True)
+    say = record.Record("kept_programs_many")
+    say(f"\n{cases.nets} nets of different shape, each analysed once by jc.solve; {MOST} programs")
+    say("are known at a time. Memory of the process, and its memory maps (65 530 are allowed)\n")
+    say(f"{'nets':>6}{'MB':>8}{'maps':>8}")
+    for k in range(cases.nets + 1):
+        if k:
+            net = jc.scenes.saddle(3 + (k - 1) % 25, 3 + (k - 1) // 25, load=100.0)
+            assert int(jc.solve(*net).status) == 0
+        if k in (0, 1, 10, MOST) or k % 100 == 0:
+            say("{:6}{:8.0f}{:8}".format(k, *resident()))
+    jc.forget_programs()
+    gc.collect()
+    say("\nafter jc.forget_programs(): {:.0f} MB, {} maps".format(*resident()))
+    say.close()

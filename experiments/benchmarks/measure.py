@@ -1,0 +1,107 @@
+"""Measures: calls by turns, processes of their own, medians with their spread, tables of them."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+PEERS = HERE.parent / "peers"
+CALM = {"OPENBLAS_NUM_THREADS": "1", "JAX_COMPILATION_CACHE_DIR": None}
+"""Environment of all processes that are measured: None is left out."""
+
+
+def clock(function, *arguments):
+    """Milliseconds of a call, blocked on completion, and its result."""
+    import jax
+
+    begin = time.perf_counter()
+    result = jax.block_until_ready(function(*arguments))
+    return 1e3 * (time.perf_counter() - begin), result
+
+
+def by_turns(functions, count, new):
+    """Milliseconds of functions, called one after the other and back again, [count, n_function].
+
+    Each call has an argument of its own, `new(number of the call)`, from 1 on: factors of matrices
+    are kept by value.
+    """
+    import jax
+
+    times, number = np.zeros((count, len(functions))), 0
+    for turn in range(count):
+        for k in range(len(functions))[:: 1 if turn % 2 else -1]:
+            number += 1
+            argument = jax.block_until_ready(new(number))
+            times[turn, k] = clock(functions[k], argument)[0]
+    return times
+
+
+def apart(script, case, interpreter=sys.executable, flags=None, limit=900):
+    """The answer of a script to a case, in a process of its own; failing is an answer, too.
+
+    Args:
+        script: reads a line of JSON on stdin, and answers with another one.
+        case: what JSON can hold.
+        interpreter: of Python.
+        flags: changes of the environment; None removes a name.
+        limit: s.
+    """
+    environment = {**os.environ, **CALM, **(flags or {})}
+    try:
+        run = subprocess.run(
+            [interpreter, str(script)],
+            input=json.dumps(case) + "\n",
+            capture_output=True,
+            text=True,
+            env={name: value for name, value in environment.items() if value is not None},
+            timeout=limit,
+        )
+    except subprocess.TimeoutExpired:
+        return {"error": f"no answer in {limit} s"}
+    lines = run.stdout.strip().splitlines()
+    if not lines:
+        return {"error": f"died ({run.returncode}): {run.stderr.strip()[-300:]}"}
+    return json.loads(lines[-1])
+
+
+def analysis(case, **options):
+    """The answer of `analysis.py`; SystemExit if it has none."""
+    answer = apart(HERE / "analysis.py", case, **options)
+    if "error" in answer:
+        raise SystemExit(f"{case}: {answer['error']}")
+    return answer
+
+
+def opensees(script, case):
+    """The answer of a script of `peers`, by the interpreter that OPENSEES_PYTHON names."""
+    return apart(PEERS / script, case, os.environ.get("OPENSEES_PYTHON", sys.executable))
+
+
+def bare():
+    """Seconds of the first call of the bare analysis, the unit Y."""
+    return analysis({"scene": "bare"})["first_s"]
+
+
+def quartiles(values, digits=2):
+    """Median and quartiles as text."""
+    low, middle, high = np.quantile(values, [0.25, 0.5, 0.75])
+    return f"{middle:.{digits}f} ({low:.{digits}f}-{high:.{digits}f})"
+
+
+def extent(values, digits=2):
+    """Median, least and largest as text."""
+    low, middle, high = np.quantile(values, [0, 0.5, 1])
+    return f"{middle:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def table(head, rows):
+    """Text with columns as wide as they need to be."""
+    cells = [head, *rows]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(head))]
+    lines = ["  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)) for row in cells]
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
