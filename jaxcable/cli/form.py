@@ -142,24 +142,23 @@ def _densities(options, structure, phases, lengths, table):
         raise Refused(
             f"{options.scene}: states no force densities; give --force-density or --tension"
         )
-    open_ = [word is None for word in spread(given, structure, "--force-density")]
-    if lengths is not None:
-        lengths_of = spread(lengths, structure, "--length")
-        open_ = [free and length is None for free, length in zip(open_, lengths_of, strict=True)]
-    scene = [None] * len(names)
-    if own is not None:
-        scene = spread(phases[own].force_density, structure, "force_density")
-    stated = [q is not None for q in scene]
-    used = [s and o and options.tension is None for s, o in zip(stated, open_, strict=True)]
+    words = spread(given, structure, "--force-density")
+    drawn = spread(lengths, structure, "--length")
+    of_scene = None if own is None else phases[own].force_density
+    scene = spread(of_scene, structure, "force_density")
+    used = [
+        options.tension is None and q is not None and word is None and length is None
+        for q, word, length in zip(scene, words, drawn, strict=True)
+    ]
     if any(used):
         some = "" if all(used) else ", " + ", ".join(itertools.compress(names, used))
         print(f"force densities: those of phase {own + 1}{some}")
-    _count_replaced(phases, own if used == stated else None, table)
+    whole_phase = used == [q is not None for q in scene]
+    _count_replaced(phases, own if whole_phase else None, table)
     if options.tension is not None:
         return None
     if not any(used):
         return given
-    words = spread(given, structure, "--force-density")
     return structure.arrange(
         [q if use else word for use, q, word in zip(used, scene, words, strict=True)]
     )
@@ -206,16 +205,7 @@ def _lengths(words, structure):
     """The lengths of ``--length``, a list in the shape of the elements, or None if not given."""
     if words is None:
         return None
-    return inputs.values(words, structure, "--length", drawn=dict(_by_name(structure)))
-
-
-def _by_name(structure):
-    """Pairs (name, lengths [n_elem]) of all groups, m."""
-    nodes = np.asarray(structure.nodes)
-    return [
-        (name, np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1))
-        for name, group in groups_by_name(structure)
-    ]
+    return inputs.values(words, structure, "--length", drawn=inputs.lengths(structure))
 
 
 def _shape(structure, densities, loads):
@@ -236,11 +226,12 @@ def _guyed(structure, densities, lengths, loads):
     """
     given = spread(lengths, structure, "--length")
     values = spread(densities, structure, "--force-density")
-    names = [name for name, _ in groups_by_name(structure)]
     if isinstance(densities, float):  # one for all groups without lengths
         values = [q if length is None else None for q, length in zip(values, given, strict=True)]
-    stated = list(zip(structure.groups, given, names, strict=True))
-    for (_, length, name), q in zip(stated, values, strict=True):
+    named, ends = groups_by_name(structure), []
+    for (name, group), length, q in zip(named, given, values, strict=True):
+        if length is not None:
+            ends.append(group.links.array.ravel())
         if (length is None) != (q is not None):
             count = "neither" if length is None else "both"
             raise Refused(f"group {name!r} has {count} of --force-density and --length; give one")
@@ -248,14 +239,13 @@ def _guyed(structure, densities, lengths, loads):
             raise Refused(
                 f"group {name!r}: the scene states it of some elements; give --force-density"
             )
-    ends = [group.links.array for group, length, _ in stated if length is not None]
-    held = structure.supports + pinned(np.unique(np.concatenate([e.ravel() for e in ends])))
+    held = structure.supports + pinned(np.unique(np.concatenate(ends)))
     numbers = structure.arrange([0.0 if q is None else q for q in values])
     positions = _shape(replace(structure, supports=held), numbers, loads)
     shaped = replace(structure, nodes=np.asarray(positions))
     tensions = [
         None if q is None else np.asarray(q) * length
-        for q, (_, length) in zip(values, _by_name(shaped), strict=True)
+        for q, length in zip(values, inputs.lengths(shaped), strict=True)
     ]
     return find_form(shaped, structure.arrange(tensions), loads, length=lengths)
 
@@ -264,7 +254,8 @@ def _print_groups(found, stated):
     """Print tensions and lengths of a form, group by group."""
     (values,) = stated.values()
     given = spread(values, found, "form")
-    for (name, length), value in zip(_by_name(found), given, strict=True):
+    named = groups_by_name(found)
+    for (name, _), length, value in zip(named, inputs.lengths(found), given, strict=True):
         force = np.asarray(value) * (length if "force_density" in stated else 1.0)
         print(
             f"{name or 'all'}: tension {inputs.spread(force)} N, lengths "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import sys
 import threading
@@ -51,7 +52,8 @@ def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> i
 
     def work():
         try:
-            with warnings.catch_warnings(), _printing(options.quiet):
+            shown = io.StringIO() if options.quiet else sys.stdout
+            with warnings.catch_warnings(), contextlib.redirect_stdout(shown):
                 for kind in (InputWarning, UnstableWarning):
                     warnings.simplefilter("ignore" if options.quiet else "always", kind)
                 warnings.showwarning = _warn
@@ -68,16 +70,6 @@ def guarded(command: Callable[[Namespace], int | None], options: Namespace) -> i
         leave()  # compiled programs cannot be stopped otherwise
     (result,) = outcome
     return result if isinstance(result, int) else _exit_status(result)
-
-
-@contextlib.contextmanager
-def _printing(quiet):
-    """Print as usual or, if it shall be quiet, nothing on stdout."""
-    if not quiet:
-        yield
-        return
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        yield
 
 
 def _exit_status(error):

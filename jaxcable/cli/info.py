@@ -9,7 +9,7 @@ import numpy as np
 from ..analysis.phases import ABSOLUTE, INCREMENTS
 from ..analysis.preparation import prepare
 from ..analysis.presence import presence_of
-from ..files.doubts import doubts, place
+from ..files.doubts import counted, doubts, place
 from ..loads import as_list
 from ..model.parts import groups_by_name
 from ..spaces.freedoms import number_freedoms
@@ -33,8 +33,8 @@ def _scene(structure, phases):
     prepare(structure, phases, None, None)  # checks the scene and issues its warnings
     nodes = np.asarray(structure.nodes)
     print(
-        f"scene of {inputs.counted(structure.n_node, 'node')}, "
-        f"{inputs.counted(len(phases), 'phase')}, {nodes.dtype}"
+        f"scene of {counted(structure.n_node, 'node')}, "
+        f"{counted(len(phases), 'phase')}, {nodes.dtype}"
     )
     print(f"extent: {_extent(nodes)}")
     fixed = structure.supports.fixed(structure.n_node)
@@ -47,12 +47,10 @@ def _scene(structure, phases):
     rows, _ = structure.rows()
     freedoms = number_freedoms(structure.fixed(structure.supports), rows, rigid=structure.rigid)
     print(f"unknowns: {len(freedoms.free)}")
-    for label, group in groups_by_name(structure):
-        ends = nodes[group.links.array]
-        lengths = np.linalg.norm(np.diff(ends, axis=1), axis=2).sum(axis=1)
+    named = groups_by_name(structure)
+    for (label, group), lengths in zip(named, inputs.lengths(structure), strict=True):
         print(
-            f"{type(group).__name__} {label}".strip()
-            + f": {inputs.counted(len(lengths), 'element')}, "
+            f"{type(group).__name__} {label}".strip() + f": {counted(len(lengths), 'element')}, "
             f"lengths {inputs.spread(lengths)} m, {inputs.short(lengths.sum())} m in total"
         )
         for field in ("axial_stiffness", "area", "rest_length", "weight", "strength", "expansion"):
@@ -94,7 +92,7 @@ _UNITS = {
 
 def _phase(number, phase, structure):
     """Print the contents of a phase."""
-    print(f"phase {number}: {inputs.counted(phase.increments, 'increment')}")
+    print(f"phase {number}: {counted(phase.increments, 'increment')}")
     stated = phase.inputs(structure)
     for field in (*ABSOLUTE, *INCREMENTS):
         if getattr(phase, field) is not None:

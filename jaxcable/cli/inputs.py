@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..common.types import ArrayLike, Float, PyTree
 from ..files import load_scene, read_csv, read_dxf, read_network, read_obj
+from ..files.doubts import counted
 from ..files.nets import Net
 from ..files.reading import FileError, number, read_json, whole
 from ..files.scene import FORMAT
@@ -154,7 +155,7 @@ def numbers(
 
 
 def values(
-    words: Sequence[str], structure: Structure, name: str, drawn: Mapping[str, Any] | None = None
+    words: Sequence[str], structure: Structure, name: str, drawn: Sequence[Any] | None = None
 ) -> float | PyTree[Any]:
     """Numbers on a command line: one for all elements, or ``group=number`` for groups.
 
@@ -162,7 +163,7 @@ def values(
         words: on the command line.
         structure: whose groups are meant.
         name: of the option.
-        drawn: what ``group=drawn`` means, by group; then one number for all is refused.
+        drawn: what ``group=drawn`` means for each group; then one number for all is refused.
 
     Returns:
         A float, or a prefix pytree of the structure's elements.
@@ -176,8 +177,17 @@ def values(
     for key, value in found.items():
         if key not in names:
             raise Refused(f"{name}: no group {key!r}; there are {', '.join(names)}")
-        found[key] = drawn[key] if value is None else value
+        found[key] = drawn[names.index(key)] if value is None else value
     return structure.arrange([found.get(label) for label in names])
+
+
+def lengths(structure: Structure) -> list[Float[np.ndarray, " n_elem"]]:
+    """Initial lengths of the elements of every group, [n_elem], m, along all of their nodes."""
+    nodes = np.asarray(structure.nodes)
+    return [
+        np.linalg.norm(np.diff(nodes[group.links.array], axis=1), axis=2).sum(axis=1)
+        for group in structure.groups
+    ]
 
 
 def anchors(words: Sequence[str] | None) -> list[int | str] | None:
@@ -215,8 +225,3 @@ def farthest(displacement: Float[ArrayLike, "n_node 3"]) -> tuple[float, str]:
     moved = np.linalg.norm(np.asarray(displacement), axis=1)
     node = int(moved.argmax())
     return float(moved[node]), f"{short(float(moved[node]))} m at node {node}"
-
-
-def counted(number: int, word: str) -> str:
-    """A number with its noun as text: 1 increment, 2 increments."""
-    return f"{number} {word}" + ("" if number == 1 else "s")

@@ -97,7 +97,7 @@ class Only(_Elements):
     """
 
     elements: Int[ArrayLike, " n"] | Bool[ArrayLike, " n_elem"]
-    values: Float[ArrayLike, ""] | Float[ArrayLike, " n"]
+    values: Float[ArrayLike, ""] | Float[ArrayLike, " n"] | Float[ArrayLike, "n n_component"]
     count: int | None = None
 
     def __post_init__(self):

@@ -201,12 +201,16 @@ def decode(data: Any, where: str, implied: type | None = None, depth: int = 0) -
             return [decode(item, f"{where}[{k}]", None, depth + 1) for k, item in enumerate(data)]
         return _decode_numbers(data, where)
     name = data.get("type")
+    if implied is not None:
+        if name in ("float32", "list", "tuple"):
+            raise FileError(f"{where}: expected a {implied.__name__}, got {data!r:.60}")
+        return _decode_object(data, where, implied, depth)
     if name == "float32":
         return _decode_single(data, where)
-    if isinstance(name, str) or implied is not None:
-        if name in ("list", "tuple"):
-            return _decode_items(data, where, name, depth)
-        return _decode_object(data, where, implied, depth)
+    if name in ("list", "tuple"):
+        return _decode_items(data, where, name, depth)
+    if isinstance(name, str):
+        return _decode_object(data, where, None, depth)
     return {key: decode(v, f"{where}[{key!r}]", None, depth + 1) for key, v in data.items()}
 
 
@@ -257,7 +261,8 @@ def _decode_object(data, where, implied, depth):
     except ValueError as error:
         raise FileError(f"{where}: {error}") from None
     except TypeError as error:
-        missing = [f.name for f in dataclasses.fields(cls) if _required(f, values)]
+        needed = [f.name for f in dataclasses.fields(cls) if has_no_default(f)]
+        missing = [name for name in needed if name not in values]
         if missing:
             raise FileError(f"{where}: {missing[0]}: missing; a {name} needs it") from None
         raise FileError(f"{where}: not the numbers that a {name} needs: {error}") from None
@@ -271,7 +276,7 @@ def _require_kind(value, kind, where):
     numbers = isinstance(value, np.ndarray | np.generic | list | tuple | str | int | float | None)
     if kind.startswith(("Float[", "Int[", "Bool[")) and not numbers:
         raise FileError(f"{where}: expected numbers, got {type(value).__name__}")
-    for base, (words, example) in _TYPED.items():
+    for base, (words, example) in TYPED.items():
         if kind.startswith(words):
             _require_typed(value, base, example, where)
     if kind == "bool" and not isinstance(value, bool):
@@ -280,7 +285,7 @@ def _require_kind(value, kind, where):
         raise FileError(f"{where}: expected the key of a group, got {value!r:.40}")
 
 
-_TYPED: dict[type, tuple[tuple[str, ...], str]] = {
+TYPED: dict[type, tuple[tuple[str, ...], str]] = {
     Element: (("PyTree[Element]",), "a group of elements has one, such as Cables"),
     Load: (("Load", "Sequence[Load]"), "a load has one, such as NodalLoads"),
     Law: (("Law", "Sequence[Law]"), "a law has one, such as Elastic"),
@@ -301,12 +306,9 @@ def _require_typed(value, base, example, where):
             _require_typed(item, base, example, f"{where}[{key!r}]")
 
 
-def _required(field, values):
-    """Whether a field has no default and no value."""
-    nothing = dataclasses.MISSING
-    return (
-        field.default is nothing and field.default_factory is nothing and field.name not in values
-    )
+def has_no_default(field: dataclasses.Field) -> bool:
+    """Whether a field must be given to the constructor."""
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def _meant(name, known):

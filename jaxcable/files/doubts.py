@@ -98,7 +98,7 @@ def doubts(
     if len(pairs):
         i, j = pairs[0].tolist()
         told.append(
-            f"{_counted(len(pairs), 'pair')} of nodes nearer than {NEAR:.0%} of the shortest link "
+            f"{counted(len(pairs), 'pair')} of nodes nearer than {NEAR:.0%} of the shortest link "
             f"there: nodes {i} and {j} at {place(nodes[i])}, {_millimetres(distance[0])} apart; "
             "read with a larger tolerance (--tol) to join them"
         )
@@ -106,8 +106,8 @@ def doubts(
     if len(found.pairs) or len(found.joints.link):
         some = nodes[found.joints.node[:1]] if len(found.joints.link) else _at(nodes, links, found)
         told.append(
-            f"{_counted(len(found.pairs), 'crossing')} of links in plan without a node, and "
-            f"{_counted(len(found.joints.link), 'node')} on the inside of a link, as at "
+            f"{counted(len(found.pairs), 'crossing')} of links in plan without a node, and "
+            f"{counted(len(found.joints.link), 'node')} on the inside of a link, as at "
             f"{place(some[0])}; Net.split (--split) makes nodes there"
         )
     on_nodes = {k for pair in pairs.tolist() for k in pair} | set(found.joints.node.tolist())
@@ -115,7 +115,7 @@ def doubts(
     if gaps:
         gap = min(gaps, key=lambda gap: gap.distance)
         told.append(
-            f"{_counted(len(gaps), 'end')} nearer to a link than {NEAR:.0%} of its length: node "
+            f"{counted(len(gaps), 'end')} nearer to a link than {NEAR:.0%} of its length: node "
             f"{gap.node} at {place(nodes[gap.node])}, {_millimetres(gap.distance)} off {gap.other}"
             "; Net.split (--split) with a larger tolerance (--tol) joins them"
         )
@@ -138,6 +138,6 @@ def _millimetres(distance):
     return f"{1e3 * distance:.3g} mm"
 
 
-def _counted(number, word):
-    """A number with its noun as text."""
+def counted(number: int, word: str) -> str:
+    """A number with its noun as text: 1 increment, 2 increments."""
     return f"{number} {word}" + ("" if number == 1 else "s")

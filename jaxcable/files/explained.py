@@ -6,8 +6,12 @@ import inspect
 import re
 from collections.abc import Mapping
 
-_SECTION = re.compile(r"^(Args|Attributes):$")
-_ENTRY = re.compile(r"^(?:    |- )(\w+(?:, \w+)*): ?(.*)$")
+_NAMES = r"(\w+(?:, \w+)*): ?"
+_ENTRY = re.compile(
+    rf"^(?:    {_NAMES}(.*(?:\n {{5,}}.*)*)|- {_NAMES}(.*(?:\n  .*)*))", re.MULTILINE
+)
+"""Names of fields and what is said of them: in a section, or in an item of a list."""
+_OTHERS = re.compile(r"^(?:Options|Returns|Raises|Source|Example):", re.MULTILINE)
 _SAME = re.compile(r"^as (?:of|for) `(\w+)`[;.]? ?(.*)$")
 _WORDS = {"None": "null", "True": "true", "False": "false"}
 _WORD = re.compile(r"\b(None|True|False)\b")  # JSON has other words for them
@@ -30,14 +34,15 @@ def explained(cls: type, classes: Mapping[str, type]) -> dict[str, str]:
         cls: the class.
         classes: other classes, by the names under which docstrings refer to them.
     """
-    text = inspect.getdoc(cls) or ""
+    text = _OTHERS.split(inspect.getdoc(cls) or "")[0]
     found: dict[str, str] = {}
     like = _LIKE.search(text)
     if like is not None and like[1] in classes:
         found |= explained(classes[like[1]], classes)
-    for names, words in _entries(text):
-        for name in names:
-            found[name] = _in_json(_resolved(name, words, classes))
+    for in_section, its_words, in_list, words in _ENTRY.findall(text):
+        told = " ".join((its_words or words).split())
+        for name in (in_section or in_list).split(", "):
+            found[name] = _in_json(_resolved(name, told, classes))
     return found
 
 
@@ -45,23 +50,6 @@ def _in_json(words):
     """Words of a docstring with the constants and the lists of JSON."""
     words = _WORD.sub(lambda found: _WORDS[found[0]], words)
     return _TUPLE.sub(r"[\2]", words).replace("``", "`")
-
-
-def _entries(text):
-    """Iterate over pairs (names of fields, what is said of them on one line) in a docstring."""
-    names, words, inside = [], [], False
-    for line in [*text.splitlines(), ""]:
-        entry = _ENTRY.match(line)
-        begins = entry is not None and (inside or line.startswith("- "))
-        if names and (begins or not line.startswith("  ")):
-            yield names, " ".join(" ".join(words).split())
-            names, words = [], []
-        if line and not line.startswith(" "):
-            inside = _SECTION.match(line) is not None
-        if begins:
-            names, words = entry[1].split(", "), [entry[2]]
-        elif names:
-            words.append(line)
 
 
 def _resolved(name, words, classes):

@@ -87,7 +87,7 @@ def value(
     """
     for several, one in _MIXED.items():
         annotation = annotation.replace(several, one)
-    words = _alternatives(annotation)
+    words = _alternatives(ast.parse(annotation, mode="eval").body)
     null, nothing = (["null"], [None]) if "None" in words else ([], [])
     arrays: dict[str, list[tuple[str, ...]]] = {}
     for word in words:
@@ -107,12 +107,9 @@ def value(
             ways.append(plain)
         elif word.startswith("Literal["):
             ways.append({"enum": [*ast.literal_eval(word.removeprefix("Literal")), *nothing]})
-        elif word in classes:
-            ways.append({"type": ["object", *null], **if_type("object", ref(word))})
-        elif word in _NAMED:
-            types, name = _NAMED[word]
-            told = {"if": {"type": types}, "then": ref(name)} if len(types) > 1 else None
-            ways.append({"type": [*types, *null], **(told or if_type(types[0], ref(name)))})
+        elif word in _NAMED or word in classes:
+            types, name = _NAMED.get(word, (["object"], word))
+            ways.append({"type": [*types, *null], "if": {"type": types}, "then": ref(name)})
         elif word.startswith(("PyTree[Float", "PyTree[Bool")):
             ways.append(ref("statement" if word.startswith("PyTree[Float") else "change"))
         elif word != "None" and _ARRAY.match(word) is None:
@@ -123,15 +120,10 @@ def value(
 
 
 def _alternatives(annotation):
-    """The parts of an annotation that ``|`` joins, outside of brackets."""
-    parts, depth = [""], 0
-    for character in annotation:
-        depth += {"[": 1, "]": -1}.get(character, 0)
-        if character == "|" and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += character
-    return [part.strip() for part in parts]
+    """The parts of a parsed annotation that ``|`` joins, as texts."""
+    if isinstance(annotation, ast.BinOp):
+        return [*_alternatives(annotation.left), *_alternatives(annotation.right)]
+    return [ast.unparse(annotation)]
 
 
 def _shapes(kind, axes, each):

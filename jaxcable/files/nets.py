@@ -131,13 +131,10 @@ class Net:
         values = {
             name: self._filled(name, given.get(name), chosen) for name in (*PROPERTIES, *STATEMENTS)
         }
-        if not values["axial_stiffness"]:
-            raise ValueError("axial_stiffness: the file has none; give axial_stiffness=..., N")
-        for label in chosen:
-            if label not in values["axial_stiffness"]:
-                raise ValueError(
-                    f"axial_stiffness: group {label!r} has none; give axial_stiffness=..., N"
-                )
+        missing = [label for label in chosen if label not in values["axial_stiffness"]]
+        if missing:
+            whose = f"group {missing[0]!r}" if values["axial_stiffness"] else "the file"
+            raise ValueError(f"axial_stiffness: {whose} has none; give axial_stiffness=..., N")
         elements: Any = {
             label: self._group(label, mask, values, label in bars) for label, mask in chosen.items()
         }

@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 
-from ..analysis.phases import Phase
+from ..analysis.phases import Phase, as_phases
 from ..analysis.preparation import prepare
 from ..common.checks import without_warnings
 from ..common.writing import written
@@ -78,12 +78,7 @@ def save_scene(
         structure, phases = scene
     except (TypeError, ValueError):
         raise ValueError("scene: expected a Scene or a pair (structure, phases)") from None
-    if not isinstance(structure, Structure):
-        raise ValueError(f"scene: expected a Structure first, got {type(structure).__name__}")
-    phases = [phases] if isinstance(phases, Phase) else list(phases)
-    for k, phase in enumerate(phases):
-        if not isinstance(phase, Phase):
-            raise ValueError(f"phases[{k}]: expected a Phase, got {type(phase).__name__}")
+    phases = as_phases(structure, phases)
     data = {
         "format": FORMAT,
         "version": VERSION,
@@ -145,15 +140,11 @@ def _scene(data):
         if not isinstance(data.get(name), kind):
             raise FileError(f"{name}: expected {words}, got {_short(data.get(name))}")
     structure = decode(data["structure"], "structure", Structure)
-    if not isinstance(structure, Structure):
-        raise FileError(f"structure: expected a Structure, got {_short(data['structure'])}")
     phases = []
     for k, phase in enumerate(data["phases"]):
         if not isinstance(phase, dict):
             raise FileError(f"phases[{k}]: expected an object, got {_short(phase)}")
         phases.append(decode(phase, f"phases[{k}]", Phase))
-        if not isinstance(phases[-1], Phase):
-            raise FileError(f"phases[{k}]: expected a Phase, got {_short(phase)}")
         if phases[-1].increments > MOST_INCREMENTS:
             raise FileError(f"phases[{k}].increments: more than {MOST_INCREMENTS}")
     try:

@@ -10,7 +10,6 @@ text: ``python -m jaxcable schema --save jaxcable/files/scene.schema.json`` writ
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -18,10 +17,13 @@ from typing import Any
 import numpy as np
 
 from ..analysis.phases import Phase
+from ..common.selection import Selection
 from ..elements.element import Element
 from ..loads.load import Load
 from ..materials.law import Law
-from .codec import COMMENT, IMPLIED, TYPES, stated
+from ..model.supports import Supports
+from ..sections import Section
+from .codec import COMMENT, IMPLIED, TYPED, TYPES, has_no_default, stated
 from .examples import examples, snippets
 from .explained import explained, summary
 from .kinds import TAGS, Schema, closed, if_named, if_type, ref, tagged, tags, value
@@ -64,6 +66,13 @@ _BEYOND = (
     'also takes the form {"type": "list", "items": [...]}, and single numbers in it as '
     '{"type": "float32", ...}, which no field needs.'
 )
+
+
+_OFFERED: dict[tuple[str, ...], type] = {
+    **{words: base for base, (words, _) in TYPED.items()},
+    **{(cls.__name__,): cls for cls in (Section, Supports, Selection)},
+}
+"""What editors offer examples of, by how annotations begin."""
 
 
 def scene_schema() -> dict[str, Any]:
@@ -122,7 +131,7 @@ def _object(cls, defs):
     """The schema of the objects of a class; what the class is stands at its `type`."""
     name, told, bounds = cls.__name__, explained(cls, TYPES), _bounds(cls)
     fields = {field.name: _field(cls, field, told, bounds, defs) for field in stated(cls)}
-    needs = [field.name for field in stated(cls) if _needed(cls, field)]
+    needs = [f.name for f in stated(cls) if has_no_default(f) or (name, f.name) in _NEEDED]
     named = cls not in (*IMPLIED.values(), Phase)
     kind: Schema = {"const": name, "description": f"{name}: {summary(cls)}"}
     shown = list(examples()["classes"].get(name, {}).values())
@@ -140,29 +149,22 @@ def _object(cls, defs):
     }
 
 
-def _needed(cls, field):
-    """Whether a field must be there."""
-    nothing = dataclasses.MISSING
-    bare = field.default is nothing and field.default_factory is nothing
-    return bare or (cls.__name__, field.name) in _NEEDED
-
-
 def _annotation(cls, field):
     """The annotation of a field as text; metadata without a value are set by the constructor."""
     kind = field.type  # text, but for a class without postponed annotations
-    text = kind if isinstance(kind, str) else getattr(kind, "__name__", "")
+    text = kind if isinstance(kind, str) else getattr(kind, "__name__", "Any")
     absent = field.default is None and field.name in getattr(cls, "_static_fields", ())
     return f"{text} | None" if absent and "None" not in text else text
 
 
 def _bounds(cls):
     """Bounds of numbers by field, from the rules of a class: above zero, or not below it."""
-    bare = object.__new__(cls)
-    vars(bare).update(dict.fromkeys(cls.__dataclass_fields__))
     limits = {(True, True): {"exclusiveMinimum": 0}, (True, False): {"minimum": 0}}
     found: dict[str, Schema] = {}
     # rules of a user's class may need its numbers
     with contextlib.suppress(AttributeError, IndexError, TypeError, ValueError):
+        bare = object.__new__(cls)
+        vars(bare).update(dict.fromkeys(cls.__dataclass_fields__))
         for rule in bare.rules() if hasattr(cls, "rules") else ():
             if rule.values is None:
                 broken = tuple(np.ravel(rule.broken(np.array([-1.0, 0.0]))))
@@ -182,21 +184,11 @@ def _field(cls, field, told, bounds, defs):
         about["examples"] = shown
     if annotation == "None" or "set by " in text:
         about["doNotSuggest"] = True
-    for words, names in _offered():
+    for words, base in _OFFERED.items():
         if annotation.startswith(words):
-            about["defaultSnippets"] = snippets(names)
+            about["defaultSnippets"] = snippets(_names(base))
     bound = _COUNTS.get((cls.__name__, field.name), bounds.get(field.name))
     return {**about, **value(annotation, TYPES, defs, bound, issubclass(cls, Element))}
-
-
-def _offered():
-    """Pairs: how an annotation begins, and the classes whose examples editors offer there."""
-    return [
-        ("PyTree[Element]", _names(Element)),
-        ("Load |", _names(Load)),
-        *((words, _names(Law)) for words in ("Law", "Sequence[Law]")),
-        *((name, [name]) for name in ("Section", "Supports", "Selection")),
-    ]
 
 
 def _names(base):

@@ -80,8 +80,7 @@ class SelfWeight(Along):
     Args:
         direction: direction and factor, [3]; default (0, 0, -1), once the weight downwards.
         on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
-            where these are a list; None loads all groups that have a
-            `weight`.
+            where these are a list; None loads all groups that have a `weight`.
         elements: `Selection` of the elements of that group that weigh; None means all.
 
     Raises:

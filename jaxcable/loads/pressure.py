@@ -76,8 +76,8 @@ class CablePressure(OnGroups, Pressure):
             Positive along ``axis x d``.
         axis: direction, [3], of any length.
         on: key of the loaded group in the structure's elements, such as "guys", or its place from 0
-            where these are a list; None loads all groups. Only groups
-            of cables, bars or beams can be loaded.
+            where these are a list; None loads all groups. Only groups of cables, bars or beams can
+            be loaded.
         per: "current" length (as seen along the axis), or "unstressed": the force then keeps its
             magnitude and only turns with the element, which has no potential.
 

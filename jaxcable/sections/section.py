@@ -24,7 +24,8 @@ class Section(Fibres):
     The constructors below make its mesh. Fibres of one law follow each other. The axis of an
     element goes through the origin of the coordinates. `disc`, `ring`, `rectangle`, `i_shape` and
     `box` put the origin at the centre of their shape; `polygon`, `mesh` and `composite` leave it at
-    the origin of their points or parts, and `centred` moves it to the centroid.
+    the origin of their points or parts, and `centred` moves it to the centroid; it and `shifted`
+    also say that the place is meant.
 
     The axis also counts as the shear centre: an element twists about it, and loads through it cause
     no torsion. In an L or a channel the centroid and the shear centre are apart, which is not

@@ -1,10 +1,13 @@
 """The JSON Schema of scene files: it says what `load_scene` takes, and refuses nothing of that."""
 
+from __future__ import annotations
+
 import collections
 import copy
 import json
 import re
 import warnings
+from typing import Literal
 
 import jsonschema
 import numpy as np
@@ -13,6 +16,9 @@ from file_cases import CHECK, GONE, MAST, SCHEMA, at, changed, read_scene, scene
 
 import jaxcable as jc
 from jaxcable.cli import main
+from jaxcable.common.rules import not_negative, positive
+from jaxcable.common.tree import pytree
+from jaxcable.common.types import ArrayLike, Float
 from jaxcable.elements.element import Element
 from jaxcable.files import FileError, codec
 from jaxcable.files.examples import examples
@@ -172,6 +178,42 @@ def test_every_example_is_in_the_schema():
         for snippet in one.get("defaultSnippets", []):
             assert json.dumps(snippet["body"]) in known and len(snippet["label"]) < 60
     assert found > len(EXAMPLES)
+
+
+def test_classes_of_users_are_described_by_what_they_say(monkeypatch):
+    """A law with rules, with a text that is one of two, and with a field for programs."""
+
+    @pytree(static=("kind", "count"))
+    class Foam(jc.Elastic):
+        """A law for this test.
+
+        Args:
+            E: modulus, Pa.
+            porosity: share of holes.
+            kind: which foam.
+            count: number of cells; set by nobody.
+        """
+
+        porosity: Float[ArrayLike, ""] = 0.0
+        kind: Literal["open", "closed"] = "open"
+        count: int = None
+
+        def rules(self):
+            return [*super().rules(), not_negative("porosity", self.porosity)]
+
+    monkeypatch.setattr("jaxcable.files.schema.TYPES", {**OWN, "Foam": Foam})
+    about = jc.files.scene_schema()["$defs"]["Foam"]
+    assert about["required"] == ["type", "E"]
+    fields = about["properties"]
+    above = {"$ref": "#/$defs/number_one_above_0"}
+    assert fields["E"] == {"description": "modulus, Pa.", **above}
+    assert fields["porosity"]["$ref"] == "#/$defs/number_one_from_0"
+    assert fields["kind"]["enum"] == ["open", "closed"] and fields["kind"]["default"] == "open"
+    assert fields["count"]["type"] == ["integer", "null"] and fields["count"]["doNotSuggest"]
+
+    monkeypatch.setattr(Foam, "rules", lambda self: [positive("E", 2 * self.E)])  # needs a number
+    about = jc.files.scene_schema()["$defs"]["Foam"]
+    assert about["properties"]["E"]["$ref"] == "#/$defs/number_one"
 
 
 # --- the schema refuses nothing that the reader takes
