@@ -12,20 +12,17 @@ Command    python experiments/bar_bank.py [scenes of a kind] [first seed]   (def
 
 import os
 import sys
-import time
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-import jax
 import numpy as np
 from banks.bar_bank import KINDS, drawn, judged
+from benchmarks.measure import clock
 from record import Record
 
 import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
 
 COLUMNS = "{:<9}{:>7}{:>7}{:>6}  {:>6}{:>6}{:>6}  {:>8}{:>9}"
 
@@ -36,11 +33,9 @@ def ended(kind, seeds):
     for seed in seeds:
         one = drawn(kind, seed)
         if not results:  # the first call compiles
-            jc.solve(one.structure, one.phases).displacement.block_until_ready()
-        begun = time.perf_counter()
-        solution = jc.solve(one.structure, one.phases)
-        solution.displacement.block_until_ready()
-        seconds += time.perf_counter() - begun
+            clock(jc.solve, one.structure, one.phases)
+        took, solution = clock(jc.solve, one.structure, one.phases)
+        seconds += took
         results.append(judged(one, solution))
     return results, seconds
 

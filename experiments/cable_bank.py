@@ -14,20 +14,17 @@ Command    python experiments/cable_bank.py [scenes of a kind] [first seed]   (d
 
 import os
 import sys
-import time
 from pathlib import Path
 
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-import jax
 import numpy as np
 from banks.net_bank import KINDS, derivative, drawn, judged, slope
+from benchmarks.measure import clock
 from record import Record
 
 import jaxcable as jc
-
-jax.config.update("jax_enable_x64", True)
 
 COLUMNS = "{:<11}{:>7}{:>7}{:>7}{:>7}{:>7}  {:>6}{:>6}{:>6}  {:>8}{:>9}"
 
@@ -38,11 +35,9 @@ def ended(kind, seeds, dtype):
     for seed in seeds:
         one = drawn(kind, seed, dtype)
         if not results:  # the first call compiles
-            jc.solve(one.structure, one.phases).displacement.block_until_ready()
-        begun = time.perf_counter()
-        solution = jc.solve(one.structure, one.phases)
-        solution.displacement.block_until_ready()
-        seconds += time.perf_counter() - begun
+            clock(jc.solve, one.structure, one.phases)
+        took, solution = clock(jc.solve, one.structure, one.phases)
+        seconds += took
         results.append(judged(one, solution, ask=False))
     return results, seconds
 
