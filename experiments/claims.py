@@ -14,6 +14,7 @@ import json
 import re
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 from typing import NamedTuple
 
 ROOT = Path(__file__).parent.parent
@@ -110,6 +111,46 @@ def batch_ratios():
     text = (RESULTS / "scaling.txt").read_text().split("=== batches")[1].split("===")[0]
     ratios = re.findall(r"fused loops\s+[\d.]+\s+[\d.]+\s+([\d.]+)", text)
     return span([float(ratio) for ratio in ratios], "{:.1f}")
+
+
+def scaling(part):
+    """The kept figures of a part of the benchmark."""
+    return json.loads((RESULTS / "scaling.json").read_text())[part]["found"]
+
+
+def of_sides(figure_of):
+    """A figure of every size: of PARDISO, below 1 200 unknowns of fused loops, or nothing."""
+
+    def figures():
+        rows = [
+            found["jaxcable"]["fused" if int(n) < 20 else "pardiso"]
+            for n, found in scaling("nets").items()
+        ]
+        return tuple(text for row in rows if (text := figure_of(row)) is not None)
+
+    return figures
+
+
+def step_ratio(row):
+    """A Newton step over the bare solver's factorisation and solve."""
+    if "factor_ms" not in row:
+        return None
+    step, factor, solve = (median(row[k]) for k in ("value_ms", "factor_ms", "solve_ms"))
+    return ratio(step / row["iterations"] / (factor + solve))
+
+
+def batch_times():
+    """Microseconds of a load case: fused loops, least and most; OpenSees, twice; plain."""
+    found = scaling("batches")
+    good = [row for row in found["opensees"].values() if row.get("ok")]
+    peer = min(good, key=lambda row: row["analyze_s"])
+    built = peer["analyze_s"] + peer["build_s"]
+    cases = {key: median(row["us_a_case"]) for key, row in found.items() if key != "opensees"}
+    fused, plain = (
+        span([us for key, us in cases.items() if key.endswith("fused") is kind])
+        for kind in (True, False)
+    )
+    return *fused, f"{1e6 * peer['analyze_s']:.0f}", f"{1e6 * built:.0f}", *plain
 
 
 def gradient_rows():
@@ -505,6 +546,34 @@ CLAIMS = [
         STUDIES,
         r"^\| value and gradient over value" + r" \| (.+?)" * 7 + r" \|$",
         large_nets(lambda row: f"{row[6]:.2f}"),
+    ),
+    Claim(
+        STUDIES,
+        r"^\| one Newton step over PARDISO.+? \| \|" + r" \| (.+?)" * 5 + r" \|$",
+        of_sides(step_ratio),
+    ),
+    Claim(
+        STUDIES,
+        r"^\| peak memory with the gradient, GB" + r" \| (.+?)" * 7 + r" \|$",
+        of_sides(lambda row: f"{row['peak_rss_MB'][1] / 1e3:.1f}"),
+    ),
+    Claim(
+        STUDIES,
+        r"at 1 000 000 unknowns, mostly for the analysis of the pattern, (\d+) s",
+        lambda: (f"{scaling('nets')['577']['jaxcable']['pardiso']['first_s']:.0f}",),
+    ),
+    Claim(
+        STUDIES,
+        r"batch takes (\d+) to (\d+) us on two.+ OpenSees (\d+) us, (\d+) us with(?:.*\n)+?.+"
+        r"all cases, (\d+) to (\d+) us",
+        batch_times,
+    ),
+    Claim(
+        STUDIES,
+        r"SuperLU and PARDISO that net takes\s(.+), (.+) and (.+) ms",
+        lambda: tuple(
+            figure(cheapest()[f"Newton, {k}"][0]) for k in ("dense", "superlu", "pardiso")
+        ),
     ),
     Claim(
         STUDIES,
